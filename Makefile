@@ -1,0 +1,42 @@
+# Needs Python >= 3.11 and make. `make demo PYTHON=python3.12` chooses the interpreter.
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+PIP_INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt
+
+.PHONY: demo test bench docs lint clean
+
+demo: $(VENV)/demo  ## run the paper's tracking simulation (Section IV-B)
+	$(BIN)/vdfmu run tracking
+
+test: $(VENV)/test  ## run all tests
+	$(BIN)/python -m pytest -n 2 $(PYTEST_ARGS)
+
+bench: $(VENV)/test  ## measure times and growth exponents
+	$(BIN)/python -m benchmarks
+
+docs: $(VENV)/docs  ## build the documentation into site/; a warning is an error
+	$(BIN)/mkdocs build --strict
+
+lint: $(VENV)/dev  ## ruff and pyright
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/pyright
+
+clean:  ## remove the environment and all that was built
+	rm -rf $(VENV) build dist site results .pytest_cache .ruff_cache .hypothesis
+
+# A stamp file for each extra: installed anew only when the dependencies change. The install is editable, so that a
+# change of the sources needs none.
+$(VENV)/python:
+	$(PYTHON) -c "import sys; sys.exit(sys.version_info < (3, 11) and 'Python >= 3.11 is needed: make PYTHON=...')"
+	$(PYTHON) -m venv $(VENV)
+	touch $@
+
+$(VENV)/demo: $(VENV)/python pyproject.toml constraints.txt
+	$(PIP_INSTALL) -e .
+	touch $@
+
+$(VENV)/test $(VENV)/docs $(VENV)/dev: $(VENV)/%: $(VENV)/python pyproject.toml constraints.txt
+	$(PIP_INSTALL) -e ".[$*]"
+	touch $@

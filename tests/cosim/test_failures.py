@@ -1,0 +1,142 @@
+"""A unit that fails: what the error says, and what is kept."""
+
+from __future__ import annotations
+
+import os
+import signal
+import tempfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from vdfmu.cosim import Interrupted, simulate
+from vdfmu.errors import CosimError, UsageError
+
+
+@pytest.fixture
+def fragile(pack, xml):
+    return pack([xml.component("source", "Ramp", "y:output"), xml.component("arm", "Fragile", "y:output")])
+
+
+def run(path, mode, **options):
+    parameters = {"arm.at": 0.5, "arm.mode": mode}
+    return simulate(path, stop=1.0, step=0.1, parameters=parameters, **options)
+
+
+def test_an_exception_names_unit_call_time_and_the_units_own_words(fragile):
+    with pytest.raises(CosimError, match=r"arm: doStep at t = 0\.5 s failed: .*q\[3\] is not finite: 100 %s") as info:
+        run(fragile, 0)
+    error = info.value
+    assert (error.unit, error.call, error.time) == ("arm", "doStep", 0.5)
+    assert "status fatal" in error.reason
+
+
+def test_the_rows_before_the_failure_are_kept(fragile):
+    with pytest.raises(CosimError) as info:
+        run(fragile, 0)
+    results = info.value.results
+    np.testing.assert_array_equal(results.time, 0.1 * np.arange(6.0))
+    np.testing.assert_array_equal(results["arm.y"][1:], 0.1 * np.arange(5.0) + 0.1)
+    assert results.messages[-1].status == "fatal"
+    assert results.summary["wall_s"] > 0.0
+
+
+def test_a_refused_step_is_an_error_too(fragile):
+    with pytest.raises(CosimError, match=r"the load is 50 %s of nominal \(status discard\)") as info:
+        run(fragile, 1)
+    assert len(info.value.results) == 6
+
+
+def test_a_warning_is_logged_with_unit_and_time_and_the_run_goes_on(fragile):
+    seen = []
+    results = run(fragile, 2, log=seen.append)
+    assert len(results) == 11
+    warnings = [m for m in seen if m.status == "warning"]
+    assert len(warnings) == 5
+    assert str(warnings[0]) == "arm: the load is 50 %s of nominal"
+    assert warnings[0].time == 0.5
+    assert results.messages == seen
+
+
+def test_a_failure_during_initialization_has_no_rows(fragile):
+    with pytest.raises(CosimError, match="arm: exitInitializationMode at t = 0 s failed: .*no start possible") as info:
+        run(fragile, 3)
+    assert info.value.results is None
+
+
+def test_nothing_is_left_in_the_temporary_folder(fragile, tmp_path, monkeypatch):
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "tmp"))
+    (tmp_path / "tmp").mkdir()
+    run(fragile, 2)
+    with pytest.raises(CosimError):
+        run(fragile, 0)
+    assert list((tmp_path / "tmp").iterdir()) == []
+
+
+def test_many_runs_in_one_process(fragile):
+    for _ in range(20):
+        with pytest.raises(CosimError):
+            run(fragile, 0)
+        assert len(run(fragile, 2)) == 11
+    descriptors = len(os.listdir("/proc/self/fd")) if Path("/proc/self/fd").exists() else 0
+    for _ in range(5):
+        run(fragile, 2)
+    assert descriptors == (len(os.listdir("/proc/self/fd")) if descriptors else 0)
+
+
+def test_ctrl_c_ends_the_run_after_the_step_and_keeps_the_rows(fragile):
+    def press(k: int, n: int) -> None:
+        if k == 3:
+            os.kill(os.getpid(), signal.SIGINT)
+
+    with pytest.raises(Interrupted, match=r"interrupted at t = 0\.4 s") as info:
+        run(fragile, 2, progress=press)
+    assert len(info.value.results) == 5
+    assert isinstance(info.value, KeyboardInterrupt)
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+
+
+def test_an_integer_outside_the_mapping_ends_the_run(pack, xml):
+    table = ('<ssc:IntegerMappingTransformation><ssc:MapEntry source="0" target="5"/>'
+             '<ssc:MapEntry source="1" target="6"/></ssc:IntegerMappingTransformation>')  # fmt: skip
+    path = pack(
+        [xml.component("count", "Counter", "n:output"), xml.component("logic", "Logic", "ii:input")],
+        [xml.connection("count.n -> logic.ii", table)],
+    )
+    with pytest.raises(CosimError, match=r"count\.n -> logic\.ii has no entry for 2") as info:
+        simulate(path, stop=5.0, step=1.0)
+    assert info.value.results["logic.ii"].tolist() == [5, 5, 6]
+    assert info.value.time == 2.0
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"step": 0.3}, r"no multiple of the step 0\.3 s; the nearest stop is 0\.9 s"),
+        ({"step": 0.0}, "step must be positive, got 0"),
+        ({"step": float("nan")}, "step must be finite"),
+        ({"step": 0.1, "start": 2.0}, "stop must be after start, got 2.0 s to 1.0 s"),
+        ({"step": 0.1, "tolerance": -1.0}, "tolerance must be positive"),
+        ({"step": 0.1, "algorithm": "euler"}, "unknown algorithm 'euler'; there are gauss-seidel, jacobi"),
+        ({"step": 0.1, "parameters": {"arm.att": 1.0}}, "arm has no variable 'att'; did you mean at"),
+        ({"step": 0.1, "parameters": {"leg.at": 1.0}}, "no component of that name; there are source, arm"),
+        ({"step": 0.1, "parameters": {"arm.y": 1.0}}, "is not settable: causality output"),
+        ({"step": 0.1, "parameters": {"arm.mode": 0.5}}, "expected a value of type Integer, got 0.5"),
+        ({"step": 0.1, "parameters": {"arm.at": "soon"}}, "expected a value of type Real, got 'soon'"),
+        ({"step": 0.1, "record": ["leg.*"]}, r"no output or connected input matches 'leg\.\*'"),
+    ],
+)
+def test_wrong_options_are_usage_errors(fragile, options, message):
+    with pytest.raises(UsageError, match=message):
+        simulate(fragile, **options)
+
+
+def test_several_wrong_parameters_are_named_at_once(fragile):
+    with pytest.raises(UsageError, match="(?s)att.*leg"):
+        simulate(fragile, step=0.1, parameters={"arm.att": 1.0, "leg.at": 2.0})
+
+
+def test_text_is_read_as_a_value(fragile):
+    results = simulate(fragile, step=0.1, parameters={"source.slope": "2.5", "arm.mode": "2"})
+    assert results["source.y"][-1] == 2.5 * (0.9 + 0.1)

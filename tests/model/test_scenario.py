@@ -1,0 +1,165 @@
+"""Faults of a scenario are named; scalars stand for all joints; plant factors scale the robot."""
+
+import math
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from vdfmu.errors import ModelError
+from vdfmu.model import load_scenario
+
+Writer = Callable[[str, dict[str, Any]], Path]
+
+# (path to the entry, its new value, what the message says)
+FAULTS: list[tuple[tuple[str, ...], Any, str]] = [
+    (("kind",), "cosim", r'kind: expected "contrast" or "cosimulation", got "cosim"'),
+    (("master",), "gauss", r'master: expected "gauss-seidel" or "jacobi", got "gauss"'),
+    (("feedforward", "mode"), "invers", r'mode: .* got "invers"\. Did you mean "inverse"\?'),
+    (("controller", "velocity"), "kappa", r'velocity: expected "kappa_dot" or "q_dot", got "kappa"'),
+    (("stop",), 0, r"stop: expected a finite number > 0 in s, got 0"),
+    (("step",), -0.001, r"step: expected a finite number > 0 in s, got -0\.001"),
+    (("stop",), 2.0004, r"stop: expected a multiple of step = 0\.001 s, got 2\.0004 s\. The nearest is 2 s"),
+    (("step",), 3.0, r"stop: expected a multiple of step = 3 s, got 2 s\. The nearest is 3 s"),
+    (("tolerance",), 0.0, r"tolerance: expected a finite number > 0, got 0\.0"),
+    (("tolerance",), 2.0, r"tolerance: expected a relative tolerance < 1, got 2\.0"),
+    (("stepp",), 1.0, r'stepp: expected a known key, got an unknown one\. Did you mean "step"\?'),
+    (("trajectory",), 5, r"trajectory: expected a table, got 5"),
+    (("trajectory", "T"), 0, r"trajectory\.T: expected a finite number > 0 in s, got 0"),
+    (("trajectory", "t_start"), -1, r"trajectory\.t_start: expected a finite number >= 0 in s, got -1"),
+    (
+        ("trajectory", "q_end"),
+        [1.0],
+        r"trajectory\.q_end: expected 2 finite numbers or one for all in rad, or m, got 1",
+    ),
+    (
+        ("trajectory", "q_end"),
+        [1.0, "x"],
+        r'trajectory\.q_end\[2\]: expected a finite number in rad, or m, got "x"',
+    ),
+    (
+        ("feedforward", "Lambda"),
+        -1.0,
+        r"feedforward\.Lambda: expected a finite number >= 0 in 1/s, got -1\.0",
+    ),
+    (
+        ("controller", "K_p"),
+        [1.0, math.inf],
+        r"controller\.K_p\[2\]: expected a finite number >= 0 .* got inf",
+    ),
+    (("controller", "K_p"), [], r"controller\.K_p: .* got 0\. Write 2 numbers\. The robot has 2 joints"),
+    (("controller", "tau_max"), 0.0, r"controller\.tau_max: .* > 0 in N\.m, motor side, got 0\.0"),
+    (("plant_factors",), {"mas": 1.1}, r'plant_factors\.mas: .* an unknown one\. Did you mean "mass"\?'),
+    (("plant_factors",), {"rotation": 1.1}, r"plant_factors\.rotation: expected a known key"),
+    (("plant_factors",), {"mass": 0}, r"plant_factors\.mass: expected a finite number > 0, got 0"),
+    (
+        ("plant_factors",),
+        {"mass": [1.0]},
+        r"plant_factors\.mass: expected 2 finite numbers or one for all > 0, got 1",
+    ),
+    (
+        ("plant_factors",),
+        {"gravity": [1, 1]},
+        r"plant_factors\.gravity: expected a finite number > 0, got \[1, 1\]",
+    ),
+    (
+        ("plant_factors",),
+        {"ell": 0.001},
+        r"plant_factors: the plant: joints\[1\]\.drive\.ell: expected .* >= 1",
+    ),
+    (
+        ("paper",),
+        {"rms_position_error_deg": [1, 2, 3]},
+        r"paper\.rms_position_error_deg: expected 2 finite numbers",
+    ),
+    (("paper",), {"rms": [1]}, r"paper\.rms: expected a known key"),
+]
+
+
+@pytest.mark.parametrize(
+    ("path", "value", "message"), FAULTS, ids=lambda v: None if isinstance(v, str) else ""
+)
+def test_fault_is_named(
+    write: Writer, scenario_data: dict[str, Any], path: tuple[str, ...], value: Any, message: str
+) -> None:
+    table = scenario_data
+    for key in path[:-1]:
+        table = table[key]
+    table[path[-1]] = value
+    with pytest.raises(ModelError, match=r"own\.toml: (feedforward\.|controller\.)?" + message) as caught:
+        load_scenario(write("own.toml", scenario_data))
+    assert len(caught.value.problems) >= 1
+
+
+@pytest.mark.parametrize(
+    "key", ["name", "kind", "robot", "stop", "step", "trajectory", "feedforward", "controller"]
+)
+def test_missing_key(write: Writer, scenario_data: dict[str, Any], key: str) -> None:
+    del scenario_data[key]
+    with pytest.raises(
+        ModelError, match=rf"own\.toml: {key}: expected .* got nothing\. The key is missing: add it"
+    ):
+        load_scenario(write("own.toml", scenario_data))
+
+
+def test_every_problem_at_once(write: Writer, scenario_data: dict[str, Any]) -> None:
+    scenario_data["kind"] = "x"
+    scenario_data["step"] = 0
+    scenario_data["trajectory"]["q_end"] = [1.0, 2.0, 3.0]
+    scenario_data["controller"]["K_v"] = -1
+    scenario_data["plant_factors"] = {"mass": -1}
+    with pytest.raises(ModelError) as caught:
+        load_scenario(write("own.toml", scenario_data))
+    assert len(caught.value.problems) == 5
+
+
+def test_one_number_stands_for_all_joints() -> None:
+    scenario = load_scenario("tracking")
+    np.testing.assert_array_equal(scenario.feedforward.Lambda, np.full(6, 20.0))
+    np.testing.assert_array_equal(scenario.controller.tau_max, np.full(6, math.inf))
+    assert not scenario.controller.K_p.flags.writeable
+
+
+def test_defaults(write: Writer, scenario_data: dict[str, Any]) -> None:
+    for key in ("master", "tolerance", "description"):
+        del scenario_data[key]
+    del scenario_data["trajectory"]["t_start"]
+    del scenario_data["controller"]["tau_max"], scenario_data["controller"]["velocity"]
+    del scenario_data["feedforward"]["mode"]
+    scenario = load_scenario(write("own.toml", scenario_data))
+    assert (scenario.master, scenario.tolerance, scenario.trajectory.t_start) == ("gauss-seidel", 1e-9, 0.0)
+    assert (scenario.feedforward.mode, scenario.controller.velocity) == ("inverse", "kappa_dot")
+    assert np.isposinf(scenario.controller.tau_max).all()
+    assert scenario.paper == {} and scenario.plant_factors == {}
+    assert scenario.plant_robot is scenario.robot
+
+
+def test_plant_factors_scale_scalars_vectors_and_matrices(
+    write: Writer, scenario_data: dict[str, Any]
+) -> None:
+    scenario_data["plant_factors"] = {
+        "mass": [1.5, 1.25],
+        "centroid": [2.0, 0.5],
+        "inertia": 2,
+        "gravity": 0.5,
+    }
+    scenario = load_scenario(write("own.toml", scenario_data))
+    nominal, plant = scenario.robot, scenario.plant_robot
+    # Factors are powers of two or exact in binary, so the products are exact.
+    np.testing.assert_array_equal(plant.mass, nominal.mass * [1.5, 1.25])
+    np.testing.assert_array_equal(plant.centroid, nominal.centroid * [[2.0], [0.5]])
+    np.testing.assert_array_equal(plant.inertia, 2 * nominal.inertia)
+    np.testing.assert_array_equal(plant.gravity, nominal.gravity / 2)
+    np.testing.assert_array_equal(plant.K_f0, nominal.K_f0)
+
+
+def test_two_joint_plant_differs_by_the_stated_per_cent() -> None:
+    scenario = load_scenario("two_joint")
+    assert scenario.plant_factors == {
+        "mass": 1.03, "inertia": 1.03, "f_c": 1.05, "f_s": 0.95, "f_v": 1.05, "K_f0": 0.95,
+    }  # fmt: skip
+    # One rounded product each: equal to one unit in the last place.
+    np.testing.assert_allclose(scenario.plant_robot.mass / scenario.robot.mass, 1.03, rtol=3e-16)
+    np.testing.assert_array_equal(scenario.plant_robot.ell, scenario.robot.ell)

@@ -1,0 +1,375 @@
+"""Everything that can be said about a system before it runs: all problems at once."""
+
+from __future__ import annotations
+
+import difflib
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+from vdfmu.cosim.conversion import Conversion, compose
+from vdfmu.cosim.description import Description, Variable, read_description
+from vdfmu.cosim.schedule import ALGORITHMS, Port, Schedule, make_schedule
+from vdfmu.errors import SspError, UsageError
+from vdfmu.ssp.archive import Archive
+from vdfmu.ssp.structure import Component, Parameter, System, Unit
+
+Value = float | int | bool | str
+
+_CAUSALITY = {"input": "input", "output": "output", "parameter": "parameter",
+              "calculatedParameter": "calculatedParameter"}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Link:
+    """A checked connection between two variables. `stepped` is False for links between parameters."""
+
+    start: Port
+    end: Port
+    source: Variable
+    sink: Variable
+    conversion: Conversion
+    stepped: bool
+
+    def __str__(self) -> str:
+        return f"{'.'.join(self.start)} -> {'.'.join(self.end)}"
+
+
+@dataclass(frozen=True)
+class Checked:
+    """A system that can be run.
+
+    Attributes
+    ----------
+    descriptions : mapping of str to Description
+        By component name, in the order of the SSD.
+    links : tuple of Link
+    schedule : Schedule
+    starts : mapping of str to list of (Variable, value)
+        What to set in each component before initialization, in the units of the FMU.
+    notes : tuple of str
+        What is worth knowing and no fault: inputs that nothing feeds, for example.
+    fmus : mapping of str to bytes
+        The FMUs, by member of the package.
+    """
+
+    system: System
+    descriptions: Mapping[str, Description]
+    links: tuple[Link, ...]
+    schedule: Schedule
+    starts: Mapping[str, Sequence[tuple[Variable, Value]]]
+    notes: tuple[str, ...]
+    fmus: Mapping[str, bytes] = field(repr=False)
+
+
+def check_system(
+    system: System,
+    parameters: Mapping[str, Value] | None = None,
+    *,
+    algorithm: str = "gauss-seidel",
+    strict: bool = False,
+    ignore_unmatched: bool = False,
+) -> Checked:
+    """Check a system against its FMUs and prepare its run.
+
+    Parameters
+    ----------
+    system : System
+    parameters : mapping of str to value, optional
+        Values of ``component.variable``, in the unit of the FMU. They win over those of the package.
+    algorithm : str
+        ``gauss-seidel`` or ``jacobi``.
+    strict : bool
+        Makes an input that has neither a connection nor a bound value a problem instead of a note.
+    ignore_unmatched : bool
+        Makes a bound parameter that no variable matches a note, as SSP 1.0 has it. By default it is a
+        problem, because it is nearly always a misspelling.
+
+    Returns
+    -------
+    Checked
+
+    Raises
+    ------
+    SspError
+        With all problems: of the wiring, connectors, types, units, parameters, FMUs and algebraic loops.
+    UsageError
+        An unknown algorithm, or `parameters` name something unknown, not settable or of another type.
+    """
+    if algorithm not in ALGORITHMS:
+        raise UsageError(f"unknown algorithm {algorithm!r}; there are {', '.join(ALGORITHMS)}")
+    checker = _Checker(system, strict, ignore_unmatched)
+    checker.read()
+    links = checker.link()
+    checker.inputs(links)
+    starts = checker.start_values()
+    known = {
+        c.name: checker.descriptions[c.name] for c in system.components if c.name in checker.descriptions
+    }
+    schedule, loops = make_schedule(known, links, algorithm)
+    checker.problems += loops
+    if checker.problems:
+        raise SspError(list(dict.fromkeys(checker.problems)))
+    for name, values in _overrides(known, parameters or {}).items():
+        starts.setdefault(name, {}).update(values)
+    return Checked(
+        system=system,
+        descriptions=known,
+        links=tuple(links),
+        schedule=schedule,
+        starts={name: list(values.values()) for name, values in starts.items()},
+        notes=tuple(checker.notes),
+        fmus=checker.fmus,
+    )
+
+
+Starts = dict[str, dict[str, tuple[Variable, Value]]]
+
+
+class _Checker:
+    def __init__(self, system: System, strict: bool, ignore_unmatched: bool) -> None:
+        self.system = system
+        self.strict = strict
+        self.problems = list(system.problems)
+        self.notes: list[str] = []
+        self.descriptions: dict[str, Description] = {}
+        self.fmus: dict[str, bytes] = {}
+        self.unmatched = self.notes if ignore_unmatched else self.problems
+        self.unmatched += system.unmatched
+
+    def read(self) -> None:
+        """Read the FMUs and hold the connectors against their variables."""
+        if not self.system.components:
+            self.problems.append(f"{self.system.path.name}: the system has no components")
+        read: dict[tuple[str, str], Description | None] = {}
+        with Archive(self.system.path, self.system.path.name) as archive:
+            for component in self.system.components:
+                key = component.source, component.implementation
+                if key not in read:
+                    read[key] = None
+                    try:
+                        data = self.fmus.setdefault(component.source, archive.read(component.source))
+                        read[key] = read_description(data, *key)
+                    except SspError as error:
+                        self.problems += [f"{component.name}: {problem}" for problem in error.problems]
+                description = read[key]
+                if description is not None:
+                    self.descriptions[component.name] = description
+                    self._connectors(component, description)
+        users: dict[str, list[str]] = {}
+        for name, description in self.descriptions.items():
+            if description.once_per_process:
+                users.setdefault(description.source, []).append(name)
+        for source, names in users.items():
+            if len(names) > 1:
+                self.problems.append(
+                    f"{', '.join(names)}: {source} can be instantiated only once per process"
+                )
+
+    def _connectors(self, component: Component, description: Description) -> None:
+        for connector in component.connectors.values():
+            where = f"{component.name}.{connector.name}"
+            variable = description.variables.get(connector.name)
+            if variable is None:
+                self.problems.append(
+                    f"{where}: {description.source} has no such variable"
+                    + _hint(connector.name, description.variables)
+                )
+                continue
+            if _CAUSALITY.get(connector.kind) != variable.causality:
+                self.problems.append(
+                    f"{where}: the SSD declares kind {connector.kind!r}, the FMU causality "
+                    f"{variable.causality!r}"
+                )
+            if connector.type is not None and connector.type != variable.type:
+                self.problems.append(
+                    f"{where}: the SSD declares type {connector.type}, the FMU {variable.type}"
+                )
+            elif connector.unit and variable.unit is not None:
+                declared = self._unit(connector.unit)
+                if not declared.same_as(variable.unit):
+                    self.problems.append(
+                        f"{where}: unit mismatch, the SSD declares {declared.name!r} ({_full(declared)}), "
+                        f"the FMU {variable.unit.name!r} ({_full(variable.unit)})"
+                    )
+
+    def _unit(self, name: str) -> Unit:
+        return self.system.units.get(name, Unit(name))
+
+    def _port_unit(self, port: Port, variable: Variable) -> Unit | None:
+        """Return the unit of the FMU, else the one that the SSD declares for the connector."""
+        if variable.unit is not None:
+            return variable.unit
+        connector = self.system.component(port[0]).connectors.get(port[1])
+        return self._unit(connector.unit) if connector is not None and connector.unit else None
+
+    def link(self) -> list[Link]:
+        """Check every connection."""
+        links: list[Link] = []
+        for connection in self.system.connections:
+            ends = [
+                self.descriptions[unit].variables.get(name) if unit in self.descriptions else None
+                for unit, name in (connection.start, connection.end)
+            ]
+            source, sink = ends
+            if source is None or sink is None:
+                continue  # reported with the connectors
+            where = f"connection {connection}"
+            types = [source.type, *(h.type for h in connection.hops[:-1] if h.type), sink.type]
+            if len(set(types)) > 1:
+                self.problems.append(f"{where}: type mismatch, {' to '.join(types)}")
+                continue
+            if source.type == "String":
+                self.problems.append(f"{where}: connections of type String are not supported")
+                continue
+            if sink.causality == "parameter" and not (sink.settable and sink.variability != "constant"):
+                self.problems.append(f"{where}: parameter {'.'.join(connection.end)} is not settable")
+            try:
+                conversion = compose(
+                    connection.hops,
+                    self._port_unit(connection.start, source),
+                    self._port_unit(connection.end, sink),
+                    source.type,
+                    self.system.units,
+                    sink.relative,
+                )
+            except ValueError as error:
+                self.problems.append(f"{where}: {error}")
+                conversion = Conversion()
+            stepped = sink.causality == "input"
+            links.append(Link(connection.start, connection.end, source, sink, conversion, stepped))
+        return links
+
+    def inputs(self, links: Sequence[Link]) -> None:
+        """Report the inputs that nothing feeds."""
+        fed = {connection.end for connection in self.system.connections}
+        bound = {(p.component, p.name) for c in self.system.components for p in c.parameters}
+        report = self.problems if self.strict else self.notes
+        for name, description in self.descriptions.items():
+            for variable in description.named("input"):
+                if (name, variable.name) not in fed | bound:
+                    report.append(f"{name}.{variable.name}: input is not connected and keeps its start value")
+
+    def start_values(self) -> Starts:
+        """Check the bound parameters and convert them to the units of the FMUs."""
+        starts: Starts = {}
+        for component in self.system.components:
+            description = self.descriptions.get(component.name)
+            for parameter in component.parameters if description is not None else ():
+                where = f"{component.name}: parameter {parameter.name!r} ({parameter.origin})"
+                assert description is not None
+                variable = description.variables.get(parameter.name)
+                if variable is None:
+                    report = self.notes if parameter.optional else self.unmatched
+                    report.append(
+                        f"{where}: {description.source} has no such variable"
+                        + _hint(parameter.name, description.variables)
+                    )
+                elif not variable.settable:
+                    self.problems.append(f"{where}: {_why_not(variable)}")
+                else:
+                    try:
+                        value = self._converted(parameter, variable)
+                    except ValueError as error:
+                        self.problems.append(f"{where}: {error}")
+                        continue
+                    starts.setdefault(component.name, {})[variable.name] = (variable, value)
+        return starts
+
+    def _converted(self, parameter: Parameter, variable: Variable) -> Value:
+        value = as_type(parameter.value, variable, exact=parameter.type)
+        unit = self._port_unit((parameter.component, parameter.name), variable)
+        conversion = compose(
+            parameter.hops, parameter.unit, unit, variable.type, self.system.units, variable.relative
+        )
+        if conversion.table is not None:
+            if int(value) not in conversion.table:
+                raise ValueError(f"the mapping has no entry for {value}")
+            return as_type(conversion.table[int(value)], variable)
+        if isinstance(value, float) and not conversion.trivial:
+            return conversion.factor * value + conversion.offset
+        return value
+
+
+def as_type(value: Value, variable: Variable, exact: str | None = None) -> Value:
+    """Turn a value into the type of a variable.
+
+    With `exact`, the type that a parameter set states, only integers pass to reals and enumerations.
+    Without, text is read as a value of the variable's type, and whole numbers as integers.
+
+    Raises
+    ------
+    ValueError
+        The value does not fit the type.
+    """
+    allowed = {"Real": {"Real", "Integer"}, "Enumeration": {"Enumeration", "Integer"}}
+    kind = variable.type
+    if exact is not None and exact not in allowed.get(kind, {kind}):
+        raise ValueError(f"type mismatch, {exact} for a {kind} variable")
+    misfit = ValueError(f"expected a value of type {kind}, got {value!r}")
+    if kind == "String":
+        if not isinstance(value, str):
+            raise misfit
+        return value
+    if kind == "Boolean":
+        text = str(value).strip().lower()
+        if text not in {"true", "false", "1", "0"}:
+            raise misfit
+        return text in {"true", "1"}
+    if kind == "Enumeration" and isinstance(value, str) and value in (variable.items or {}):
+        return (variable.items or {})[value]
+    if isinstance(value, bool):
+        raise misfit
+    try:
+        number = float(value)
+    except ValueError:
+        raise misfit from None
+    if kind == "Real":
+        return number
+    if not (math.isfinite(number) and number == int(number) and abs(number) < 2**31):
+        raise misfit
+    return int(number)
+
+
+def _overrides(descriptions: Mapping[str, Description], parameters: Mapping[str, Value]) -> Starts:
+    """Resolve ``component.variable`` names given by the user."""
+    starts: Starts = {}
+    problems: list[str] = []
+    for full, value in parameters.items():
+        owners = [name for name in descriptions if full.startswith(name + ".")]
+        if not owners:
+            problems.append(
+                f"parameter {full!r}: no component of that name; there are {', '.join(descriptions)}"
+            )
+            continue
+        owner = max(owners, key=len)
+        name = full[len(owner) + 1 :]
+        variables = descriptions[owner].variables
+        variable = variables.get(name)
+        if variable is None:
+            problems.append(f"parameter {full!r}: {owner} has no variable {name!r}" + _hint(name, variables))
+        elif not variable.settable:
+            problems.append(f"parameter {full!r}: {_why_not(variable)}")
+        else:
+            try:
+                starts.setdefault(owner, {})[name] = (variable, as_type(value, variable))
+            except ValueError as error:
+                problems.append(f"parameter {full!r}: {error}")
+    if problems:
+        raise UsageError("\n".join(problems))
+    return starts
+
+
+def _why_not(variable: Variable) -> str:
+    text = f"is not settable: causality {variable.causality}, variability {variable.variability}"
+    return text + (f", initial {variable.initial}" if variable.initial else "")
+
+
+def _hint(name: str, known: Mapping[str, object]) -> str:
+    close = difflib.get_close_matches(name, known, n=3)
+    return f"; did you mean {', '.join(close)}?" if close else ""
+
+
+def _full(unit: Unit) -> str:
+    scale = f", factor {unit.factor:g}, offset {unit.offset:g}"
+    return unit.dimension + (scale if (unit.factor, unit.offset) != (1.0, 0.0) else "")

@@ -1,0 +1,264 @@
+"""One FMI 2.0 co-simulation unit: its library, its calls and its words."""
+
+from __future__ import annotations
+
+import itertools
+import logging
+from collections import deque
+from collections.abc import Callable
+from ctypes import byref, c_char_p, c_double, c_int, c_size_t, c_uint, c_void_p
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import fmpy
+from fmpy import fmi2
+
+from vdfmu.cosim.description import Description, Variable, library_name
+from vdfmu.errors import CosimError
+
+try:
+    from fmpy.logging import addLoggerProxy
+except Exception:  # no proxy library for this platform: messages come without their arguments
+    addLoggerProxy = None
+
+Value = float | int | bool | str
+STATUS = ("ok", "warning", "discard", "error", "fatal", "pending")
+FMI_TYPE = {"Real": "Real", "Integer": "Integer", "Enumeration": "Integer", "Boolean": "Boolean"}
+C_TYPE = {"Real": c_double, "Integer": c_int, "Boolean": c_int}
+_LEVEL = {"ok": logging.DEBUG, "note": logging.INFO, "warning": logging.WARNING}
+
+
+@dataclass(frozen=True)
+class LogMessage:
+    """A message of a unit, or (status ``note``) of the check before the run.
+
+    Attributes
+    ----------
+    unit : str
+        Component name; empty for notes.
+    time : float
+        Communication point at which it came [s].
+    status : str
+        ``ok``, ``warning``, ``discard``, ``error``, ``fatal``, ``pending`` or ``note``.
+    category, text : str
+    """
+
+    unit: str
+    time: float
+    status: str
+    category: str
+    text: str
+
+    def __str__(self) -> str:
+        return f"{self.unit}: {self.text}" if self.unit else self.text
+
+
+def log_to_logging(message: LogMessage) -> None:
+    """Hand a message to the logger ``vdfmu.cosim``."""
+    logger = logging.getLogger("vdfmu.cosim")
+    logger.log(_LEVEL.get(message.status, logging.ERROR), "%s", message)
+
+
+class MessageBox:
+    """Collects the messages of the units of one run.
+
+    `pending` holds what came since the last `flush`; the master flushes after each step, so that it holds
+    a failing unit's own words.
+    """
+
+    def __init__(self, log: Callable[[LogMessage], None] | None, limit: int = 10_000) -> None:
+        self.pending: list[LogMessage] = []
+        self.kept: deque[LogMessage] = deque(maxlen=limit)
+        self.time = 0.0
+        self._log = log or log_to_logging
+
+    def flush(self) -> None:
+        """Show and keep what is pending."""
+        messages = self.pending[:]
+        self.pending.clear()
+        for message in messages:
+            self.kept.append(message)
+            self._log(message)
+
+    def words(self, unit: str) -> str:
+        """Return what a unit said since the last flush, warnings and worse if there are any."""
+        own = [m for m in self.pending if m.unit == unit]
+        grave = [m for m in own if m.status != "ok"] or own
+        return " ".join(" ".join(m.text.split()) for m in grave)
+
+
+_boxes: dict[int, tuple[str, MessageBox]] = {}
+"""Unit name and message box by the componentEnvironment of the callbacks."""
+_tokens = itertools.count(1)
+
+
+def _on_message(token: int | None, instance: bytes, status: int, category: bytes, text: bytes) -> None:
+    """Receive a message of any unit of the process."""
+    words = text.decode("utf-8", "replace") if text else ""
+    entry = _boxes.get(token or 0)
+    if entry is None:  # an instance that another program part made; the proxy knows one receiver only
+        logging.getLogger("vdfmu.cosim").debug("%s", words)
+        return
+    name, box = entry
+    label = STATUS[status] if 0 <= status < len(STATUS) else str(status)
+    box.pending.append(
+        LogMessage(name, box.time, label, category.decode("utf-8", "replace") if category else "", words)
+    )
+
+
+_RECEIVER = fmi2.fmi2CallbackLoggerTYPE(_on_message)
+_ALLOCATE = fmi2.fmi2CallbackAllocateMemoryTYPE(fmpy.calloc)
+_FREE = fmi2.fmi2CallbackFreeMemoryTYPE(fmpy.free)
+
+
+class Slave:
+    """An instance of an FMU.
+
+    After fmi2Fatal neither it nor any other instance of the same FMU is called again (FMI 2.0, table of
+    statuses), not even to free it.
+
+    Parameters
+    ----------
+    name : str
+        Component name.
+    description : Description
+    folder : Path
+        Where the FMU is unpacked.
+    box : MessageBox
+    corrupt : set of str
+        Sources of FMUs with a fatal error, shared by the units of a run.
+    """
+
+    def __init__(
+        self, name: str, description: Description, folder: Path, box: MessageBox, corrupt: set[str]
+    ) -> None:
+        self.name = name
+        self.description = description
+        self.box = box
+        self.stage = "loaded"
+        self._corrupt = corrupt
+        self._functions: dict[str, Any] = {}
+        self._token = next(_tokens)
+        _boxes[self._token] = (name, box)
+        try:
+            self._fmu = fmi2.FMU2Slave(
+                guid=description.guid,
+                modelIdentifier=description.identifier,
+                unzipDirectory=str(folder),
+                instanceName=name,
+                libraryPath=str(folder / library_name(description.identifier)),
+            )
+        except Exception as error:  # fmpy raises bare exceptions
+            raise CosimError(name, "load", box.time, str(error)) from None
+        self._callbacks = fmi2.fmi2CallbackFunctions()
+        self._callbacks.logger = _RECEIVER
+        self._callbacks.allocateMemory = _ALLOCATE
+        self._callbacks.freeMemory = _FREE
+        self._callbacks.componentEnvironment = self._token
+        # pythonfmu passes its text as the format, without arguments: a percent sign must not be formatted.
+        if addLoggerProxy is not None and not (folder / "resources" / "slavemodule.txt").is_file():
+            addLoggerProxy(byref(self._callbacks))
+        self.component = c_void_p()
+
+    def instantiate(self) -> None:
+        """Create the instance, with messages switched on."""
+        try:
+            self._fmu.instantiate(callbacks=self._callbacks, loggingOn=True)
+        except Exception as error:
+            self.stage = "failed"
+            reason = self.box.words(self.name) or str(error)
+            raise CosimError(self.name, "instantiate", self.box.time, reason) from None
+        self.component = c_void_p(self._fmu.component)  # type: ignore[arg-type]
+        self.stage = "instantiated"
+
+    def function(self, name: str) -> Any:
+        """Return an FMI function as a private ctypes object (fmpy's own checks argument types: slower)."""
+        if name not in self._functions:
+            self._functions[name] = self._fmu.dll[name]
+        return self._functions[name]
+
+    def call(self, name: str, *arguments: Any) -> None:
+        """Call ``fmi2<name>`` with ctypes arguments; CosimError when its status is above warning."""
+        status = self.function("fmi2" + name)(self.component, *arguments)
+        if status:
+            self.judge(status, name)
+
+    def judge(self, status: int, call: str) -> None:
+        """Pass over a warning; raise CosimError for any worse status."""
+        if status == 1:
+            return
+        label = STATUS[status] if 0 <= status < len(STATUS) else f"unknown status {status}"
+        self.stage = "failed" if self.stage != "initialized" or status != 2 else self.stage
+        if status == 4:
+            self._corrupt.add(self.description.source)
+        words = self.box.words(self.name) or "the unit gave no reason"
+        if status == 5:
+            words = "asynchronous steps are not supported"
+        raise CosimError(self.name, call[0].lower() + call[1:], self.box.time, f"{words} (status {label})")
+
+    def setup(self, tolerance: float | None, start: float, stop: float) -> None:
+        """Call fmi2SetupExperiment."""
+        self.call(
+            "SetupExperiment", c_int(tolerance is not None), c_double(tolerance or 0.0), c_double(start),
+            c_int(1), c_double(stop),
+        )  # fmt: skip
+
+    def set(self, variable: Variable, value: Value) -> None:
+        """Set one variable."""
+        reference = (c_uint * 1)(variable.reference)
+        if variable.type == "String":
+            text = (c_char_p * 1)(str(value).encode())
+            self.call("SetString", reference, c_size_t(1), text)
+            return
+        kind = FMI_TYPE[variable.type]
+        self.call("Set" + kind, reference, c_size_t(1), (C_TYPE[kind] * 1)(value))  # type: ignore[arg-type]
+
+    def get(self, variable: Variable) -> float | int:
+        """Get one numeric variable."""
+        kind = FMI_TYPE[variable.type]
+        value = (C_TYPE[kind] * 1)()
+        self.call("Get" + kind, (c_uint * 1)(variable.reference), c_size_t(1), value)
+        return value[0]
+
+    def set_all(self, values: list[tuple[Variable, Value]]) -> None:
+        """Set many variables with one call a type."""
+        for kind in ("Real", "Integer", "Boolean"):
+            group = [(v.reference, x) for v, x in values if FMI_TYPE.get(v.type) == kind]
+            if group:
+                n = len(group)
+                references = (c_uint * n)(*(r for r, _ in group))
+                self.call("Set" + kind, references, c_size_t(n), (C_TYPE[kind] * n)(*(x for _, x in group)))
+        for variable, value in values:
+            if variable.type == "String":
+                self.set(variable, value)
+
+    @property
+    def dead(self) -> bool:
+        """Tell whether the FMU has had a fatal error."""
+        return self.description.source in self._corrupt
+
+    def close(self) -> None:
+        """Terminate and free the instance as far as FMI allows in its state."""
+        try:
+            if self.stage == "initialized" and not self.dead:
+                try:
+                    self.call("Terminate")
+                except CosimError:
+                    self.stage = "failed"
+            if self.component and not self.dead:
+                free = self.function("fmi2FreeInstance")
+                free.restype = None
+                free(self.component)
+                self.component = c_void_p()
+                self._fmu.freeLibrary()
+        finally:
+            self.box.flush()
+            if not self.dead:  # a dead instance keeps its callbacks: nothing may free what it may still use
+                _boxes.pop(self._token, None)
+            else:
+                _graveyard.append(self)
+
+
+_graveyard: list[Slave] = []
+"""Instances that may not be freed; kept so that their callbacks stay valid."""

@@ -1,0 +1,101 @@
+"""Transformations and unit conversions of connections and parameters."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from vdfmu.ssp.structure import Hop, Unit
+
+
+@dataclass(frozen=True)
+class Conversion:
+    """``target = factor * source + offset``, or a table of values for booleans and integers."""
+
+    factor: float = 1.0
+    offset: float = 0.0
+    table: Mapping[int, int] | None = None
+
+    @property
+    def trivial(self) -> bool:
+        """Tell whether the value passes unchanged."""
+        return self.table is None and self.factor == 1.0 and self.offset == 0.0
+
+
+def between(source: Unit, target: Unit, relative: bool = False) -> tuple[float, float]:
+    """Return factor and offset from one unit to another; ValueError says why there are none.
+
+    `relative` is the relativeQuantity of FMI: a difference, to which offsets do not apply.
+    """
+    if source.same_as(target):
+        return 1.0, 0.0
+    for unit in (source, target):
+        if unit.exponents is None:
+            raise ValueError(
+                f"unit mismatch, {source.name!r} to {target.name!r}: {unit.name!r} has no unit definition"
+            )
+    if source.exponents != target.exponents:
+        raise ValueError(
+            f"unit mismatch, {source.name!r} ({source.dimension}) to {target.name!r} ({target.dimension})"
+        )
+    offset = 0.0 if relative else (source.offset - target.offset) / target.factor
+    return source.factor / target.factor, offset
+
+
+def compose(
+    hops: Sequence[Hop],
+    source: Unit | None,
+    target: Unit | None,
+    kind: str,
+    units: Mapping[str, Unit],
+    relative: bool = False,
+) -> Conversion:
+    """Compose what lies between two variables.
+
+    At each hop the unit is converted first, unless the hop suppresses it or one side has no unit, then the
+    transformation is applied (SSP 1.0, GTransformationChoice). A connector of a system without a unit takes
+    the unit of what feeds it.
+
+    Parameters
+    ----------
+    hops : sequence of Hop
+    source, target : Unit or None
+        Units of the two variables.
+    kind : str
+        Type of both variables, such as ``Real``.
+    units : mapping of str to Unit
+        Unit definitions of the SSD.
+    relative : bool
+        Whether the target is a relative quantity.
+
+    Raises
+    ------
+    ValueError
+        Units of different dimension, or a transformation that does not fit the type.
+    """
+    factor, offset = 1.0, 0.0
+    table: dict[int, int] | None = None
+    here = source
+    for index, hop in enumerate(hops):
+        last = index == len(hops) - 1
+        there = target if last else units.get(hop.unit, Unit(hop.unit)) if hop.unit else here
+        if kind == "Real" and here is not None and there is not None and not hop.suppress_unit_conversion:
+            f, o = between(here, there, relative)
+            factor, offset = f * factor, f * offset + o
+        here = here if there is None else there
+        transformation = hop.transformation
+        if transformation is None:
+            continue
+        if transformation.kind == "linear":
+            if kind != "Real":
+                raise ValueError(f"a linear transformation does not apply to {kind}")
+            factor = transformation.factor * factor
+            offset = transformation.factor * offset + transformation.offset
+        elif {"boolean": "Boolean", "integer": "Integer"}.get(transformation.kind) == kind or (
+            transformation.kind == "integer" and kind == "Enumeration"
+        ):
+            step = transformation.table
+            table = dict(step) if table is None else {k: step[v] for k, v in table.items() if v in step}
+        else:
+            raise ValueError(f"a {transformation} is not supported for {kind}")
+    return Conversion(factor, offset, table)

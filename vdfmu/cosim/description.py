@@ -1,0 +1,160 @@
+"""What the master needs to know of an FMU, read from its model description."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import fmpy
+from fmpy.model_description import ModelDescription, read_model_description
+
+from vdfmu.errors import SspError
+from vdfmu.ssp.archive import XML_LIMIT, Archive, parse_xml
+from vdfmu.ssp.structure import BASE_UNITS, Unit
+
+
+@dataclass(frozen=True)
+class Variable:
+    """A scalar variable of an FMU; `reference` is its value reference, `items` those of an enumeration."""
+
+    name: str
+    reference: int
+    type: str
+    causality: str
+    variability: str
+    initial: str | None
+    unit: Unit | None = None
+    relative: bool = False
+    items: Mapping[str, int] | None = None
+
+    @property
+    def settable(self) -> bool:
+        """Tell whether FMI 2.0 lets the value be set before initialization mode."""
+        return self.causality == "input" or (
+            self.variability != "constant" and self.initial in {"exact", "approx"}
+        )
+
+
+@dataclass(frozen=True)
+class Description:
+    """An FMI 2.0 co-simulation FMU.
+
+    Attributes
+    ----------
+    variables : mapping of str to Variable
+    step_dependencies, initial_dependencies : mapping of str to frozenset of str or None
+        For each output (and each other initial unknown) the names it depends on, in the steps and during
+        initialization. None where the FMU does not say, which means: on all.
+    """
+
+    source: str
+    identifier: str
+    guid: str
+    once_per_process: bool
+    variables: Mapping[str, Variable]
+    step_dependencies: Mapping[str, frozenset[str] | None]
+    initial_dependencies: Mapping[str, frozenset[str] | None]
+
+    def named(self, causality: str) -> list[Variable]:
+        """Return the variables of one causality, in the order of the FMU."""
+        return [v for v in self.variables.values() if v.causality == causality]
+
+
+def library_name(identifier: str) -> str:
+    """Return the member of an FMU that holds the binary for this platform."""
+    return f"binaries/{fmpy.platform}/{identifier}{fmpy.sharedLibraryExtension}"
+
+
+def read_description(data: bytes, source: str, implementation: str = "any") -> Description:
+    """Read an FMU.
+
+    Parameters
+    ----------
+    data : bytes
+        The FMU.
+    source : str
+        Its name, for messages.
+    implementation : str
+        What the SSD asks for: ``any``, ``CoSimulation`` or ``ModelExchange``.
+
+    Raises
+    ------
+    SspError
+        The FMU cannot be used by this master: other FMI version, no co-simulation, no binary for this
+        platform, faulty model description.
+    """
+    with Archive(data, source) as archive:
+        xml = archive.read("modelDescription.xml", XML_LIMIT)
+        names = archive.names
+    root = parse_xml(xml, f"{source}: modelDescription.xml")
+    version = root.get("fmiVersion")
+    if version != "2.0":
+        raise SspError(f"{source}: is an FMU of FMI {version}; the master runs FMI 2.0")
+    try:
+        model = read_model_description(io.BytesIO(data))
+    except Exception as error:  # fmpy raises bare exceptions
+        raise SspError(f"{source}: faulty model description: {error}") from None
+    problems: list[str] = []
+    if model.coSimulation is None:
+        problems.append(f"{source}: has no co-simulation part; the master does not integrate model exchange")
+    elif implementation == "ModelExchange":
+        problems.append(f"{source}: the SSD asks for model exchange; the master runs co-simulation")
+    identifier = "" if model.coSimulation is None else str(model.coSimulation.modelIdentifier)
+    library = library_name(identifier)
+    if identifier and library not in names:
+        found = sorted({n.split("/")[1] for n in names if n.startswith("binaries/") and n.count("/") > 1})
+        problems.append(
+            f"{source}: has no binary for this platform ({library}); it has {', '.join(found) or 'none'}"
+        )
+    if problems:
+        raise SspError(problems)
+    relative = {
+        v.get("name") for v in root.iterfind("ModelVariables/ScalarVariable[Real]")
+        if v.find("Real").get("relativeQuantity") in {"true", "1"}
+    }  # fmt: skip
+    return Description(
+        source=source,
+        identifier=identifier,
+        guid=str(model.guid),
+        once_per_process=bool(model.coSimulation and model.coSimulation.canBeInstantiatedOnlyOncePerProcess),
+        variables=_variables(model, relative),
+        step_dependencies=_unknowns(model.outputs),
+        initial_dependencies=_unknowns(model.initialUnknowns),
+    )
+
+
+def _unknowns(unknowns: Iterable[Any]) -> dict[str, frozenset[str] | None]:
+    return {
+        u.variable.name: None if u.dependencies is None else frozenset(v.name for v in u.dependencies)
+        for u in unknowns
+    }
+
+
+def _variables(model: ModelDescription, relative: set[str]) -> dict[str, Variable]:
+    units: dict[str, Unit] = {}
+    for unit in model.unitDefinitions:
+        base = unit.baseUnit
+        name = str(unit.name)
+        units[name] = (
+            Unit(name)
+            if base is None
+            else Unit(name, tuple(int(getattr(base, b)) for b in BASE_UNITS), base.factor, base.offset)
+        )
+    variables: dict[str, Variable] = {}
+    for v in model.modelVariables:
+        declared = v.declaredType
+        unit = v.unit or (declared.unit if declared is not None else None)
+        variables[v.name] = Variable(
+            name=v.name,
+            reference=v.valueReference,
+            type=v.type,
+            causality=v.causality,
+            variability=v.variability,
+            initial=v.initial,
+            unit=units.get(unit, Unit(unit)) if unit else None,
+            relative=v.name in relative or bool(declared is not None and declared.relativeQuantity),
+            items={str(i.name): int(str(i.value)) for i in declared.items} if declared is not None else None,
+        )
+    return variables

@@ -1,0 +1,251 @@
+"""The memory that units and master share: values of all connected variables, in place."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from ctypes import c_double, c_size_t, c_uint
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vdfmu.cosim.check import Checked, Link
+from vdfmu.cosim.component import C_TYPE, FMI_TYPE, Slave
+from vdfmu.cosim.description import Variable
+from vdfmu.cosim.results import Signal
+from vdfmu.cosim.schedule import Port
+from vdfmu.errors import CosimError, UsageError
+
+Call = tuple[Any, Any, Any, Any, Any, str]
+"""An FMI function, its four arguments, and its name for messages."""
+
+
+@dataclass
+class Stage:
+    """One unit in the step: what to gather first, and its calls."""
+
+    slave: Slave
+    gathers: list[Callable[[], None]] = field(default_factory=list)
+    calls: list[Call] = field(default_factory=list)
+
+
+class Bank:
+    """All outputs and connected inputs of one FMI type, in one array: ``[outputs | inputs]``.
+
+    The ctypes arrays that FMI calls fill lie in the same memory, one window for each unit's outputs and one
+    for its inputs. In an input window the fresh inputs (see `Schedule`) come first.
+    """
+
+    def __init__(self, kind: str, checked: Checked) -> None:
+        self.kind = kind
+        fresh = checked.schedule.fresh
+        links = {link.end: link for link in checked.links if link.stepped}
+        outputs: list[tuple[str, Variable]] = []
+        inputs: list[tuple[str, Variable]] = []
+        self.output_windows: dict[str, slice] = {}
+        self.input_windows: dict[str, slice] = {}
+        for unit, description in checked.descriptions.items():
+            own = [v for v in description.named("output") if FMI_TYPE.get(v.type) == kind]
+            self.output_windows[unit] = slice(len(outputs), len(outputs) + len(own))
+            outputs += [(unit, v) for v in own]
+            fed = [
+                v for v in description.named("input")
+                if FMI_TYPE.get(v.type) == kind and (unit, v.name) in links
+            ]  # fmt: skip
+            fed.sort(key=lambda v, unit=unit: (unit, v.name) not in fresh)
+            self.input_windows[unit] = slice(len(inputs), len(inputs) + len(fed))
+            inputs += [(unit, v) for v in fed]
+        self.variables = [*outputs, *inputs]
+        dtype = np.float64 if kind == "Real" else np.int32
+        self.memory: NDArray[Any] = np.zeros(len(self.variables), dtype)
+        self.outputs = self.memory[: len(outputs)]
+        self.inputs = self.memory[len(outputs) :]
+        self.position: dict[Port, int] = {(u, v.name): i for i, (u, v) in enumerate(self.variables)}
+        self.links: list[Link] = [links[u, v.name] for u, v in inputs]
+        self.fresh_counts = {
+            unit: sum((u, v.name) in fresh for u, v in inputs[window])
+            for unit, window in self.input_windows.items()
+        }
+
+    def gather(self, window: slice) -> Callable[[], None] | None:
+        """Return a function that brings the inputs of a window up to date; None for an empty window."""
+        links = self.links[window]
+        if not links:
+            return None
+        sources = np.array([self.position[link.start] for link in links], np.intp)
+        target, take = self.inputs[window], self.outputs.take
+        factor = np.array([link.conversion.factor for link in links])
+        offset = np.array([link.conversion.offset for link in links])
+        tables = [
+            (i, link.conversion.table, link)
+            for i, link in enumerate(links)
+            if link.conversion.table is not None
+        ]
+
+        def plain() -> None:
+            take(sources, None, target, "clip")  # the mode that needs no buffer; the indices are valid
+
+        def scaled() -> None:
+            take(sources, None, target, "clip")
+            np.multiply(target, factor, target)
+            np.add(target, offset, target)
+
+        def mapped() -> None:
+            take(sources, None, target, "clip")
+            for i, table, link in tables:
+                target[i] = look_up(table, int(target[i]), link)
+
+        if tables:
+            return mapped
+        return plain if all(link.conversion.trivial for link in links) else scaled
+
+    def call(self, slave: Slave, verb: str) -> Call | None:
+        """Return the vectorised ``Get`` or ``Set`` of a unit's window; None when it is empty."""
+        window = (self.output_windows if verb == "Get" else self.input_windows)[slave.name]
+        part = (self.outputs if verb == "Get" else self.inputs)[window]
+        n = part.size
+        if n == 0:
+            return None
+        shift = 0 if verb == "Get" else self.outputs.size
+        names = self.variables[window.start + shift : window.stop + shift]
+        references = (c_uint * n)(*(v.reference for _, v in names))
+        place = part.ctypes.data - self.memory.ctypes.data
+        values = (C_TYPE[self.kind] * n).from_buffer(self.memory, place)  # pyright: ignore[reportArgumentType]
+        function = slave.function(f"fmi2{verb}{self.kind}")
+        return function, slave.component, references, c_size_t(n), values, f"{verb.lower()}{self.kind}"
+
+
+def look_up(table: Mapping[int, int], value: int, link: Link) -> int:
+    """Apply the mapping transformation of a connection."""
+    if value not in table:
+        raise CosimError(link.end[0], "set", float("nan"), f"the mapping of {link} has no entry for {value}")
+    return table[value]
+
+
+class Exchange:
+    """Plans the data flow of a run: initialization, the stages of a step and the recording."""
+
+    def __init__(self, checked: Checked, slaves: Mapping[str, Slave]) -> None:
+        self.checked = checked
+        self.slaves = slaves
+        self.banks = [Bank(kind, checked) for kind in ("Real", "Integer", "Boolean")]
+        self.clock = c_double()
+        """Argument currentCommunicationPoint of every doStep."""
+
+    def initialize(self) -> None:
+        """Carry the values over the connections in initialization mode, in the order of dependencies."""
+        by_kind = {bank.kind: bank for bank in self.banks}
+        for link in self.checked.schedule.initial:
+            value = self.slaves[link.start[0]].get(link.source)
+            if link.conversion.table is not None:
+                value = look_up(link.conversion.table, int(value), link)
+            elif not link.conversion.trivial:
+                value = link.conversion.factor * value + link.conversion.offset
+            self.slaves[link.end[0]].set(link.sink, value)
+            if link.stepped:
+                bank = by_kind[FMI_TYPE[link.sink.type]]
+                bank.memory[bank.position[link.end]] = value
+
+    def read_outputs(self) -> None:
+        """Get all outputs."""
+        for slave in self.slaves.values():
+            for bank in self.banks:
+                call = bank.call(slave, "Get")
+                if call is not None:
+                    status = call[0](*call[1:5])
+                    if status:
+                        slave.judge(status, call[5])
+
+    def opening(self) -> list[Callable[[], None]]:
+        """Return the gathers of all inputs from the values at the start of the step."""
+        gathers = [bank.gather(slice(0, bank.inputs.size)) for bank in self.banks]
+        return [gather for gather in gathers if gather is not None]
+
+    def stages(self, step: float) -> list[Stage]:
+        """Return the units in the order of the schedule, each with its calls."""
+        size, keep = c_double(step), 1
+        stages: list[Stage] = []
+        for name in self.checked.schedule.units:
+            slave = self.slaves[name]
+            stage = Stage(slave)
+            for bank in self.banks:
+                start = bank.input_windows[name].start
+                gather = bank.gather(slice(start, start + bank.fresh_counts[name]))
+                if gather is not None:
+                    stage.gathers.append(gather)
+            sets = [bank.call(slave, "Set") for bank in self.banks]
+            gets = [bank.call(slave, "Get") for bank in self.banks]
+            step_call: Call = (
+                slave.function("fmi2DoStep"), slave.component, self.clock, size, keep, "doStep",
+            )  # fmt: skip
+            stage.calls = [call for call in (*sets, step_call, *gets) if call is not None]
+            stages.append(stage)
+        return stages
+
+    def recorders(
+        self, rows: int, record: Sequence[str] | None
+    ) -> tuple[list[Signal], dict[str, NDArray[Any]], Callable[[int], None]]:
+        """Return the recorded signals, their arrays, and the function that stores row k.
+
+        Names may have ``*`` for any text. Signals come unit by unit in the order of the SSD, outputs first.
+        """
+        wanted = None if record is None else self._match(record)
+        order = {unit: i for i, unit in enumerate(self.checked.descriptions)}
+        found: list[tuple[int, int, Signal]] = []
+        data: dict[str, NDArray[Any]] = {}
+        stores: list[Callable[[int], None]] = []
+        for bank in self.banks:
+            kind = bank.kind.lower()
+            picked = [
+                i for i, (unit, v) in enumerate(bank.variables)
+                if wanted is None or f"{unit}.{v.name}" in wanted
+            ]  # fmt: skip
+            try:
+                rec = np.empty((rows, len(picked)), bank.memory.dtype)
+            except (MemoryError, ValueError):
+                raise UsageError(
+                    f"{rows} rows of {len(picked)} signals do not fit into memory; record fewer signals"
+                ) from None
+            data[kind] = rec
+            for column, i in enumerate(picked):
+                unit, v = bank.variables[i]
+                is_input = int(i >= bank.outputs.size)
+                signal = Signal(f"{unit}.{v.name}", kind, v.unit.name if v.unit else "", column)
+                found.append((2 * order[unit] + is_input, v.reference, signal))
+            if picked:
+                stores.append(_store(rec, bank.memory, picked))
+        found.sort(key=lambda item: item[0])
+
+        def store(k: int) -> None:
+            for each in stores:
+                each(k)
+
+        return [signal for *_, signal in found], data, stores[0] if len(stores) == 1 else store
+
+    def _match(self, record: Iterable[str]) -> set[str]:
+        names = [f"{unit}.{v.name}" for bank in self.banks for unit, v in bank.variables]
+        wanted: set[str] = set()
+        for text in record:
+            pattern = re.compile(".*".join(map(re.escape, text.split("*"))))
+            hits = [name for name in names if pattern.fullmatch(name)]
+            if not hits:
+                raise UsageError(f"record: no output or connected input matches {text!r}")
+            wanted.update(hits)
+        return wanted
+
+
+def _store(rec: NDArray[Any], memory: NDArray[Any], picked: list[int]) -> Callable[[int], None]:
+    if len(picked) == memory.size:
+
+        def whole(k: int) -> None:
+            rec[k] = memory
+
+        return whole
+    columns = np.array(picked, np.intp)
+
+    def part(k: int) -> None:
+        memory.take(columns, None, rec[k], "clip")
+
+    return part

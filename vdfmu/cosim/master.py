@@ -1,0 +1,286 @@
+"""`simulate`: run a system structure package with fixed communication steps."""
+
+from __future__ import annotations
+
+import shutil
+import signal
+import tempfile
+import threading
+import time as clock
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import fmpy
+import numpy as np
+
+from vdfmu.cosim.check import Checked, Value, check_system
+from vdfmu.cosim.component import LogMessage, MessageBox, Slave
+from vdfmu.cosim.exchange import Exchange
+from vdfmu.cosim.results import Results
+from vdfmu.errors import CosimError, UsageError
+from vdfmu.ssp.archive import Archive
+from vdfmu.ssp.read import load_ssp
+from vdfmu.ssp.structure import System
+
+
+class Interrupted(KeyboardInterrupt):
+    """The user stopped the run between two steps; `results` holds the rows so far."""
+
+    def __init__(self, time: float, results: Results) -> None:
+        super().__init__(f"interrupted at t = {time:.9g} s")
+        self.time = time
+        self.results = results
+
+
+def simulate(
+    system: System | str | Path,
+    *,
+    start: float | None = None,
+    stop: float | None = None,
+    step: float,
+    algorithm: str = "gauss-seidel",
+    tolerance: float | None = None,
+    parameters: Mapping[str, Value] | None = None,
+    record: Sequence[str] | None = None,
+    progress: Callable[[int, int], None] | None = None,
+    log: Callable[[LogMessage], None] | None = None,
+    strict: bool = False,
+    ignore_unmatched: bool = False,
+) -> Results:
+    """Co-simulate a system of FMI 2.0 co-simulation units.
+
+    Communication point k is ``start + k * step``; time is never accumulated. How the algorithms pass
+    values on is told in `vdfmu.cosim.schedule.make_schedule`.
+
+    Parameters
+    ----------
+    system : System, str or Path
+        An SSP 1.0, or what `vdfmu.ssp.load_ssp` made of it.
+    start, stop : float, optional
+        Simulated time [s]. Default: the default experiment of the SSD; its start else 0.
+    step : float
+        Communication step [s]. `stop` - `start` must be a multiple of it, within 1e-9 relative.
+    algorithm : str
+        ``gauss-seidel`` or ``jacobi``.
+    tolerance : float, optional
+        Relative tolerance for the units' solvers.
+    parameters : mapping of str to value, optional
+        Values of ``component.variable`` in the unit of the FMU; they win over those of the package.
+    record : sequence of str, optional
+        Names of signals to record, with ``*`` for any text. Default: all outputs and connected inputs.
+    progress : callable, optional
+        Called as ``progress(k, n)`` at the start, at the end and at most 100 times in between.
+    log : callable, optional
+        Receives each `LogMessage` of the units. Default: the logger ``vdfmu.cosim``.
+    strict, ignore_unmatched : bool
+        See `vdfmu.cosim.check.check_system`.
+
+    Returns
+    -------
+    Results
+        Its `summary` has algorithm, order, step, number of steps and ``wall_s``, the wall time of the steps.
+
+    Raises
+    ------
+    SspError, UsageError
+        Before the run; see `load_ssp` and `check_system`.
+    CosimError
+        A unit failed. `results` of the error holds the rows so far, or None before the first row.
+    Interrupted
+        The user pressed Ctrl-C. It is a KeyboardInterrupt with `results`.
+    """
+    if not isinstance(system, System):
+        system = load_ssp(system)
+    begin, end, n = _grid(system, start, stop, step)
+    if tolerance is not None and not 0.0 < tolerance < np.inf:
+        raise UsageError(f"tolerance must be positive and finite, got {tolerance}")
+    checked = check_system(
+        system, parameters, algorithm=algorithm, strict=strict, ignore_unmatched=ignore_unmatched
+    )
+    with _Run(checked, log) as run:
+        run.initialize(begin, end, tolerance)
+        run.summary |= {
+            "system": system.name, "algorithm": algorithm, "order": list(checked.schedule.units),
+            "start": begin, "stop": end, "step": step, "steps": n, "notes": list(checked.notes),
+        }  # fmt: skip
+        return run.steps(begin, step, n, record, progress)
+
+
+def _grid(system: System, start: float | None, stop: float | None, step: float) -> tuple[float, float, int]:
+    """Return start, stop and number of steps; UsageError when they do not fit."""
+    begin = start if start is not None else system.start if system.start is not None else 0.0
+    end = stop if stop is not None else system.stop
+    if end is None:
+        raise UsageError("no stop time: the system has no default experiment, give stop")
+    for name, value in (("start", begin), ("stop", end), ("step", step)):
+        if not np.isfinite(value):
+            raise UsageError(f"{name} must be finite, got {value}")
+    if step <= 0.0:
+        raise UsageError(f"step must be positive, got {step} s")
+    if end <= begin:
+        raise UsageError(f"stop must be after start, got {begin} s to {end} s")
+    ratio = (end - begin) / step
+    n = max(1, round(ratio))
+    if abs(ratio - n) > 1e-9 * ratio:
+        raise UsageError(
+            f"stop - start = {end - begin:.12g} s is no multiple of the step {step:.12g} s; "
+            f"the nearest stop is {begin + n * step:.12g} s"
+        )
+    return float(begin), float(end), n
+
+
+class _Run:
+    """The units of one run; leaving it terminates and frees them and removes the unpacked FMUs."""
+
+    def __init__(self, checked: Checked, log: Callable[[LogMessage], None] | None) -> None:
+        self.checked = checked
+        self.box = MessageBox(log)
+        self.summary: dict[str, Any] = {}
+        self.slaves: dict[str, Slave] = {}
+        self._folder: Path | None = None
+
+    def __enter__(self) -> _Run:
+        self._folder = Path(tempfile.mkdtemp(prefix="vdfmu-"))
+        for note in self.checked.notes:
+            self.box.pending.append(LogMessage("", 0.0, "note", "", note))
+        self.box.flush()
+        try:
+            self._load(self._folder)
+        except BaseException:
+            self.__exit__()
+            raise
+        return self
+
+    def _load(self, folder: Path) -> None:
+        corrupt: set[str] = set()
+        unpacked: dict[str, Path] = {}
+        for name, description in self.checked.descriptions.items():
+            source = description.source
+            if source not in unpacked:
+                unpacked[source] = folder / f"{len(unpacked)}"
+                with Archive(self.checked.fmus[source], source) as archive:
+                    archive.extract(unpacked[source], _needed)
+            slave = Slave(name, description, unpacked[source], self.box, corrupt)
+            self.slaves[name] = slave
+            slave.instantiate()
+
+    def __exit__(self, *_: object) -> None:
+        for slave in self.slaves.values():
+            slave.close()
+        self.box.flush()
+        if self._folder is not None:
+            shutil.rmtree(self._folder, ignore_errors=True)
+
+    def initialize(self, begin: float, end: float, tolerance: float | None) -> None:
+        """Take all units through initialization; leaves the outputs at `begin` in the exchange."""
+        self.box.time = begin
+        for name, slave in self.slaves.items():
+            slave.setup(tolerance, begin, end)
+            slave.set_all(list(self.checked.starts.get(name, ())))
+        for slave in self.slaves.values():
+            slave.call("EnterInitializationMode")
+        self.exchange = Exchange(self.checked, self.slaves)
+        self.exchange.initialize()
+        for slave in self.slaves.values():
+            slave.call("ExitInitializationMode")
+            slave.stage = "initialized"
+        self.exchange.read_outputs()
+        self.box.flush()
+
+    def steps(
+        self,
+        begin: float,
+        step: float,
+        n: int,
+        record: Sequence[str] | None,
+        progress: Callable[[int, int], None] | None,
+    ) -> Results:
+        """Do the steps and return the results."""
+        exchange, box, now = self.exchange, self.box, self.exchange.clock
+        signals, data, store = exchange.recorders(n + 1, record)
+        opening = exchange.opening()
+        stages = exchange.stages(step)
+        plan = [(stage.slave, stage.gathers, stage.calls) for stage in stages]
+        pending = box.pending
+        done = -1  # the last complete row
+
+        def results() -> Results:
+            self.summary["wall_s"] = clock.perf_counter() - began
+            rows = slice(0, done + 1)
+            time = begin + step * np.arange(done + 1, dtype=np.float64)
+            kept = {kind: array[rows] for kind, array in data.items()}
+            return Results(time, signals, kept, self.summary, box.kept)
+
+        began = clock.perf_counter()
+        stride = max(1, -(-n // 100))
+        try:
+            with _InterruptGuard() as guard:
+                store(0)
+                done = 0
+                if progress is not None:
+                    progress(0, n)
+                while done < n:
+                    for k in range(done, min(n, done + stride)):
+                        now.value = box.time = begin + k * step
+                        for gather in opening:
+                            gather()
+                        for slave, gathers, calls in plan:
+                            for gather in gathers:
+                                gather()
+                            for function, a, b, c, d, name in calls:
+                                status = function(a, b, c, d)
+                                if status:
+                                    slave.judge(status, name)
+                        done = k + 1
+                        store(done)
+                        if pending:
+                            box.flush()
+                        if guard.pressed:
+                            raise KeyboardInterrupt
+                    if progress is not None:
+                        progress(done, n)
+        except CosimError as error:
+            box.flush()
+            error.results = results()
+            if np.isnan(error.time):
+                error.time = box.time
+            raise
+        except KeyboardInterrupt:
+            box.flush()
+            raise Interrupted(begin + done * step, results()) from None
+        return results()
+
+
+def _needed(member: str) -> bool:
+    """Tell whether a member of an FMU is needed to run it."""
+    return member == "modelDescription.xml" or member.startswith(("resources/", f"binaries/{fmpy.platform}/"))
+
+
+class _InterruptGuard:
+    """Holds back Ctrl-C until the step is complete: units written in Python would die of it.
+
+    A second Ctrl-C acts at once. Does nothing outside the main thread or under another signal handler.
+    """
+
+    def __init__(self) -> None:
+        self.pressed = False
+        self._active = False
+
+    def __enter__(self) -> _InterruptGuard:
+        self._active = (
+            threading.current_thread() is threading.main_thread()
+            and signal.getsignal(signal.SIGINT) is signal.default_int_handler
+        )
+        if self._active:
+            signal.signal(signal.SIGINT, self._press)
+        return self
+
+    def _press(self, *_: object) -> None:
+        if self.pressed:
+            raise KeyboardInterrupt
+        self.pressed = True
+
+    def __exit__(self, *_: object) -> None:
+        if self._active:
+            signal.signal(signal.SIGINT, signal.default_int_handler)

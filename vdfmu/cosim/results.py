@@ -1,0 +1,184 @@
+"""What a co-simulation recorded."""
+
+from __future__ import annotations
+
+import csv
+import difflib
+import io
+import os
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vdfmu.errors import UsageError, VdfmuError
+
+KINDS = ("real", "integer", "boolean")
+_BLOCK = 512
+
+
+class Signal(NamedTuple):
+    """Where a signal is: `column` of the array of its `kind`."""
+
+    name: str
+    kind: str
+    unit: str
+    column: int
+
+
+class Results:
+    """Recorded signals on the communication points.
+
+    A row holds the outputs at its communication point; an input has the value that its unit used in the step
+    that ended there (first row: as set during initialization).
+
+    Parameters
+    ----------
+    time : (m,) array [s]
+    signals : sequence of Signal
+        In the order in which they are shown and written.
+    data : mapping of str to (m, columns) array
+        By kind: ``real`` float64, ``integer`` and ``boolean`` int32.
+    summary : dict, optional
+        Facts about the run.
+    messages : sequence, optional
+        The messages of the units (`vdfmu.cosim.LogMessage`).
+
+    Examples
+    --------
+    >>> results["plant.q[1]"]            # one signal, (m,)
+    >>> results.array("plant.q")         # plant.q[1] ... plant.q[n], (m, n)
+    """
+
+    def __init__(
+        self,
+        time: NDArray[np.float64],
+        signals: Sequence[Signal],
+        data: Mapping[str, NDArray[Any]],
+        summary: dict[str, Any] | None = None,
+        messages: Sequence[Any] = (),
+    ) -> None:
+        self.time = time
+        self.summary: dict[str, Any] = {} if summary is None else summary
+        self.messages = list(messages)
+        self._signals = {signal.name: signal for signal in signals}
+        self._data = dict(data)
+
+    @property
+    def names(self) -> list[str]:
+        """The names of the signals, without time."""
+        return list(self._signals)
+
+    @property
+    def units(self) -> dict[str, str]:
+        """The unit of each signal; empty where it has none."""
+        return {s.name: s.unit for s in self._signals.values()}
+
+    @property
+    def kinds(self) -> dict[str, str]:
+        """``real``, ``integer`` or ``boolean`` for each signal."""
+        return {s.name: s.kind for s in self._signals.values()}
+
+    def __len__(self) -> int:
+        return len(self.time)
+
+    def __contains__(self, name: object) -> bool:
+        return name in self._signals
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._signals)
+
+    def __getitem__(self, name: str) -> NDArray[Any]:
+        """Return one signal, shape (m,); UsageError when there is none of that name."""
+        signal = self._signals.get(name)
+        if signal is None:
+            close = difflib.get_close_matches(name, self._signals, n=3)
+            hint = f"; did you mean {', '.join(close)}?" if close else ""
+            raise UsageError(f"the results have no signal {name!r}{hint}")
+        column = self._data[signal.kind][:, signal.column]
+        return column.astype(bool) if signal.kind == "boolean" else column
+
+    def array(self, name: str) -> NDArray[Any]:
+        """Return ``name[1]`` to ``name[n]`` side by side, shape (m, n)."""
+        pattern = re.compile(re.escape(name) + r"\[(\d+)\]")
+        found = {int(match[1]): s for s in self._signals if (match := pattern.fullmatch(s))}
+        if not found:
+            raise UsageError(f"the results have no signals {name}[1], {name}[2], ...")
+        return np.stack([self[found[i]] for i in sorted(found)], axis=1)
+
+    def to_csv(self, path: str | Path) -> None:
+        """Write all signals.
+
+        The first line has the names, the second the units (``integer`` and ``boolean`` for these kinds),
+        then follows a line a communication point. Numbers have the shortest form that reads back to the
+        same bits. The file appears under its name only when it is complete.
+
+        Raises
+        ------
+        VdfmuError
+            The file cannot be written.
+        """
+        path = Path(path)
+        temporary = path.with_name(f".{path.name}.{os.getpid()}.part")
+        try:
+            with open(temporary, "w", encoding="utf-8", newline="") as file:
+                signals = list(self._signals.values())
+                writer = csv.writer(file, lineterminator="\n")
+                writer.writerow(["time", *(s.name for s in signals)])
+                writer.writerow(["s", *(s.unit if s.kind == "real" else s.kind for s in signals)])
+                for first in range(0, len(self.time), _BLOCK):
+                    file.write(self._lines(signals, slice(first, first + _BLOCK)))
+            os.replace(temporary, path)
+        except OSError as error:
+            kind = UsageError if isinstance(error, (FileNotFoundError, PermissionError)) else VdfmuError
+            raise kind(f"cannot write {path}: {error.strerror or error}") from None
+        finally:
+            temporary.unlink(missing_ok=True)
+
+    def _lines(self, signals: Sequence[Signal], rows: slice) -> str:
+        columns = [map(repr, self.time[rows].tolist())]
+        blocks = {kind: array[rows].T.tolist() for kind, array in self._data.items()}
+        columns += [map(repr, blocks[s.kind][s.column]) for s in signals]
+        return "\n".join(map(",".join, zip(*columns, strict=True))) + "\n"
+
+    @classmethod
+    def from_csv(cls, path: str | Path) -> Results:
+        """Read what `to_csv` wrote; UsageError when the file is missing or of another form."""
+        path = Path(path)
+        try:
+            text = path.read_text(encoding="utf-8")
+        except (OSError, UnicodeDecodeError) as error:
+            raise UsageError(f"cannot read {path}: {getattr(error, 'strerror', None) or error}") from None
+        stream = io.StringIO(text)
+        reader = csv.reader(stream)
+        try:
+            names, units = next(reader), next(reader)
+        except (StopIteration, csv.Error):
+            raise UsageError(f"{path}: expected a line of names and a line of units") from None
+        if len(names) != len(units) or names[:1] != ["time"]:
+            raise UsageError(f"{path}: expected as many units as names, and 'time' as the first column")
+        body = text.split("\n", 2)[2] if text.count("\n") >= 2 else ""
+        try:
+            table = (
+                np.loadtxt(io.StringIO(body), delimiter=",", ndmin=2, comments=None)
+                if body.strip()
+                else np.empty((0, len(names)))
+            )
+        except ValueError as error:
+            raise UsageError(f"{path}: {error}") from None
+        if table.shape[1] != len(names):
+            raise UsageError(f"{path}: expected {len(names)} columns, got {table.shape[1]}")
+        signals: list[Signal] = []
+        chosen: dict[str, list[int]] = {kind: [] for kind in KINDS}
+        for index, (name, unit) in enumerate(zip(names[1:], units[1:], strict=True), start=1):
+            kind = unit if unit in KINDS[1:] else "real"
+            signals.append(Signal(name, kind, unit if kind == "real" else "", len(chosen[kind])))
+            chosen[kind].append(index)
+        data = {
+            kind: table[:, columns].astype(np.float64 if kind == "real" else np.int32)
+            for kind, columns in chosen.items()
+        }
+        return cls(table[:, 0].copy(), signals, data)

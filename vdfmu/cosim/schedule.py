@@ -1,0 +1,218 @@
+"""The order of initialization and of the steps, from the declared dependencies of the units."""
+
+from __future__ import annotations
+
+import heapq
+from collections import deque
+from collections.abc import Hashable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, TypeVar
+
+import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+if TYPE_CHECKING:
+    from vdfmu.cosim.check import Link
+    from vdfmu.cosim.description import Description
+
+N = TypeVar("N", bound=Hashable)
+Port = tuple[str, str]
+ALGORITHMS = ("gauss-seidel", "jacobi")
+
+
+@dataclass(frozen=True)
+class Schedule:
+    """In which order things happen.
+
+    Attributes
+    ----------
+    initial : tuple of Link
+        The connections in the order in which they are carried over in initialization mode.
+    units : tuple of str
+        The components in the order of their doStep.
+    fresh : frozenset of (str, str)
+        Inputs that get the value their source computed in the same step. All others get the value that
+        their source had at the start of the step.
+    """
+
+    initial: tuple[Link, ...]
+    units: tuple[str, ...]
+    fresh: frozenset[Port]
+
+
+def make_schedule(
+    descriptions: Mapping[str, Description], links: Sequence[Link], algorithm: str
+) -> tuple[Schedule, list[str]]:
+    """Order a system.
+
+    FMI 2.0 lets no output be read between setting an input and doStep, so the output of a controller for
+    [t_k, t_k+1] is what its own doStep from t_k computes with the inputs at t_k. Hence:
+
+    gauss-seidel
+        An output that depends on a connected input (feed-through) is passed on *fresh*: its readers get
+        the value of this very step. An output that depends on none (the state of a plant, a trajectory)
+        is passed on as it was at t_k, to every reader, whichever unit steps first. Feed-through units
+        come first, each after those whose fresh outputs it reads, then the others, both else in the order
+        of the SSD. Sampled control has no delay beyond its zero-order hold. Units without feed-through
+        that read each other do so with values at t_k.
+    jacobi
+        Every input is the output at t_k. Feed-through costs one more step of delay.
+
+    Parameters
+    ----------
+    descriptions : mapping of str to Description
+        By component name, in the order of the SSD.
+    links : sequence of Link
+    algorithm : str
+        One of `ALGORITHMS`.
+
+    Returns
+    -------
+    Schedule
+    list of str
+        One problem for each algebraic loop, with its cycle: loops of the initialization, and for
+        gauss-seidel those of the steps. (Jacobi breaks the latter by its delay.)
+    """
+    problems: list[str] = []
+    ports, edges = _variable_graph(descriptions, links, initial=True)
+    loops = {frozenset(part): cycle for part, cycle in cycles(ports, edges)}
+    where = dict.fromkeys(loops, "during initialization")
+    sequential = algorithm == "gauss-seidel"
+    if sequential:
+        step_ports, step_edges = _variable_graph(descriptions, links, initial=False)
+        for part, cycle in cycles(step_ports, step_edges):
+            key = frozenset(part)
+            where[key] = "during initialization and in the steps" if key in loops else "in the steps"
+            loops[key] = cycle
+    for key, cycle in loops.items():
+        problems.append(_loop_message(cycle, where[key], descriptions))
+    rank = {port: i for i, port in enumerate([] if problems else topological(ports, edges))}
+    initial = tuple(sorted(links, key=lambda link: rank.get(link.end, 0)))
+
+    connected = {link.end for link in links if link.stepped}
+    feeding = {
+        port: bool(_dependencies(descriptions[port[0]], port[1], False, connected, port[0]))
+        for port in {link.start for link in links}
+    }
+    fresh = [k for k in links if sequential and k.stepped and feeding[k.start]]
+    through = {k.start[0] for k in links if feeding[k.start]}
+    names = sorted(descriptions, key=lambda name: name not in through) if sequential else list(descriptions)
+    unit_edges = {(k.start[0], k.end[0]) for k in fresh}
+    if not problems:
+        for _, cycle in cycles(names, unit_edges):
+            joins = [next(str(k) for k in fresh if (k.start[0], k.end[0]) == pair) for pair in _pairs(cycle)]
+            problems.append(
+                f"gauss-seidel cannot order {', '.join(cycle[:-1])}: each must step before the next although "
+                f"no variable depends on itself ({'; '.join(joins)}); use jacobi, or split a unit"
+            )
+    order = names if problems else topological(names, unit_edges)
+    return Schedule(initial, tuple(order), frozenset(k.end for k in fresh)), problems
+
+
+def _pairs(cycle: Sequence[N]) -> list[tuple[N, N]]:
+    return list(zip(cycle[:-1], cycle[1:], strict=True))
+
+
+def _dependencies(
+    description: Description, output: str, initial: bool, connected: set[Port], unit: str
+) -> list[str]:
+    """Return the connected inputs (initially also parameters) of a unit that an output depends on."""
+    everything = [name for owner, name in connected if owner == unit]
+    if initial:
+        variable = description.variables[output]
+        if output in description.initial_dependencies:
+            known = description.initial_dependencies[output]
+        elif variable.initial == "exact":
+            known = frozenset()
+        else:
+            known = description.step_dependencies.get(output)
+    else:
+        known = description.step_dependencies.get(output)
+        if description.variables[output].causality != "output":
+            known = frozenset()
+    return everything if known is None else [name for name in everything if name in known]
+
+
+def _variable_graph(
+    descriptions: Mapping[str, Description], links: Sequence[Link], *, initial: bool
+) -> tuple[list[Port], set[tuple[Port, Port]]]:
+    used = [link for link in links if initial or link.stepped]
+    connected = {link.end for link in used}
+    ports = list(dict.fromkeys(port for link in used for port in (link.start, link.end)))
+    edges = {(link.start, link.end) for link in used}
+    for unit, output in {link.start for link in used}:
+        for name in _dependencies(descriptions[unit], output, initial, connected, unit):
+            edges.add(((unit, name), (unit, output)))
+    return ports, edges
+
+
+def _loop_message(cycle: Sequence[Port], where: str, descriptions: Mapping[str, Description]) -> str:
+    silent = sorted(
+        {unit for unit, name in cycle if descriptions[unit].step_dependencies.get(name, frozenset()) is None}
+    )
+    text = f"algebraic loop {where}: {' -> '.join('.'.join(port) for port in cycle)}"
+    if silent:
+        text += f". Note: {', '.join(silent)} declares no dependencies, so all its inputs count"
+    return text
+
+
+def topological(nodes: Sequence[N], edges: Iterable[tuple[N, N]]) -> list[N]:
+    """Order the nodes of an acyclic graph; ties stay in the given order."""
+    after: dict[N, list[N]] = {node: [] for node in nodes}
+    waiting = dict.fromkeys(nodes, 0)
+    for a, b in edges:
+        after[a].append(b)
+        waiting[b] += 1
+    rank = {node: i for i, node in enumerate(nodes)}
+    ready = [rank[node] for node in nodes if waiting[node] == 0]
+    order: list[N] = []
+    while ready:
+        node = nodes[heapq.heappop(ready)]
+        order.append(node)
+        for following in after[node]:
+            waiting[following] -= 1
+            if waiting[following] == 0:
+                heapq.heappush(ready, rank[following])
+    return order
+
+
+def cycles(nodes: Sequence[N], edges: Iterable[tuple[N, N]]) -> list[tuple[list[N], list[N]]]:
+    """Return, for each strongly connected part with a cycle, its nodes and a shortest cycle in it.
+
+    The cycle repeats its first node at its end.
+    """
+    edges = list(edges)
+    index = {node: i for i, node in enumerate(nodes)}
+    if not edges:
+        return []
+    rows, columns = (np.array([index[e[k]] for e in edges]) for k in (0, 1))
+    graph = coo_array((np.ones(len(edges)), (rows, columns)), shape=(len(nodes), len(nodes)))
+    _, labels = connected_components(graph, directed=True, connection="strong")
+    parts: dict[int, list[N]] = {}
+    for node, label in zip(nodes, labels, strict=True):
+        parts.setdefault(int(label), []).append(node)
+    after: dict[N, list[N]] = {}
+    for a, b in edges:
+        if labels[index[a]] == labels[index[b]]:
+            after.setdefault(a, []).append(b)
+    return [(part, _shortest(part[0], after)) for part in parts.values() if part[0] in after]
+
+
+def _shortest(start: N, after: Mapping[N, Sequence[N]]) -> list[N]:
+    """Return a shortest cycle through `start`, by breadth-first search."""
+    before: dict[N, N] = {}
+    queue = deque([start])
+    while queue:
+        node = queue.popleft()
+        for following in sorted(after.get(node, ()), key=str):
+            if following == start:
+                path = [start]
+                while node != start:
+                    path.append(node)
+                    node = before[node]
+                return [*path, start][::-1]
+            if following not in before:
+                before[following] = node
+                queue.append(following)
+    raise AssertionError("every node of a strongly connected part lies on a cycle")

@@ -1,0 +1,62 @@
+"""Gaussian elimination in plain numpy, generic in dtype.
+
+``numpy.linalg`` knows floats only. The elimination here takes its pivots on the diagonal, in order, and does not swap
+rows: it is meant for matrices where that is safe (mass matrices are positive definite; a Rosenbrock matrix
+``I/(h gamma) - J`` tends to a multiple of the identity as the step h shrinks, and a bad pivot shows up in the step's
+own error estimate). Structural zeros are skipped, so that a trace of it has the length of a sparse elimination.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+__all__ = ["factorize", "solve"]
+
+
+def _is_zero(x: Any) -> bool:
+    known = getattr(x, "is_zero", None)
+    return known() if known is not None else bool(x == 0.0)
+
+
+def factorize(A: np.ndarray) -> np.ndarray:
+    """LU factors of `A` in one array: U on and above the diagonal, the multipliers of L below it.
+
+    Parameters
+    ----------
+    A : (n, n); not changed
+    """
+    LU = np.array(A)
+    n = len(LU)
+    for k in range(n):
+        columns = [j for j in range(k + 1, n) if not _is_zero(LU[k, j])]
+        for i in range(k + 1, n):
+            if _is_zero(LU[i, k]):
+                continue
+            LU[i, k] = LU[i, k] / LU[k, k]
+            for j in columns:
+                LU[i, j] = LU[i, j] - LU[i, k] * LU[k, j]
+    return LU
+
+
+def solve(LU: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Solve ``A x = b`` with the factors of :func:`factorize`.
+
+    Parameters
+    ----------
+    LU : (n, n)
+    b : (n,)
+    """
+    n = len(LU)
+    x = np.array(b, dtype=object if object in (LU.dtype, np.asarray(b).dtype) else float)
+    for i in range(n):
+        for j in range(i):
+            if not _is_zero(LU[i, j]):
+                x[i] = x[i] - LU[i, j] * x[j]
+    for i in reversed(range(n)):
+        for j in range(i + 1, n):
+            if not _is_zero(LU[i, j]):
+                x[i] = x[i] - LU[i, j] * x[j]
+        x[i] = x[i] / LU[i, i]
+    return x

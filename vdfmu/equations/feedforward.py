@@ -1,0 +1,147 @@
+"""Feedforward torque in two modes: the exact inverse of the plant, and virtual decomposition control (12)-(28), (48)-(53)."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from vdfmu.equations.friction import joint_friction
+from vdfmu.equations.flexible_joint import rotor_position
+from vdfmu.equations.inverse_dynamics import inverse_dynamics, joint_torques
+from vdfmu.equations.jet import derivative, jets
+from vdfmu.equations.kinematics import gravity_in_links, joint_transforms
+from vdfmu.equations.rigid_body import coriolis_matrix, gravity_force, mass_matrix
+from vdfmu.equations.spatial import cross_motion, joint_axis
+from vdfmu.equations.trajectory import Desired
+
+__all__ = ["Gains", "Torques", "desired_drive_motion", "feedforward_inverse", "feedforward_vdc", "printed_motor_torque"]
+
+
+class Torques(NamedTuple):
+    """Feedforward `tau_m` (n,) [N m, motor-side] and spring torque `tau_s` (n,) [N m or N, link-side]."""
+
+    tau_m: Any
+    tau_s: Any
+
+
+class Gains(NamedTuple):
+    """Gains of the required velocities (12), net forces (15)-(17), (50) and drive torques (26)-(27), each (n,).
+
+    Lambda [1/s]; K_V, the multiple of the unit matrix that stands for the gain matrix K_B of link i; k_vq
+    [N m s/rad, motor-side]; k_vkappa [N m s/rad, motor-side].
+    """
+
+    Lambda: Any
+    K_V: Any
+    k_vq: Any
+    k_vkappa: Any
+
+
+class DriveMotion(NamedTuple):
+    """Spring torque, rotor position, velocity and acceleration along the desired motion, each (n,)."""
+
+    tau_s: Any
+    kappa: Any
+    kappa_dot: Any
+    kappa_ddot: Any
+
+
+def desired_drive_motion(robot: Any, desired: Desired) -> DriveMotion:
+    """What springs and rotors must do while the links follow the desired motion exactly.
+
+    ``tau_s = ID(q_d, ..) + xi_l`` and ``kappa = q_d + D(tau_s) + theta_err``; the two derivatives of kappa come from
+    running these lines on jets, which takes q_d up to its fourth derivative.
+    """
+    q_d, q_d_dot, q_d_ddot, q_d_dddot, q_d_ddddot = desired
+    q = jets(q_d, q_d_dot, q_d_ddot)
+    q_dot = jets(q_d_dot, q_d_ddot, q_d_dddot)
+    q_ddot = jets(q_d_ddot, q_d_dddot, q_d_ddddot)
+    xi_l, _ = joint_friction(robot, q_dot, q_dot)
+    tau_s = inverse_dynamics(robot, q, q_dot, q_ddot) + xi_l
+    kappa = rotor_position(robot, q, tau_s)
+    return DriveMotion(derivative(tau_s, 0), derivative(kappa, 0), derivative(kappa, 1), derivative(kappa, 2))
+
+
+def feedforward_inverse(robot: Any, desired: Desired) -> Torques:
+    """Exact inverse of the plant along the desired motion: ``tau_m = I_m kappa_ddot + tau_s / ell + xi_m``.
+
+    This is (27) with zero velocity error and ``tau_t = tau_s / ell``; see :func:`printed_motor_torque` for (28).
+
+    Parameters
+    ----------
+    desired : q_d to its fourth derivative, each (n,)
+    """
+    drive = desired_drive_motion(robot, desired)
+    _, xi_m = joint_friction(robot, desired.q_d_dot, drive.kappa_dot)
+    tau_m = robot.I_m * drive.kappa_ddot + drive.tau_s / robot.ell + xi_m  # (27), (56)
+    return Torques(tau_m, drive.tau_s)
+
+
+def feedforward_vdc(
+    robot: Any, gains: Gains, desired: Desired, q: np.ndarray, q_dot: np.ndarray, kappa_dot: np.ndarray
+) -> Torques:
+    """Feedforward of virtual decomposition control, from required velocities and measured motion.
+
+    Deviations: (15)-(17) and (50) are read as ``F*_r = M V_r_dot + C(omega) V_r + G + K (V_r - V)``, with the required
+    acceleration, as virtual decomposition control has it. The paper leaves kappa_dot_r open: here it is q_dot_r plus
+    the rate of the drive's deformation along the desired motion. Friction is evaluated at the desired velocities: at
+    measured or required ones its slope around standstill, f_s / eps, is a feedback gain that no sampled loop stands.
+    The rotor moves in pure rotation (56), and the masses of joint base and output link belong to the links (Table 1).
+
+    Parameters
+    ----------
+    desired : q_d to its fourth derivative, each (n,)
+    q, q_dot, kappa_dot : (n,) measured
+    """
+    n = robot.n
+    z = [joint_axis(joint_type) for joint_type in robot.joint_types]
+    drive = desired_drive_motion(robot, desired)
+
+    # required joint velocities (12) and their derivatives; the same for the rotors
+    q_dot_r = desired.q_d_dot + gains.Lambda * (desired.q_d - q)
+    q_ddot_r = desired.q_d_ddot + gains.Lambda * (desired.q_d_dot - q_dot)
+    kappa_dot_r = q_dot_r + (drive.kappa_dot - desired.q_d_dot)
+    kappa_ddot_r = q_ddot_r + (drive.kappa_ddot - desired.q_d_ddot)
+
+    # required velocities of the links (48)-(49), (14)
+    U_AB = joint_transforms(robot, q)
+    g_B = gravity_in_links(robot, U_AB)
+    F_B_r: list[np.ndarray] = []
+    V_A, V_A_r, V_A_r_dot = np.zeros(6), np.zeros(6), np.zeros(6)
+    for i in range(n):
+        V_B = z[i] * q_dot[i]
+        V_B_r = z[i] * q_dot_r[i]
+        V_B_r_dot = z[i] * q_ddot_r[i]
+        if i > 0:
+            V_B = V_B + U_AB[i].T @ V_A
+            V_B_r = V_B_r + U_AB[i].T @ V_A_r
+            # the derivative of (49): U depends on the measured position, so its rate on the measured velocity
+            V_B_r_dot = V_B_r_dot + U_AB[i].T @ V_A_r_dot + cross_motion(V_B_r) @ (z[i] * q_dot[i])
+        # required net force (50), (15)
+        body = (robot.mass[i], robot.centroid[i], robot.inertia[i])
+        F_B_r.append(
+            mass_matrix(*body) @ V_B_r_dot
+            + coriolis_matrix(*body, V_B[3:]) @ V_B_r
+            + gravity_force(*body[:2], g_B[i])
+            + gains.K_V[i] * (V_B_r - V_B)
+        )
+        V_A, V_A_r, V_A_r_dot = V_B, V_B_r, V_B_r_dot
+
+    # required forces by the constraints (51)-(53), (18)-(20), (23)-(25)
+    for i in reversed(range(n - 1)):
+        F_B_r[i] = F_B_r[i] + U_AB[i + 1] @ F_B_r[i + 1]
+
+    # drive torques (26)-(27)
+    xi_l, xi_m = joint_friction(robot, desired.q_d_dot, drive.kappa_dot)
+    tau_t = (joint_torques(robot, F_B_r) + xi_l) / robot.ell + gains.k_vq * (q_dot_r - q_dot)  # (26)
+    tau_m = tau_t + gains.k_vkappa * (kappa_dot_r - kappa_dot) + xi_m + robot.I_m * kappa_ddot_r  # (27), (56)
+    return Torques(tau_m, robot.ell * tau_t)
+
+
+def printed_motor_torque(tau: Any, tau_f: Any) -> Any:
+    """Motor torque as Eq. (28) is printed, ``tau + tau_f``, kept to document it: nothing else calls it.
+
+    It adds the link-side tau_f to the motor-side tau, and tau of (27) already holds the spring torque as tau_t.
+    """
+    return tau + tau_f

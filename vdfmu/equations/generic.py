@@ -1,0 +1,63 @@
+"""Elementwise functions that numpy cannot dispatch to objects by itself.
+
+``np.sin`` and its like call the method ``sin`` of every element of an object array. The functions here have no such
+method dispatch in numpy (they compare, which a symbol must refuse), so they call the element's own method by name and
+fall back to numpy on floats.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+__all__ = ["clip", "piecewise_hold", "sgn", "zeros"]
+
+
+def _by_method(name: str, on_floats: Callable[..., Any]) -> Callable[..., Any]:
+    def one(x: Any, *args: Any) -> Any:
+        method = getattr(x, name, None)
+        return method(*args) if method is not None and not isinstance(x, np.generic) else on_floats(x, *args)
+
+    vectorised = np.frompyfunc(one, 1, 1)
+
+    def apply(x: Any, *args: Any) -> Any:
+        if not args and isinstance(x, np.ndarray) and x.dtype == object:
+            return vectorised(x)
+        return one(x, *args)
+
+    return apply
+
+
+_sgn = _by_method("sgn", lambda x: np.copysign(1.0, x))
+
+
+def sgn(x: Any) -> Any:
+    """Sign of every element, -1 or 1; at zero it is that of the zero, so that sgn(x) * f(|x|) keeps its slope there."""
+    return _sgn(x)
+
+
+def clip(x: Any, low: Any, high: Any) -> Any:
+    """Limit every element of `x` to [`low`, `high`]."""
+    x, low, high = np.broadcast_arrays(x, low, high)
+    if not any(a.dtype == object for a in (x, low, high)):
+        return np.clip(x, low, high)
+    return np.frompyfunc(_clip_one, 3, 1)(x, low, high)
+
+
+def _clip_one(x: Any, low: Any, high: Any) -> Any:
+    symbol = next(v for v in (x, low, high) if hasattr(v, "clip_between"))
+    return symbol.clip_between(x, low, high)
+
+
+def piecewise_hold(s: Any) -> tuple[Any, Any]:
+    """Split a scalar `s` into its value limited to [0, 1] and a factor that is 1 inside that interval and 0 outside."""
+    if hasattr(s, "hold_unit_interval"):
+        return s.hold_unit_interval()
+    return min(max(s, 0.0), 1.0), 1.0 if 0.0 <= s <= 1.0 else 0.0
+
+
+def zeros(shape: tuple[int, ...], *like: Any) -> np.ndarray:
+    """Zeros of a dtype that can hold the elements of all arrays in `like` (object if any of them is)."""
+    return np.zeros(shape, dtype=object if any(np.asarray(a).dtype == object for a in like) else float)

@@ -1,0 +1,36 @@
+"""Proportional-derivative feedback, Eq. (58), and the motor torque that the controller commands."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+from vdfmu.equations.generic import clip
+
+__all__ = ["Command", "pd_control"]
+
+
+class Command(NamedTuple):
+    """Motor torque `tau` (n,) [N m, motor-side] and feedback torque `tau_e` (n,) [N m or N, link-side]."""
+
+    tau: Any
+    tau_e: Any
+
+
+def pd_control(K_p: Any, K_v: Any, ell: Any, tau_max: Any, q_d: Any, q_d_dot: Any, q: Any, velocity: Any, tau_m: Any):
+    """Feedforward plus feedback, ``tau = tau_m + tau_e / ell`` with ``tau_e = K_v (q_d_dot - v) + K_p (q_d - q)``.
+
+    Eq. (58) and Fig. 9. Deviation: the paper's derivative is that of the link position, v = q_dot. With elastic joints
+    that is non-collocated and unstable at useful gains; v = kappa_dot (the rotor's, collocated) is the default.
+
+    Parameters
+    ----------
+    K_p, K_v : (n,) [N m/rad, N m s/rad] (N/m, N s/m for prismatic joints), link-side
+    ell : (n,) [- or rad/m]
+    tau_max : (n,) [N m] limit of the motor torque, motor-side; may be infinite
+    q_d, q_d_dot, q : (n,) [rad or m, per s]
+    velocity : (n,) [rad/s or m/s] kappa_dot or q_dot
+    tau_m : (n,) [N m] feedforward, motor-side
+    """
+    tau_e = K_v * (q_d_dot - velocity) + K_p * (q_d - q)
+    tau = clip(tau_m + tau_e / ell, -tau_max, tau_max)
+    return Command(tau, tau_e)

@@ -1,0 +1,75 @@
+"""Dynamics of one rigid body in its own frame {B}: Eq. (59)-(62), used by (6)-(8) and (47)."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from vdfmu.equations.generic import zeros
+from vdfmu.equations.spatial import skew
+
+__all__ = ["coriolis_matrix", "gravity_force", "mass_matrix", "net_force"]
+
+
+def mass_matrix(m_B, r_B: np.ndarray, I_B: np.ndarray) -> np.ndarray:
+    """Mass matrix M_B, Eq. (60).
+
+    Parameters
+    ----------
+    m_B : float [kg]
+    r_B : (3,) [m] centre of mass in {B}
+    I_B : (3, 3) [kg m2] inertia about the centre of mass, axes of {B}. The paper says "expressed in {B}" only; the
+        term -m (r x)^2 of (60) is right for this reading.
+    """
+    r_cross = skew(r_B)
+    M_B = zeros((6, 6), m_B, r_B, I_B)
+    M_B[:3, :3] = m_B * np.eye(3)
+    M_B[:3, 3:] = -m_B * r_cross
+    M_B[3:, :3] = m_B * r_cross
+    M_B[3:, 3:] = I_B - m_B * r_cross @ r_cross
+    return M_B
+
+
+def coriolis_matrix(m_B, r_B: np.ndarray, I_B: np.ndarray, omega_B: np.ndarray) -> np.ndarray:
+    """Matrix of centrifugal and Coriolis terms C_B(omega_B), Eq. (61). It is skew-symmetric.
+
+    Parameters
+    ----------
+    m_B, r_B, I_B : as in :func:`mass_matrix`
+    omega_B : (3,) [rad/s] angular velocity of {B} in {B}
+    """
+    r_cross, w_cross = skew(r_B), skew(omega_B)
+    C_B = zeros((6, 6), m_B, r_B, I_B, omega_B)
+    C_B[:3, :3] = m_B * w_cross
+    C_B[:3, 3:] = -m_B * w_cross @ r_cross
+    C_B[3:, :3] = m_B * r_cross @ w_cross
+    C_B[3:, 3:] = w_cross @ I_B + I_B @ w_cross - m_B * r_cross @ w_cross @ r_cross
+    return C_B
+
+
+def gravity_force(m_B, r_B: np.ndarray, g_B: np.ndarray) -> np.ndarray:
+    """Force that holds the body against gravity, G_B, Eq. (62).
+
+    Parameters
+    ----------
+    m_B, r_B : as in :func:`mass_matrix`
+    g_B : (3,) [m/s2] ``R_BI @ g`` with g = [0, 0, +9.81] in {I}: the sign of (62) makes G_B point up.
+    """
+    return np.concatenate([m_B * g_B, m_B * (skew(r_B) @ g_B)])
+
+
+def net_force(m_B, r_B: np.ndarray, I_B: np.ndarray, g_B: np.ndarray, V_B: np.ndarray, V_B_dot: np.ndarray) -> np.ndarray:
+    """Net force and torque of a body, F*_B = M_B V_B_dot + C_B V_B + G_B, Eq. (59) (also (6)-(8), (47)).
+
+    Parameters
+    ----------
+    m_B, r_B, I_B, g_B : as above
+    V_B : (6,) [m/s, rad/s] velocity of {B} in {B}
+    V_B_dot : (6,) [m/s2, rad/s2] derivative of the coordinates V_B
+
+    Returns
+    -------
+    F_B_star : (6,) [N, N m] in {B}
+    """
+    M_B = mass_matrix(m_B, r_B, I_B)
+    C_B = coriolis_matrix(m_B, r_B, I_B, V_B[3:])
+    return M_B @ V_B_dot + C_B @ V_B + gravity_force(m_B, r_B, g_B)

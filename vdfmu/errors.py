@@ -1,0 +1,76 @@
+"""The errors of the package: one base class and a few kinds."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+
+class VdfmuError(Exception):
+    """Base of every error that the package raises on purpose."""
+
+
+class _ProblemsError(VdfmuError):
+    """An error that carries every problem found, not only the first.
+
+    Parameters
+    ----------
+    problems : sequence of str, or str
+        One sentence or more for each problem, with its place.
+    """
+
+    def __init__(self, problems: Sequence[str] | str) -> None:
+        self.problems: list[str] = [problems] if isinstance(problems, str) else list(problems)
+        super().__init__(self.problems)
+
+    def __str__(self) -> str:
+        return "\n".join(self.problems)
+
+
+class ModelError(_ProblemsError):
+    """A robot or scenario file that cannot be used; `problems` lists all of its faults."""
+
+
+class SspError(_ProblemsError):
+    """A system description that cannot be run; `problems` lists all of its faults."""
+
+
+class KernelError(VdfmuError):
+    """Equations that cannot be traced, compiled or called."""
+
+
+class FmuError(VdfmuError):
+    """An FMU that cannot be built or used."""
+
+
+class UsageError(VdfmuError):
+    """A wrong option, an unknown name or an unknown parameter."""
+
+
+class CosimError(VdfmuError):
+    """A co-simulation that a unit ended.
+
+    Parameters
+    ----------
+    unit : str
+        Name of the component in the system.
+    call : str
+        The FMI call that failed, such as ``doStep``.
+    time : float
+        Simulated time of the call [s].
+    reason : str
+        What the unit said.
+    results : object, optional
+        What was recorded before the failure.
+    """
+
+    def __init__(self, unit: str, call: str, time: float, reason: str, results: Any = None) -> None:
+        self.unit = unit
+        self.call = call
+        self.time = time
+        self.reason = reason
+        self.results = results
+        super().__init__(unit, call, time, reason, results)
+
+    def __str__(self) -> str:
+        return f"{self.unit}: {self.call} at t = {self.time:.9g} s failed: {self.reason}"

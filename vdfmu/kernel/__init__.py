@@ -1,0 +1,7 @@
+"""From equations to fast functions: symbolic trace, cache, calls through prepared buffers, and the plant's solver."""
+
+from vdfmu.kernel.functions import Kernel, KernelFunction
+from vdfmu.kernel.integrator import Integrator
+from vdfmu.kernel.structure import Parameter, parameters
+
+__all__ = ["Integrator", "Kernel", "KernelFunction", "Parameter", "parameters"]

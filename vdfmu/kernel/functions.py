@@ -1,0 +1,164 @@
+"""Traced functions, cached on disk, called through prepared buffers."""
+
+from __future__ import annotations
+
+import os
+import sys
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+
+import casadi as ca
+import numpy as np
+import numpy.typing as npt
+
+from vdfmu.errors import KernelError
+from vdfmu.kernel.structure import structure_key, values
+from vdfmu.kernel.trace import FUNCTIONS, trace
+from vdfmu.model import Robot
+
+__all__ = ["Kernel", "KernelFunction", "cache_folder"]
+
+
+def cache_folder() -> Path:
+    """Folder of traced functions: ``VDFMU_CACHE_DIR``, else ``vdfmu`` in the user's cache folder."""
+    chosen = os.environ.get("VDFMU_CACHE_DIR")
+    if chosen:
+        return Path(chosen)
+    if sys.platform == "win32":
+        base = Path(os.environ.get("LOCALAPPDATA", Path.home() / "AppData" / "Local"))
+    elif sys.platform == "darwin":
+        base = Path.home() / "Library" / "Caches"
+    else:
+        base = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
+    return base / "vdfmu"
+
+
+class KernelFunction:
+    """A traced function with buffers for its arguments and results.
+
+    For speed, write into `args[name]`, call :meth:`run`, read `results[name]`; nothing is allocated. Calling the object
+    does the same with a check of shapes and copies of the results.
+
+    Attributes
+    ----------
+    args, results : dict of str to numpy.ndarray
+        Float arrays, (m,), owned by this object; matrices are laid out column by column.
+    """
+
+    def __init__(self, function: ca.Function) -> None:
+        self.function = function
+        self.args = {name: np.zeros(function.numel_in(name)) for name in function.name_in()}
+        self.results = {name: np.zeros(function.numel_out(name)) for name in function.name_out()}
+        self._buffer, self.run = function.buffer()
+        for i, array in enumerate(self.args.values()):
+            self._buffer.set_arg(i, memoryview(array))
+        for i, array in enumerate(self.results.values()):
+            self._buffer.set_res(i, memoryview(array))
+
+    def __call__(self, *arguments: npt.ArrayLike) -> npt.NDArray[np.float64] | tuple[npt.NDArray[np.float64], ...]:
+        if len(arguments) != len(self.args):
+            raise KernelError(
+                f"{self.function.name()}: expected {len(self.args)} arguments ({', '.join(self.args)}), "
+                f"got {len(arguments)}."
+            )
+        for (name, array), value in zip(self.args.items(), arguments, strict=True):
+            value = np.asarray(value, dtype=float).ravel()
+            if value.shape != array.shape:
+                raise KernelError(
+                    f"{self.function.name()}: {name}: expected {len(array)} numbers, got {len(value)}."
+                )
+            array[:] = value
+        self.run()
+        results = tuple(array.copy() for array in self.results.values())
+        return results[0] if len(results) == 1 else results
+
+
+class Kernel:
+    """All traced functions of one robot structure, each traced or loaded when it is first asked for.
+
+    Parameters
+    ----------
+    robot : Robot
+        Its structure decides the functions; `p` holds the values of its run-time parameters.
+    cache : path or None, optional
+        Folder of the cache; None traces every time. Default is :func:`cache_folder`.
+    """
+
+    def __init__(self, robot: Robot, cache: Path | None | str = "default") -> None:
+        self.robot = robot
+        self.p = values(robot)
+        self._cache = cache_folder() if cache == "default" else Path(cache) if cache is not None else None
+        self._key = structure_key(robot)
+
+    def casadi_function(self, name: str) -> ca.Function:
+        """CasADi function of one of the names in :data:`vdfmu.kernel.trace.FUNCTIONS`."""
+        if name not in FUNCTIONS:
+            raise KernelError(f"There is no traced function {name!r}. There are: {', '.join(FUNCTIONS)}.")
+        if self._cache is None:
+            return trace(name, self.robot)
+        path = self._cache / self._key / f"{name}.casadi"
+        if path.is_file():
+            try:
+                return ca.Function.load(str(path))
+            except RuntimeError:  # an unreadable file is traced anew and replaced
+                pass
+        function = trace(name, self.robot)
+        _store(function, path)
+        return function
+
+    def function(self, name: str) -> KernelFunction:
+        """A function with buffers of its own, so that two users of one kernel do not meet."""
+        return KernelFunction(self.casadi_function(name))
+
+    def rows(self, name: str, arguments: Sequence[npt.ArrayLike], sizes: Sequence[int]) -> npt.NDArray[np.float64]:
+        """Call a function of one result for arrays (m,) or batches (k, m); the parameters are this robot's."""
+        call = self.function(name)
+        names = list(call.args)[: len(sizes)]
+        arrays = [_checked(name, a, v, size) for a, v, size in zip(names, arguments, sizes, strict=True)]
+        batches = {len(a) for a in arrays if a.ndim == 2}
+        if len(batches) > 1:
+            raise KernelError(f"{name}: batches of different lengths {sorted(batches)}: expected one length.")
+        call.args["p"][:] = self.p
+        (result,) = call.results.values()
+        if not batches:
+            for argument, array in zip(names, arrays, strict=True):
+                call.args[argument][:] = array
+            call.run()
+            return result.copy()
+        out = np.empty((batches.pop(), len(result)))
+        wide = [np.broadcast_to(a, (len(out), a.shape[-1])) for a in arrays]
+        buffers = [call.args[argument] for argument in names]
+        for k in range(len(out)):
+            for buffer, array in zip(buffers, wide, strict=True):
+                buffer[:] = array[k]
+            call.run()
+            out[k] = result
+        return out
+
+
+def _checked(function: str, name: str, value: npt.ArrayLike, size: int) -> npt.NDArray[np.float64]:
+    try:
+        array = np.asarray(value, dtype=float)
+    except (TypeError, ValueError) as error:
+        raise KernelError(f"{function}: {name}: expected numbers of shape ({size},) or (m, {size}): {error}") from error
+    if array.ndim not in (1, 2) or array.shape[-1] != size:
+        raise KernelError(f"{function}: {name}: expected shape ({size},) or (m, {size}), got {array.shape}.")
+    if not np.all(np.isfinite(array)):
+        where = np.argwhere(~np.isfinite(array))[0].tolist()
+        raise KernelError(f"{function}: {name}{where}: expected a finite number, got {array[tuple(where)]}.")
+    return array
+
+
+def _store(function: ca.Function, path: Path) -> None:
+    """Write to a temporary name and rename, so that two processes never read half a file; a full disk only costs time."""
+    temporary = None
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        handle, temporary = tempfile.mkstemp(dir=path.parent, suffix=".tmp")
+        os.close(handle)
+        function.save(temporary)
+        os.replace(temporary, path)
+    except (OSError, RuntimeError):
+        if temporary is not None:
+            Path(temporary).unlink(missing_ok=True)

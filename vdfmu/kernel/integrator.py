@@ -1,0 +1,122 @@
+"""Integration of the plant between communication points: Rodas4 steps under error control."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from vdfmu.errors import KernelError
+from vdfmu.kernel.functions import Kernel
+from vdfmu.kernel.rodas import ORDER
+
+__all__ = ["Integrator", "state_name"]
+
+MINIMUM_STEP = 1e-12
+"""Smallest internal step [s]: 1e4 times rounding of a time of about 1 s."""
+_SAFETY, _SHRINK, _GROW = 0.9, 0.2, 5.0
+
+
+def state_name(i: int, n: int) -> str:
+    """FMI name of component `i` of the state vector of an arm with `n` joints: ``tau_s[3]``."""
+    return f"{('q', 'q_dot', 'kappa_dot', 'tau_s')[i // n]}[{i % n + 1}]"
+
+
+class Integrator:
+    """State of the plant and the solver that moves it.
+
+    The local error of every internal step is kept below `tolerance` times (1 SI unit + the state's magnitude), in the
+    root mean square over all states. Everything that decides the next step is in `x` and `h`: a copy of the two
+    restores the solver to the bit.
+
+    Attributes
+    ----------
+    x : (4 n,) state [q, q_dot, kappa_dot, tau_s]
+    tau : (n,) [N m] motor torque, held over a call of :meth:`advance`
+    F_e : (6,) [N, N m] wrench on the surroundings, held
+    p : run-time parameters of the robot
+    h : float [s] step to try next
+    steps, rejected : int, internal steps made and rejected since the start
+    """
+
+    def __init__(self, kernel: Kernel) -> None:
+        self._n = kernel.robot.n
+        self._step = kernel.function("plant_step")
+        args, results = self._step.args, self._step.results
+        self._x_start = args["x"]
+        self.tau, self.F_e, self.p = args["tau"], args["F_e"], args["p"]
+        self._h, self._tolerance = args["h"], args["tolerance"]
+        self._x_new, self._norm, self._ratio = results["x_new"], results["norm"], results["ratio"]
+        self.p[:] = kernel.p
+        self._tolerance[0] = 1e-9
+        self.h = 1e-4
+        self.steps = self.rejected = 0
+
+    @property
+    def x(self) -> np.ndarray:
+        """State, a view that may be written to."""
+        return self._x_start
+
+    @property
+    def tolerance(self) -> float:
+        """Bound of the local error, relative and absolute in SI units."""
+        return float(self._tolerance[0])
+
+    @tolerance.setter
+    def tolerance(self, value: float) -> None:
+        self._tolerance[0] = value
+
+    def advance(self, t: float, duration: float) -> None:
+        """Move the state from `t` to `t + duration` [s] with `tau` and `F_e` held.
+
+        Raises
+        ------
+        KernelError
+            If the tolerance cannot be met at the smallest step, or the state is no longer finite. The message names
+            time and state component; the state is then that before the call.
+        """
+        x, x_new, norm, step = self._x_start, self._x_new, self._norm, self._step.run
+        before, h_before = x.copy(), self.h
+        done = 0.0
+        while done < duration:
+            rest = duration - done
+            h = self.h
+            last = h >= rest * (1.0 - 1e-10)
+            if last:
+                h = rest
+            elif 2.0 * h > rest:  # two equal steps instead of a long and a short one
+                h = 0.5 * rest
+            self._h[0] = h
+            step()
+            error = float(norm[0])
+            factor = _SAFETY * error ** (-1.0 / ORDER) if error > 0.0 else _GROW
+            if error <= 1.0:
+                self.steps += 1
+                done = duration if last else done + h
+                x[:] = x_new
+                # a step cut short by the communication point says little about the next one: it never shrinks h
+                grown = h * min(_GROW, max(factor, _SHRINK))
+                self.h = max(grown, self.h) if last and h < self.h else grown
+            else:
+                self.rejected += 1
+                self.h = h * (min(0.9, max(factor, _SHRINK)) if math.isfinite(error) else _SHRINK)
+                if self.h < MINIMUM_STEP:
+                    message = self._failure(t + done, error)
+                    x[:] = before
+                    self.h = h_before
+                    raise KernelError(message)
+
+    def _failure(self, t: float, error: float) -> str:
+        bad = np.flatnonzero(~np.isfinite(self._x_new))
+        if len(bad):
+            what = f"state {state_name(int(bad[0]), self._n)} is not finite"
+        else:
+            worst = int(np.argmax(np.abs(self._ratio)))
+            what = (
+                f"the local error of state {state_name(worst, self._n)} is {error:.3g} times the tolerance "
+                f"{self.tolerance:.3g}"
+            )
+        return (
+            f"at t = {t:.9g} s {what}, and the internal step reached its minimum {MINIMUM_STEP:g} s. "
+            "Lower the input torque, loosen the tolerance, or check the parameters."
+        )

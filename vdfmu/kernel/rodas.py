@@ -1,0 +1,71 @@
+"""One step of Rodas4, a Rosenbrock method of order 4 with an embedded method of order 3, L-stable and stiffly accurate.
+
+Hairer and Wanner, Solving Ordinary Differential Equations II, 2nd ed. 1996, section VI.4. The step is traced like the
+equations, with its Jacobian, its elimination and its six stages, so that one call makes one step.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import casadi as ca
+import numpy as np
+
+from vdfmu.equations.elimination import factorize, solve
+from vdfmu.kernel.symbol import from_sx, to_sx
+
+__all__ = ["ORDER", "rodas_step"]
+
+ORDER = 4
+GAMMA = 0.25
+# Coefficients in the transformed variables u_i of the book: a_ij of the stage values, c_ij of the stage equations.
+A = (
+    (),
+    (1.544,),
+    (0.9466785280815826, 0.2557011698983284),
+    (3.314825187068521, 2.896124015972201, 0.9986419139977817),
+    (1.221224509226641, 6.019134481288629, 12.53708332932087, -0.6878860361058950),
+    (1.221224509226641, 6.019134481288629, 12.53708332932087, -0.6878860361058950, 1.0),
+)
+C = (
+    (),
+    (-5.6688,),
+    (-2.430093356833875, -0.2063599157091915),
+    (-0.1073529058151375, -9.594562251023355, -20.47028614809616),
+    (7.496443313967647, -10.24680431464352, -33.99990352819905, 11.70890893206160),
+    (8.083246795921522, -7.981132988064893, -31.52159432874371, 16.31930543123136, -6.058818238834054),
+)
+
+
+def rodas_step(
+    f: Callable[[ca.SX], ca.SX], x: ca.SX, h: ca.SX, E: ca.SX, EJ: ca.SX, order: Sequence[int]
+) -> tuple[ca.SX, ca.SX]:
+    """Trace one step of the autonomous system ``x_dot = f(x)``.
+
+    Parameters
+    ----------
+    f : right-hand side, expression to expression
+    x : (m, 1) state at the start of the step
+    h : (1, 1) step [s]
+    E, EJ : (m, m) an invertible matrix and its product with the Jacobian ``J = df/dx``. The stage equations are
+        multiplied by E; where E holds a mass matrix, ``E J`` is cheaper than J and needs no inverse.
+    order : elimination order of the m unknowns; it decides the fill-in, not the result
+
+    Returns
+    -------
+    x_new : (m, 1) state at the end, local error O(h^5)
+    error : (m, 1) difference to the embedded solution of order 3
+    """
+    permutation = np.asarray(order)
+    zero = ca.SX(*x.shape)
+    W = from_sx(ca.densify(E / (h * GAMMA) - EJ))
+    LU = factorize(W[np.ix_(permutation, permutation)])
+
+    u: list[ca.SX] = []
+    for a_i, c_i in zip(A, C, strict=True):
+        x_i = x + sum((a * u_j for a, u_j in zip(a_i, u, strict=True)), start=zero)
+        rhs = f(x_i) + sum((c * u_j for c, u_j in zip(c_i, u, strict=True)), start=zero) / h
+        solution = np.empty(x.shape[0], dtype=object)
+        solution[permutation] = solve(LU, from_sx(ca.densify(E @ rhs))[permutation])
+        u.append(to_sx(solution))
+    return x_i + u[5], u[5]  # stiffly accurate: the last stage is the embedded solution, and its increment the error

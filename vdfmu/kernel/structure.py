@@ -1,0 +1,136 @@
+"""Which numbers of a robot stay parameters at run time, and which are folded into the traced functions.
+
+Structural zeros and the fixed rotations of the frames are folded: the functions are three times as fast for it. What is
+folded cannot be changed later, so :func:`parameters` is the one list of what can.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from collections.abc import Sequence
+from functools import lru_cache
+from hashlib import sha256
+from importlib.resources import files
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from vdfmu.kernel.symbol import Symbol
+from vdfmu.model import Robot
+
+__all__ = ["Parameter", "parameters", "set_parameters", "source_digest", "structure_key", "symbolic_robot", "values"]
+
+_PER_JOINT = ("ell", "I_m", "K_f0", "c_f", "K_w0", "c_w", "f_c", "f_s", "f_v", "v_s", "eps")
+
+
+@dataclasses.dataclass(frozen=True)
+class Parameter:
+    """One number of a robot that can be set at run time: the field of `Robot` and the index in it, from 0."""
+
+    field: str
+    index: tuple[int, ...]
+
+    @property
+    def name(self) -> str:
+        """Structured name, counted from 1: ``centroid[1,3]``."""
+        return f"{self.field}[{','.join(str(i + 1) for i in self.index)}]"
+
+
+def parameters(robot: Robot) -> list[Parameter]:
+    """Run-time parameters of a robot, in the order of the parameter vector of every traced function."""
+    n = robot.n
+    found = [Parameter("gravity", (k,)) for k in range(3) if robot.gravity[k] != 0.0]
+    found += [Parameter("tool_offset", (k,)) for k in range(3) if robot.tool_offset[k] != 0.0]
+    for field in ("offset", "centroid"):
+        array = getattr(robot, field)
+        found += [Parameter(field, (i, k)) for i in range(n) for k in range(3) if array[i, k] != 0.0]
+    found += [Parameter("mass", (i,)) for i in range(n)]
+    found += [
+        Parameter("inertia", (i, j, k))
+        for i in range(n)
+        for j in range(3)
+        for k in range(j, 3)
+        if j == k or robot.inertia[i, j, k] != 0.0
+    ]
+    for field in _PER_JOINT:
+        found += [Parameter(field, (i,)) for i in range(n)]
+    if robot.friction == "split":
+        found += [Parameter("f_ck", (i,)) for i in range(n)]
+    for field in ("theta_err_amplitude", "theta_err_phase"):
+        found += [Parameter(field, (i,)) for i in range(n) if robot.theta_err_amplitude[i] != 0.0]
+    return found
+
+
+def values(robot: Robot) -> np.ndarray:
+    """Parameter vector of a robot, in the order of :func:`parameters`."""
+    return np.array([getattr(robot, p.field)[p.index] for p in parameters(robot)], dtype=float)
+
+
+def set_parameters(robot: Robot, vector: Sequence[float] | np.ndarray) -> Robot:
+    """Copy of a robot with the run-time parameters replaced by `vector`; the inverse of :func:`values`."""
+    return _replace(robot, parameters(robot), list(vector), float)
+
+
+def symbolic_robot(robot: Robot) -> tuple[Robot, ca.SX]:
+    """Copy of a robot whose run-time parameters are symbols and whose other numbers are constants, and their vector."""
+    listed = parameters(robot)
+    vector = ca.SX.sym("p", len(listed))
+    constants = {
+        f.name: _constants(getattr(robot, f.name))
+        for f in dataclasses.fields(robot)
+        if isinstance(getattr(robot, f.name), np.ndarray)
+    }
+    robot = dataclasses.replace(robot, **constants)
+    return _replace(robot, listed, [Symbol(vector[i]) for i in range(len(listed))], object), vector
+
+
+def _constants(array: np.ndarray) -> np.ndarray:
+    out = np.empty(array.shape, dtype=object)
+    for index in np.ndindex(array.shape):
+        out[index] = Symbol(float(array[index]))
+    return out
+
+
+def _replace(robot: Robot, listed: Sequence[Parameter], new: Sequence[Any], dtype: Any) -> Robot:
+    arrays: dict[str, np.ndarray] = {}
+    for parameter, value in zip(listed, new, strict=True):
+        array = arrays.setdefault(parameter.field, np.array(getattr(robot, parameter.field), dtype=dtype))
+        array[parameter.index] = value
+        if parameter.field == "inertia":
+            i, j, k = parameter.index
+            array[i, k, j] = value
+    for array in arrays.values():
+        array.flags.writeable = False
+    return dataclasses.replace(robot, **arrays)
+
+
+@lru_cache
+def source_digest(*packages: str) -> str:
+    """Digest of the sources of some packages of vdfmu and of CasADi's version.
+
+    Parameters
+    ----------
+    *packages : str
+        Default: those that decide what a traced function computes.
+    """
+    digest = sha256(ca.CasadiMeta.version().encode())
+    for package in packages or ("model", "equations", "kernel"):
+        folder = files("vdfmu").joinpath(package)
+        for entry in sorted((e for e in folder.iterdir() if e.name.endswith(".py")), key=lambda e: e.name):
+            digest.update(f"{package}/{entry.name}\n".encode())
+            digest.update(entry.read_bytes().replace(b"\r\n", b"\n"))
+    return digest.hexdigest()
+
+
+def structure_key(robot: Robot) -> str:
+    """Key of the traced functions: equal for robots that differ in run-time parameters only."""
+    structure = {
+        "source": source_digest(),
+        "joints": robot.joint_types,
+        "rotation": np.asarray(robot.rotation, dtype=float).tolist(),
+        "friction": robot.friction,
+        "parameters": [p.name for p in parameters(robot)],
+    }
+    return sha256(json.dumps(structure, sort_keys=True).encode()).hexdigest()[:32]

@@ -1,0 +1,135 @@
+"""A scalar symbol that numpy treats as an opaque object, so that the equations trace as they are written.
+
+Bare ``casadi.SX`` scalars in numpy arrays lead to silent NaN on assignment into a float array, and to products that turn
+into SX matrices. A `Symbol` cannot: it refuses ``float()`` unless it is constant, and ``bool()`` always.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from vdfmu.errors import KernelError
+
+__all__ = ["Symbol", "from_sx", "to_sx"]
+
+
+def _sx(value: Any) -> ca.SX:
+    return value.sx if isinstance(value, Symbol) else ca.SX(float(value))
+
+
+class Symbol:
+    """One scalar expression. Arithmetic and the functions that numpy calls by name build larger ones."""
+
+    __slots__ = ("sx",)
+
+    def __init__(self, sx: Any) -> None:
+        self.sx = ca.SX(sx)
+
+    def __repr__(self) -> str:
+        text = str(self.sx)
+        return f"Symbol({text if len(text) < 60 else text[:57] + '...'})"
+
+    def __bool__(self) -> bool:
+        raise KernelError(
+            "The truth of a symbol is not known while equations are traced. Write the condition with "
+            "vdfmu.equations.generic, or keep it out of the equations."
+        )
+
+    def __float__(self) -> float:
+        if not self.sx.is_constant():
+            raise KernelError(
+                f"{self!r} has no value while equations are traced, so it cannot go into an array of floats. Make the "
+                "array with vdfmu.equations.generic.zeros(shape, *like)."
+            )
+        return float(self.sx)
+
+    def is_zero(self) -> bool:
+        """Whether the expression is the constant 0, a structural zero."""
+        return bool(self.sx.is_zero())
+
+    def __neg__(self) -> Symbol:
+        return Symbol(-self.sx)
+
+    def __abs__(self) -> Symbol:
+        return Symbol(ca.fabs(self.sx))
+
+    def __add__(self, other: Any) -> Any:
+        return NotImplemented if _foreign(other) else Symbol(self.sx + _sx(other))
+
+    def __sub__(self, other: Any) -> Any:
+        return NotImplemented if _foreign(other) else Symbol(self.sx - _sx(other))
+
+    def __mul__(self, other: Any) -> Any:
+        return NotImplemented if _foreign(other) else Symbol(self.sx * _sx(other))
+
+    def __truediv__(self, other: Any) -> Any:
+        return NotImplemented if _foreign(other) else Symbol(self.sx / _sx(other))
+
+    __radd__, __rmul__ = __add__, __mul__
+
+    def __rsub__(self, other: Any) -> Any:
+        return NotImplemented if _foreign(other) else Symbol(_sx(other) - self.sx)
+
+    def __rtruediv__(self, other: Any) -> Any:
+        return NotImplemented if _foreign(other) else Symbol(_sx(other) / self.sx)
+
+    def __pow__(self, exponent: Any) -> Symbol:
+        return Symbol(self.sx ** _sx(exponent))
+
+    def sin(self) -> Symbol:
+        return Symbol(ca.sin(self.sx))
+
+    def cos(self) -> Symbol:
+        return Symbol(ca.cos(self.sx))
+
+    def exp(self) -> Symbol:
+        return Symbol(ca.exp(self.sx))
+
+    def expm1(self) -> Symbol:
+        return Symbol(ca.expm1(self.sx))
+
+    def log1p(self) -> Symbol:
+        return Symbol(ca.log1p(self.sx))
+
+    def tanh(self) -> Symbol:
+        return Symbol(ca.tanh(self.sx))
+
+    def arctan(self) -> Symbol:
+        return Symbol(ca.atan(self.sx))
+
+    def sqrt(self) -> Symbol:
+        return Symbol(ca.sqrt(self.sx))
+
+    def sgn(self) -> Symbol:
+        return Symbol(ca.copysign(1.0, self.sx))
+
+    @staticmethod
+    def clip_between(x: Any, low: Any, high: Any) -> Symbol:
+        return Symbol(ca.fmin(ca.fmax(_sx(x), _sx(low)), _sx(high)))
+
+    def hold_unit_interval(self) -> tuple[Symbol, Symbol]:
+        inside = ca.logic_and(self.sx >= 0.0, self.sx <= 1.0)
+        return Symbol(ca.fmin(ca.fmax(self.sx, 0.0), 1.0)), Symbol(inside)
+
+
+def _foreign(other: Any) -> bool:
+    """Whether the other operand must handle the operation: an array, or a jet."""
+    return isinstance(other, np.ndarray) or hasattr(other, "x_ddot")
+
+
+def from_sx(expression: ca.SX) -> np.ndarray:
+    """Object array of symbols from a column (m,) or a matrix (m, k) expression."""
+    rows, columns = expression.shape
+    array = np.empty((rows, columns), dtype=object)
+    for i in range(rows):
+        for j in range(columns):
+            array[i, j] = Symbol(expression[i, j])
+    return array[:, 0] if columns == 1 else array
+
+
+def to_sx(values: Any) -> ca.SX:
+    """Column expression from a scalar or an array of symbols and floats; a matrix is laid out column by column."""
+    return ca.vertcat(*[_sx(v) for v in np.ravel(np.asarray(values, dtype=object), order="F")])

@@ -1,0 +1,192 @@
+"""The functions that are traced: name, inputs, outputs and the equation behind each."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from vdfmu.equations.elimination import factorize, solve
+from vdfmu.equations.feedforward import Gains, feedforward_inverse, feedforward_vdc
+from vdfmu.equations.forward_dynamics import forward_dynamics
+from vdfmu.equations.friction import joint_friction
+from vdfmu.equations.inverse_dynamics import inverse_dynamics
+from vdfmu.equations.pd import pd_control
+from vdfmu.equations.plant import equilibrium_torque, plant_derivative, plant_outputs, split_state
+from vdfmu.equations.trajectory import Desired, desired_motion
+from vdfmu.kernel.rodas import rodas_step
+from vdfmu.kernel.structure import symbolic_robot
+from vdfmu.kernel.symbol import from_sx, to_sx
+from vdfmu.model import Robot
+
+__all__ = ["FUNCTIONS", "trace"]
+
+Trace = Callable[[Robot], ca.Function]
+FUNCTIONS: dict[str, Trace] = {}
+
+
+def _traced(make: Trace) -> Trace:
+    FUNCTIONS[make.__name__.removeprefix("_trace_")] = make
+    return make
+
+
+def trace(name: str, robot: Robot) -> ca.Function:
+    """Trace one function of :data:`FUNCTIONS` for the structure of a robot."""
+    return FUNCTIONS[name](robot)
+
+
+def _function(name: str, inputs: dict[str, ca.SX], outputs: dict[str, ca.SX]) -> ca.Function:
+    # cse finds the terms that the equations compute more than once, such as the motion in all six solver stages
+    expressions = ca.cse([ca.densify(expression) for expression in outputs.values()])
+    return ca.Function(name, list(inputs.values()), expressions, list(inputs), list(outputs))
+
+
+def _vectors(n: int, *names: str) -> dict[str, ca.SX]:
+    return {name: ca.SX.sym(name, n) for name in names}
+
+
+def _arrays(inputs: dict[str, ca.SX]) -> list[np.ndarray]:
+    return [from_sx(expression) for expression in inputs.values()]
+
+
+_DESIRED = ("q_d", "q_d_dot", "q_d_ddot", "q_d_dddot", "q_d_ddddot")
+
+
+@_traced
+def _trace_inverse_dynamics(robot: Robot) -> ca.Function:
+    symbols, p = symbolic_robot(robot)
+    inputs = _vectors(robot.n, "q", "q_dot", "q_ddot") | _vectors(6, "F_e")
+    tau = inverse_dynamics(symbols, *_arrays(inputs))
+    return _function("inverse_dynamics", inputs | {"p": p}, {"tau": to_sx(tau)})
+
+
+@_traced
+def _trace_forward_dynamics(robot: Robot) -> ca.Function:
+    symbols, p = symbolic_robot(robot)
+    inputs = _vectors(robot.n, "q", "q_dot", "tau") | _vectors(6, "F_e")
+    q_ddot = forward_dynamics(symbols, *_arrays(inputs))
+    return _function("forward_dynamics", inputs | {"p": p}, {"q_ddot": to_sx(q_ddot)})
+
+
+class _Plant:
+    """The plant's right-hand side and its linearisation, as expressions.
+
+    The links obey ``M q_ddot = tau_s - xi_l - ID(q, q_dot, 0)``, so their rows of ``M J`` are derivatives of the inverse
+    dynamics, a third of the length of those of the forward dynamics. `E` is the identity with M in the links' rows.
+    """
+
+    def __init__(self, robot: Robot) -> None:
+        n = robot.n
+        symbols, p = symbolic_robot(robot)
+        self.inputs = _vectors(4 * n, "x") | _vectors(n, "tau") | _vectors(6, "F_e")
+        x, F_e = self.inputs["x"], self.inputs["F_e"]
+        arrays = _arrays(self.inputs)
+        self.x_dot = to_sx(plant_derivative(symbols, *arrays))
+        self.inputs["p"] = p
+
+        q_ddot = ca.SX.sym("q_ddot", n)
+        state = split_state(arrays[0])
+        xi_l, _ = joint_friction(symbols, state.q_dot, state.kappa_dot)
+        torque = inverse_dynamics(symbols, state.q, state.q_dot, from_sx(q_ddot), arrays[2])
+        residual = to_sx(state.tau_s - xi_l - torque)
+        links = ca.Function(
+            "links", [x, q_ddot, F_e, p], [ca.jacobian(residual, x), -ca.jacobian(residual, q_ddot)]
+        )
+        rows, self.M = links(x, self.x_dot[n : 2 * n], F_e, p)
+        others = ca.jacobian(self.x_dot[2 * n :], x)
+        shift = ca.horzcat(ca.SX(n, n), ca.SX.eye(n), ca.SX(n, 2 * n))  # d q_dot / d x
+        self.EJ = ca.vertcat(shift, rows, others)
+        self.E = ca.diagcat(ca.SX.eye(n), self.M, ca.SX.eye(2 * n))
+
+
+@_traced
+def _trace_plant_derivative(robot: Robot) -> ca.Function:
+    plant = _Plant(robot)
+    return _function("plant_derivative", plant.inputs, {"x_dot": plant.x_dot})
+
+
+@_traced
+def _trace_plant_jacobian(robot: Robot) -> ca.Function:
+    plant = _Plant(robot)
+    n = robot.n
+    factors = factorize(from_sx(ca.densify(plant.M)))
+    rows = ca.densify(plant.EJ[n : 2 * n, :])
+    links = ca.horzcat(*[to_sx(solve(factors, from_sx(rows[:, j]))) for j in range(4 * n)])
+    J = ca.vertcat(plant.EJ[:n, :], links, plant.EJ[2 * n :, :])
+    return _function("plant_jacobian", plant.inputs, {"J": J})
+
+
+@_traced
+def _trace_plant_step(robot: Robot) -> ca.Function:
+    """One Rodas4 step with inputs held, and its local error relative to the tolerance, component by component."""
+    plant = _Plant(robot)
+    inputs = plant.inputs
+    x, h, tolerance = inputs["x"], ca.SX.sym("h"), ca.SX.sym("tolerance")
+    held = [inputs[name] for name in ("tau", "F_e", "p")]
+    f = ca.Function("f", [x, *held], [plant.x_dot])
+    # elimination order: positions, rotors, springs, each coupled to its own joint; the links' dense block last
+    blocks = np.arange(4 * robot.n).reshape(4, robot.n)
+    order = np.concatenate(blocks[[0, 2, 3, 1]])
+    x_new, error = rodas_step(lambda state: f(state, *held), x, h, plant.E, plant.EJ, order)
+    scale = tolerance * (1.0 + ca.fmax(ca.fabs(x), ca.fabs(x_new)))  # 1 SI unit is the nominal value of every state
+    ratio = error / scale
+    norm = ca.sqrt(ca.sumsqr(ratio) / (4 * robot.n))
+    return _function(
+        "plant_step", inputs | {"h": h, "tolerance": tolerance}, {"x_new": x_new, "norm": norm, "ratio": ratio}
+    )
+
+
+@_traced
+def _trace_plant_outputs(robot: Robot) -> ca.Function:
+    symbols, p = symbolic_robot(robot)
+    inputs = _vectors(4 * robot.n, "x")
+    outputs = plant_outputs(symbols, *_arrays(inputs))
+    return _function("plant_outputs", inputs | {"p": p}, {k: to_sx(v) for k, v in outputs._asdict().items()})
+
+
+@_traced
+def _trace_equilibrium_torque(robot: Robot) -> ca.Function:
+    symbols, p = symbolic_robot(robot)
+    inputs = _vectors(robot.n, "q")
+    tau_s = equilibrium_torque(symbols, *_arrays(inputs))
+    return _function("equilibrium_torque", inputs | {"p": p}, {"tau_s": to_sx(tau_s)})
+
+
+@_traced
+def _trace_feedforward_inverse(robot: Robot) -> ca.Function:
+    symbols, p = symbolic_robot(robot)
+    inputs = _vectors(robot.n, *_DESIRED)
+    torques = feedforward_inverse(symbols, Desired(*_arrays(inputs)))
+    return _function("feedforward_inverse", inputs | {"p": p}, {k: to_sx(v) for k, v in torques._asdict().items()})
+
+
+@_traced
+def _trace_feedforward_vdc(robot: Robot) -> ca.Function:
+    symbols, p = symbolic_robot(robot)
+    desired = _vectors(robot.n, *_DESIRED)
+    measured = _vectors(robot.n, "q", "q_dot", "kappa_dot")
+    gains = _vectors(robot.n, *Gains._fields)
+    torques = feedforward_vdc(symbols, Gains(*_arrays(gains)), Desired(*_arrays(desired)), *_arrays(measured))
+    inputs = desired | measured | gains | {"p": p}
+    return _function("feedforward_vdc", inputs, {k: to_sx(v) for k, v in torques._asdict().items()})
+
+
+@_traced
+def _trace_trajectory(robot: Robot) -> ca.Function:
+    scalars = {name: ca.SX.sym(name) for name in ("t", "T", "t_start")}
+    vectors = _vectors(robot.n, "q_start", "q_end")
+    t, T, t_start = (from_sx(v)[0] for v in scalars.values())
+    q_start, q_end = _arrays(vectors)
+    desired = desired_motion(t, q_start, q_end, T, t_start)
+    return _function("trajectory", scalars | vectors, {k: to_sx(v) for k, v in desired._asdict().items()})
+
+
+@_traced
+def _trace_pd_control(robot: Robot) -> ca.Function:
+    inputs = _vectors(
+        robot.n, "K_p", "K_v", "ell", "tau_max", "q_d", "q_d_dot", "q", "velocity", "tau_m"
+    )
+    command: Any = pd_control(*_arrays(inputs))
+    return _function("pd_control", inputs, {k: to_sx(v) for k, v in command._asdict().items()})

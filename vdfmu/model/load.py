@@ -1,0 +1,129 @@
+"""Loading of robots and scenarios by name or path."""
+
+from __future__ import annotations
+
+import os
+import tomllib
+from pathlib import Path
+from typing import Any
+
+from vdfmu.data import data_path
+from vdfmu.errors import ModelError, UsageError
+from vdfmu.model.read import Problems, nearest
+from vdfmu.model.robot import Robot
+from vdfmu.model.robot_file import check_robot, robot_from_dict
+from vdfmu.model.scenario import Scenario
+from vdfmu.model.scenario_file import read_scenario
+
+__all__ = ["check_robot", "load_robot", "load_scenario", "robot_from_dict", "robot_names", "scenario_names"]
+
+
+def robot_names() -> list[str]:
+    """Return the names of the robots that travel with the package."""
+    return _names("robots")
+
+
+def scenario_names() -> list[str]:
+    """Return the names of the scenarios that travel with the package."""
+    return _names("scenarios")
+
+
+def load_robot(path_or_name: str | os.PathLike[str]) -> Robot:
+    """Load a robot by the name of a shipped one or by the path of a TOML file.
+
+    A value with a path separator, one that ends in ``.toml`` and the name of an existing file are paths.
+
+    Raises
+    ------
+    UsageError
+        If no shipped robot has the name.
+    ModelError
+        If the file cannot be read or describes no physical robot; it lists every problem.
+    """
+    path = _locate(path_or_name, "robots")
+    return robot_from_dict(_read(path), str(path))
+
+
+def load_scenario(path_or_name: str | os.PathLike[str], robot: Robot | str | None = None) -> Scenario:
+    """Load a scenario by the name of a shipped one or by the path of a TOML file.
+
+    Parameters
+    ----------
+    path_or_name : str or path
+        As for `load_robot`. A relative path of a robot in the file starts at the file's folder.
+    robot : Robot, str or None
+        Robot in place of the one that the file names; a str as for `load_robot`. The paper's numbers are
+        left out where its name is not the file's.
+
+    Raises
+    ------
+    UsageError
+        If no shipped scenario, or robot given here, has the name.
+    ModelError
+        If the scenario or its robot has problems; it lists every one of both files.
+    """
+    path = _locate(path_or_name, "scenarios")
+    data = _read(path)
+    problems = Problems(str(path))
+    written = data.get("robot")
+    if isinstance(robot, str):
+        robot = load_robot(robot)
+    used = robot
+    robot_problems: list[str] = []
+    if used is None and isinstance(written, str) and written:
+        try:
+            located = _locate(written, "robots", path.parent)
+            used = robot_from_dict(_read(located), str(located))
+        except ModelError as error:
+            robot_problems = error.problems
+        except UsageError as error:
+            robot_problems = [f"{path}: robot: {error}"]
+    if robot is not None and robot.name != Path(str(written)).stem:
+        data.pop("paper", None)
+    scenario = read_scenario(problems, data, used)
+    problems.lines.extend(robot_problems)
+    problems.raise_any()
+    assert scenario is not None  # else there are problems
+    return scenario
+
+
+def _names(folder: str) -> list[str]:
+    return sorted(path.stem for path in (data_path("models") / folder).glob("*.toml"))
+
+
+def _locate(path_or_name: str | os.PathLike[str], folder: str, start: Path | None = None) -> Path:
+    text = os.fspath(path_or_name)
+    path = (start or Path()) / text
+    separators = tuple(s for s in (os.sep, os.altsep, "/") if s)
+    if path.is_file() or text.endswith(".toml") or any(s in text for s in separators):
+        return path
+    if not isinstance(path_or_name, str):
+        return path
+    shipped = data_path("models") / folder / f"{text}.toml"
+    if text not in _names(folder):
+        raise UsageError(
+            f"no {folder[:-1]} {text!r}: expected a name or the path of a TOML file. "
+            + nearest(text, _names(folder))
+        )
+    return shipped
+
+
+def _read(path: Path) -> dict[str, Any]:
+    problem: str
+    try:
+        return tomllib.loads(path.read_bytes().decode("utf-8-sig"))
+    except FileNotFoundError:
+        problem = "expected a TOML file, got nothing: it does not exist. Check the path."
+    except (IsADirectoryError, PermissionError) as error:
+        if path.is_dir():
+            problem = "expected a TOML file, got a directory. Name a file in it."
+        else:
+            problem = f"expected a file that can be read, got: {error.strerror}. Check its permissions."
+    except OSError as error:
+        problem = f"expected a file that can be read, got: {error.strerror}. Check the path."
+    except UnicodeDecodeError as error:
+        byte = f"byte 0x{error.object[error.start]:02x} at offset {error.start}"
+        problem = f"expected UTF-8 text, got {byte}. Save the file as UTF-8."
+    except tomllib.TOMLDecodeError as error:
+        problem = f"expected TOML, got a syntax error: {error}. Correct that place; strings need quotes."
+    raise ModelError(f"{path}: {problem}")

@@ -1,0 +1,236 @@
+"""Reading of TOML tables that collects every problem.
+
+A problem is one line: file, key, what was expected, what was got, and the way out. Joints count from 1 in
+keys, as in the paper and in FMI names.
+"""
+
+from __future__ import annotations
+
+import difflib
+import math
+from collections.abc import Sequence
+from typing import Any, cast
+
+import numpy as np
+import numpy.typing as npt
+
+from vdfmu.errors import ModelError
+
+FloatArray = npt.NDArray[np.float64]
+
+
+class Problems:
+    """The problems of one file.
+
+    Parameters
+    ----------
+    where : str
+        Name of the file, or of what else holds the data.
+    """
+
+    def __init__(self, where: str) -> None:
+        self.where = where
+        self.lines: list[str] = []
+
+    def add(self, key: str, expected: str, got: str, way_out: str) -> None:
+        """Note that `key` holds something else than expected."""
+        self.lines.append(f"{self.where}: {key}: expected {expected}, got {got}. {way_out}")
+
+    def raise_any(self) -> None:
+        """Raise `ModelError` with all that was noted, if anything was."""
+        if self.lines:
+            raise ModelError(self.lines)
+
+
+def shown(value: object) -> str:
+    """Return a value as it goes into a message, shortened."""
+    if isinstance(value, dict):
+        return "a table"
+    if isinstance(value, str):
+        value = f'"{value}"'
+    elif isinstance(value, bool):
+        value = "true" if value else "false"
+    text = str(value)
+    return text if len(text) <= 70 else text[:66] + " ..."
+
+
+def nearest(name: str, known: Sequence[str]) -> str:
+    """Return the way out for a wrong name: the nearest known one, and all of them."""
+    match = difflib.get_close_matches(name.lower(), [k.lower() for k in known], n=1, cutoff=0.6)
+    hint = next((f'Did you mean "{k}"? ' for k in known if match and k.lower() == match[0]), "")
+    return f"{hint}There are: {', '.join(known)}."
+
+
+def as_number(value: object) -> float | None:
+    """Return a TOML number as float (infinity where it is too large), None for anything else."""
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return None
+    try:
+        return float(value)
+    except OverflowError:
+        return math.inf
+
+
+class Table:
+    """A TOML table that is being read. Wrong values are noted and read as NaN, so that reading goes on.
+
+    Parameters
+    ----------
+    problems : Problems
+        Where problems go.
+    data : object
+        The table.
+    path : str
+        Its key in the file, "" for the whole file.
+    known : sequence of str
+        The keys it may have; any other is a problem.
+    """
+
+    def __init__(self, problems: Problems, data: object, path: str, known: Sequence[str]) -> None:
+        self.problems = problems
+        self.path = path
+        self.usable = isinstance(data, dict)
+        self.data: dict[str, Any] = cast("dict[str, Any]", data) if self.usable else {}
+        if not self.usable:
+            problems.add(path or "the file", "a table", shown(data), f"Its keys are: {', '.join(known)}.")
+        for key in self.data:
+            if key not in known:
+                problems.add(self.key(key), "a known key", "an unknown one", nearest(key, known))
+
+    def key(self, key: str) -> str:
+        """Return the full key of an entry."""
+        return f"{self.path}.{key}" if self.path else key
+
+    def value(self, key: str, expected: str, default: object = None) -> Any:
+        """Return an entry; a missing one without a default is a problem and reads as None."""
+        if key in self.data:
+            return self.data[key]
+        if default is None and self.usable:
+            self.problems.add(self.key(key), expected, "nothing", "The key is missing: add it.")
+        return default
+
+    def table(self, key: str, known: Sequence[str]) -> Table:
+        """Return an entry that must be a table."""
+        value = self.value(key, "a table")
+        if value is None:
+            table = Table(self.problems, {}, self.key(key), known)
+            table.usable = False
+            return table
+        return Table(self.problems, value, self.key(key), known)
+
+    def optional_table(self, key: str, known: Sequence[str]) -> Table:
+        """Return an entry that is a table, an empty one if it is missing."""
+        return Table(self.problems, self.data.get(key, {}), self.key(key), known)
+
+    def text(self, key: str, default: str | None = None, choices: Sequence[str] = ()) -> str:
+        """Return a string, one of `choices` if there are any."""
+        expected = " or ".join(f'"{choice}"' for choice in choices) or "a string that is not empty"
+        value = self.value(key, expected, default)
+        if value is None:
+            return ""
+        if not isinstance(value, str):
+            self.problems.add(self.key(key), expected, shown(value), "Write a string in quotes.")
+            return ""
+        if choices and value not in choices:
+            self.problems.add(self.key(key), expected, shown(value), nearest(value, choices))
+        elif not value.strip() and default != "":
+            self.problems.add(self.key(key), expected, shown(value), "Write some text.")
+        return value
+
+    def number(
+        self,
+        key: str,
+        unit: str,
+        default: float | None = None,
+        *,
+        above: float | None = None,
+        at_least: float | None = None,
+        way_out: str = "",
+    ) -> float:
+        """Return one number, NaN where it is wrong."""
+        expected = _expected("a finite number", unit, above, at_least)
+        value = self.value(key, expected, default)
+        if value is None:
+            return math.nan
+        return self._checked(value, self.key(key), expected, above, at_least, False, way_out)
+
+    def numbers(
+        self,
+        key: str,
+        shape: tuple[int, ...],
+        unit: str,
+        default: npt.ArrayLike | None = None,
+        *,
+        scalar: bool = False,
+        above: float | None = None,
+        at_least: float | None = None,
+        infinite: bool = False,
+        way_out: str = "",
+    ) -> FloatArray:
+        """Return an array of numbers, NaN where they are wrong.
+
+        `scalar` allows one number for all entries, `infinite` allows plus infinity.
+        """
+        size = " x ".join(str(k) for k in shape)
+        words = f"{size} finite numbers" + (" or one for all" if scalar else "")
+        expected = _expected(words, unit, above, at_least)
+        value = self.value(key, expected, cast(Any, default))
+        if value is None:
+            return np.full(shape, math.nan)
+        one = _expected("a finite number", unit, above, at_least)
+        if scalar and as_number(value) is not None:
+            return np.full(
+                shape, self._checked(value, self.key(key), one, above, at_least, infinite, way_out)
+            )
+        found = shape_of(value)
+        if found != shape:
+            got = shown(value) if found is None else f"{' x '.join(str(k) for k in found) or 'one number'}"
+            rows = "" if len(shape) < 2 else " as a list of rows"
+            self.problems.add(self.key(key), expected, got, f"Write {size} numbers{rows}. {way_out}".strip())
+            return np.full(shape, math.nan)
+        result = np.empty(shape)
+        for index in np.ndindex(shape):
+            entry = value
+            for k in index:
+                entry = entry[k]
+            place = self.key(key) + "".join(f"[{k + 1}]" for k in index)
+            result[index] = self._checked(entry, place, one, above, at_least, infinite, way_out)
+        return result
+
+    def _checked(
+        self,
+        value: object,
+        place: str,
+        expected: str,
+        above: float | None,
+        at_least: float | None,
+        infinite: bool,
+        way_out: str,
+    ) -> float:
+        number = as_number(value)
+        if number is None:
+            self.problems.add(place, expected, shown(value), f"Write a number. {way_out}".strip())
+            return math.nan
+        finite = math.isfinite(number) or (infinite and number == math.inf)
+        low = (above is not None and not number > above) or (at_least is not None and not number >= at_least)
+        if not finite or low:
+            self.problems.add(place, expected, shown(value), way_out or "Correct the number.")
+            return math.nan
+        return number
+
+
+def _expected(words: str, unit: str, above: float | None, at_least: float | None) -> str:
+    bound = f" > {above:g}" if above is not None else f" >= {at_least:g}" if at_least is not None else ""
+    return f"{words}{bound}{' in ' + unit if unit else ''}"
+
+
+def shape_of(value: object) -> tuple[int, ...] | None:
+    """Return the shape of nested lists, () for what is no list, None where rows differ in shape."""
+    if not isinstance(value, list):
+        return ()
+    rows = cast("list[object]", value)
+    shapes = {shape_of(row) for row in rows}
+    if len(shapes) > 1 or None in shapes:
+        return None
+    inner = shapes.pop() if shapes else ()
+    return (len(rows), *cast("tuple[int, ...]", inner))

@@ -1,0 +1,179 @@
+"""The layout of a robot file: from its tables to a `Robot`, with every problem reported at once."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, cast
+
+import numpy as np
+
+from vdfmu.model.check import check_drive, check_friction, check_inertia, check_rotation
+from vdfmu.model.read import FloatArray, Problems, Table, nearest, shape_of, shown
+from vdfmu.model.robot import (
+    DRIVE_KEYS,
+    FRICTION_ARRANGEMENTS,
+    FRICTION_KEYS,
+    GEOMETRY_KEYS,
+    JOINT_FIELDS,
+    JOINT_TYPES,
+    LINK_KEYS,
+    Robot,
+    joint_free,
+    read_only,
+)
+
+ROBOT_KEYS = ("name", "description", "friction", "gravity", "tool_offset", "joints", "sources")
+JOINT_KEYS = ("type", *GEOMETRY_KEYS, "link", "drive", "friction")
+SOURCE_KEYS = (
+    "gravity",
+    "tool_offset",
+    *(f"joints.{key}" for key in GEOMETRY_KEYS),
+    *(f"joints.link.{key}" for key in LINK_KEYS),
+    *(f"joints.drive.{key}" for key in DRIVE_KEYS),
+    *(f"joints.friction.{key}" for key in FRICTION_KEYS),
+)
+# Key: (unit for a revolute joint, unit for a prismatic joint, bound, default, what is meant).
+_NUMBERS: dict[str, tuple[str, str, dict[str, float], float | None, str]] = {
+    "mass": ("kg", "kg", {"above": 0}, None, "Give the mass of the link."),
+    "ell": ("", "rad/m", {"at_least": 1}, None, "Give the rotor angle for one unit of joint motion."),
+    "I_m": ("kg.m2", "kg.m", {"above": 0}, None, "Give the rotor inertia times ell."),
+    "K_f0": ("N.m/rad", "N/m", {"above": 0}, None, "Give the flexspline stiffness, link side."),
+    "c_f": ("1/(N.m)", "1/N", {"above": 0}, None, "For a linear spring give a small value such as 1e-6."),
+    "K_w0": ("N.m/rad", "N.m/rad", {"above": 0}, None, "Give the wave generator stiffness, motor side."),
+    "c_w": ("1/(N.m)", "1/(N.m)", {"above": 0}, None, "For a linear spring give a small value such as 1e-3."),
+    "theta_err_amplitude": (
+        "rad",
+        "m",
+        {"at_least": 0},
+        0.0,
+        "Give 0 for none; shift the phase by pi for a sign.",
+    ),
+    "theta_err_phase": ("rad", "rad", {}, 0.0, ""),
+    "f_c": ("N.m", "N", {"at_least": 0}, None, "Friction coefficients are not negative."),
+    "f_s": ("N.m", "N", {"at_least": 0}, None, "Friction coefficients are not negative."),
+    "f_v": ("N.m.s/rad", "N.s/m", {"at_least": 0}, None, "Friction coefficients are not negative."),
+    "v_s": ("rad/s", "m/s", {"above": 0}, None, "For friction without the Stribeck effect set f_s = f_c."),
+    "f_ck": ("N.m", "N.m", {"at_least": 0}, None, "Friction coefficients are not negative."),
+    "eps": ("rad/s", "m/s", {"above": 0}, 1e-3, "It is the width of tanh(v/eps), which stands for sgn(v)."),
+}
+
+
+def robot_from_dict(data: Mapping[str, Any], where: str = "robot") -> Robot:
+    """Build a robot from the content of a robot file.
+
+    Parameters
+    ----------
+    data : mapping
+        The layout of a robot's TOML file; the inverse of `Robot.to_dict`.
+    where : str
+        What messages call the data.
+
+    Raises
+    ------
+    ModelError
+        With every problem found.
+    """
+    problems = Problems(where)
+    file = Table(problems, data, "", ROBOT_KEYS)
+    name = file.text("name")
+    description = file.text("description", "")
+    friction = file.text("friction", "lumped", FRICTION_ARRANGEMENTS)
+    gravity = file.numbers("gravity", (3,), "m/s2", way_out="Write +9.81 along the upward axis.")
+    tool_offset = file.numbers("tool_offset", (3,), "m", np.zeros(3).tolist())
+    sources = _sources(file)
+    joints = file.value("joints", "one table [[joints]] for each joint")
+    if joints is not None and (not isinstance(joints, list) or not joints):
+        got = shown(joints)
+        problems.add(
+            "joints",
+            "one table [[joints]] for each joint",
+            got,
+            "Write [[joints]] in double brackets, at least once.",
+        )
+        joints = None
+    read = [
+        _joint(problems, joint, f"joints[{i}]") for i, joint in enumerate(cast("list[Any]", joints or []), 1)
+    ]
+    problems.raise_any()
+    return Robot(
+        name=name,
+        description=description,
+        joint_types=tuple(cast(str, joint["type"]) for joint in read),
+        **{key: read_only([joint[key] for joint in read]) for key in JOINT_FIELDS},
+        gravity=read_only(gravity),
+        tool_offset=read_only(tool_offset),
+        friction=friction,
+        sources=sources,
+    )
+
+
+def check_robot(robot: Robot, where: str = "") -> Robot:
+    """Return the robot if it is physical, such as one from `Robot.with_parameters`.
+
+    Raises
+    ------
+    ModelError
+        With every problem found.
+    """
+    robot_from_dict(robot.to_dict(), where or f"robot {robot.name}")
+    return robot
+
+
+def _joint(problems: Problems, data: object, path: str) -> dict[str, Any]:
+    """Read one [[joints]] table: field of `Robot` to this joint's value."""
+    table = Table(problems, data, path, JOINT_KEYS)
+    joint: dict[str, Any] = {"type": table.text("type", choices=JOINT_TYPES)}
+    joint["rotation"] = table.numbers("rotation", (3, 3), "", way_out="Its columns are the axes of B_i.")
+    check_rotation(problems, table.key("rotation"), joint["rotation"])
+    joint["offset"] = table.numbers("offset", (3,), "m", way_out="It is the origin of B_i in B_(i-1).")
+    link = table.table("link", LINK_KEYS)
+    joint["centroid"] = link.numbers("centroid", (3,), "m", way_out="It is the centre of mass in B_i.")
+    joint["inertia"] = _inertia(link)
+    check_inertia(problems, link.key("inertia"), joint["inertia"])
+    drive = table.table("drive", DRIVE_KEYS)
+    friction = table.table("friction", FRICTION_KEYS)
+    linear = int(joint["type"] == "prismatic")
+    for key, (*units, bound, default, way_out) in _NUMBERS.items():
+        group = link if key in LINK_KEYS else drive if key in DRIVE_KEYS else friction
+        joint[key] = group.number(key, units[linear], default, **bound, way_out=way_out)
+    check_drive(problems, drive.path, joint["ell"], joint["theta_err_amplitude"])
+    check_friction(problems, friction.path, joint["f_c"], joint["f_s"])
+    return joint
+
+
+def _inertia(link: Table) -> FloatArray:
+    """Read an inertia as 3 x 3 matrix, from one number, three principal moments or the matrix itself."""
+    shape = shape_of(link.data.get("inertia"))
+    way_out = "One number (isotropic), 3 principal moments or a symmetric 3 x 3 matrix will do."
+    if shape == (3, 3):
+        return link.numbers("inertia", (3, 3), "kg.m2", way_out=way_out)
+    if shape != () or "inertia" not in link.data:
+        return np.diag(link.numbers("inertia", (3,), "kg.m2", way_out=way_out))
+    return link.number("inertia", "kg.m2", way_out=way_out) * np.eye(3)
+
+
+def _sources(file: Table) -> dict[str, str]:
+    """Read [sources], whose keys may be quoted or nested: "joints.link.mass" or joints.link.mass."""
+    found: dict[str, str] = {}
+
+    def walk(value: object, path: str) -> None:
+        if isinstance(value, dict):
+            for key, entry in cast("dict[str, object]", value).items():
+                walk(entry, f"{path}.{key}" if path else key)
+        elif not isinstance(value, str):
+            file.problems.add(f"sources.{path}", "a string", shown(value), "Say where the number is from.")
+        elif joint_free(path) not in SOURCE_KEYS:
+            file.problems.add(
+                f"sources.{path}", "a key of this file", "an unknown one", nearest(path, SOURCE_KEYS)
+            )
+        else:
+            found[path] = value
+
+    sources = file.value("sources", "a table", {})
+    if isinstance(sources, dict):
+        walk(cast(object, sources), "")
+    else:
+        file.problems.add(
+            "sources", "a table", shown(sources), "Its entries are: key = where its number is from."
+        )
+    return found

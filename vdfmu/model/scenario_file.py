@@ -1,0 +1,182 @@
+"""The layout of a scenario file: from its tables to a `Scenario`, with every problem noted."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from vdfmu.errors import ModelError
+from vdfmu.model.check import check_step
+from vdfmu.model.read import FloatArray, Problems, Table, as_number, shape_of, shown
+from vdfmu.model.robot import Array, Robot, read_only
+from vdfmu.model.robot_file import check_robot
+from vdfmu.model.scenario import (
+    FACTOR_FIELDS,
+    KINDS,
+    MASTERS,
+    MODES,
+    VELOCITIES,
+    Controller,
+    Feedforward,
+    Scenario,
+    Trajectory,
+    apply_factors,
+)
+
+SCENARIO_KEYS = (
+    "name",
+    "description",
+    "kind",
+    "robot",
+    "stop",
+    "step",
+    "master",
+    "tolerance",
+    "trajectory",
+    "feedforward",
+    "controller",
+    "plant_factors",
+    "paper",
+)
+PAPER_LISTS = (
+    "rms_position_error_deg",
+    "max_position_error_deg",
+    "rms_torque_compensation_error_nm",
+    "rms_torque_difference_nmm",
+)
+
+
+def read_scenario(problems: Problems, data: object, robot: Robot | None) -> Scenario | None:
+    """Read a scenario file's content.
+
+    Parameters
+    ----------
+    problems : Problems
+        Where problems are noted.
+    data : object
+        The content of the file.
+    robot : Robot or None
+        The nominal robot; None if it could not be loaded, which lets the rest be read all the same.
+
+    Returns
+    -------
+    Scenario or None
+        None if there are problems.
+    """
+    file = Table(problems, data, "", SCENARIO_KEYS)
+    n = robot.n if robot is not None else None
+    name = file.text("name")
+    description = file.text("description", "")
+    kind = file.text("kind", choices=KINDS)
+    robot_name = file.text("robot")
+    stop = file.number("stop", "s", above=0, way_out="Give the end of the run.")
+    step = file.number("step", "s", above=0, way_out="Give the communication step.")
+    check_step(problems, stop, step)
+    master = file.text("master", "gauss-seidel", MASTERS)
+    tolerance = file.number("tolerance", "", 1e-9, above=0, way_out="1e-9 is a good start.")
+    if tolerance >= 1:
+        problems.add("tolerance", "a relative tolerance < 1", shown(tolerance), "1e-9 is a good start.")
+    trajectory = _trajectory(file.table("trajectory", ("q_start", "q_end", "T", "t_start")), n)
+    open_loop = kind == "contrast"
+    feedforward = _feedforward(file, n, open_loop)
+    controller = _controller(file, n, open_loop)
+    factors = _factors(file.optional_table("plant_factors", FACTOR_FIELDS), n)
+    paper = _paper(file.optional_table("paper", ("source", *PAPER_LISTS)), n)
+    if robot is not None and not problems.lines:
+        try:
+            check_robot(apply_factors(robot, factors), f"{problems.where}: plant_factors: the plant")
+        except ModelError as error:
+            problems.lines.extend(error.problems)
+    if robot is None or problems.lines:
+        return None
+    return Scenario(
+        name=name,
+        description=description,
+        kind=kind,
+        robot=robot,
+        robot_name=robot_name,
+        stop=stop,
+        step=step,
+        master=master,
+        tolerance=tolerance,
+        trajectory=trajectory,
+        feedforward=feedforward,
+        controller=controller,
+        plant_factors=factors,
+        paper=paper,
+    )
+
+
+def _trajectory(table: Table, n: int | None) -> Trajectory:
+    return Trajectory(
+        q_start=_per_joint(table, "q_start", n, "rad, or m"),
+        q_end=_per_joint(table, "q_end", n, "rad, or m"),
+        T=table.number("T", "s", above=0, way_out="Give the duration of the motion."),
+        t_start=table.number("t_start", "s", 0.0, at_least=0),
+    )
+
+
+def _feedforward(file: Table, n: int | None, open_loop: bool) -> Feedforward:
+    """Read [feedforward]; without the closed loop it may be missing, and its gains are 0."""
+    if open_loop and "feedforward" not in file.data:
+        none = read_only(np.zeros(n or 1))
+        return Feedforward("inverse", none, none, none, none)
+    table = file.table("feedforward", ("mode", "Lambda", "K_V", "k_vq", "k_vkappa"))
+    return Feedforward(
+        mode=table.text("mode", "inverse", MODES),
+        Lambda=_per_joint(table, "Lambda", n, "1/s", at_least=0),
+        K_V=_per_joint(table, "K_V", n, "", at_least=0),
+        k_vq=_per_joint(table, "k_vq", n, "N.m.s/rad, motor side", at_least=0),
+        k_vkappa=_per_joint(table, "k_vkappa", n, "N.m.s/rad, motor side", at_least=0),
+    )
+
+
+def _controller(file: Table, n: int | None, open_loop: bool) -> Controller:
+    """Read [controller]; without the closed loop it may be missing, and its gains are 0."""
+    if open_loop and "controller" not in file.data:
+        none = read_only(np.zeros(n or 1))
+        return Controller(none, none, read_only(np.full(n or 1, math.inf)), "kappa_dot")
+    table = file.table("controller", ("K_p", "K_v", "tau_max", "velocity"))
+    return Controller(
+        K_p=_per_joint(table, "K_p", n, "N.m/rad, link side", at_least=0),
+        K_v=_per_joint(table, "K_v", n, "N.m.s/rad, link side", at_least=0),
+        tau_max=_per_joint(table, "tau_max", n, "N.m, motor side", math.inf, above=0, infinite=True),
+        velocity=table.text("velocity", "kappa_dot", VELOCITIES),
+    )
+
+
+def _per_joint(
+    table: Table, key: str, n: int | None, unit: str, default: float | None = None, **rules: Any
+) -> Array:
+    """Read one number for each joint, or one for all; of an unknown n, as many as there are."""
+    length = n or (shape_of(table.data.get(key)) or (1,))[0]
+    way_out = f"The robot has {n} joints." if n else ""
+    return read_only(table.numbers(key, (length,), unit, default, scalar=True, way_out=way_out, **rules))
+
+
+def _factors(table: Table, n: int | None) -> dict[str, Array | float]:
+    factors: dict[str, Array | float] = {}
+    for key, value in table.data.items():
+        if key not in FACTOR_FIELDS:
+            continue  # noted by the table
+        if as_number(value) is not None or key in ("gravity", "tool_offset"):
+            factors[key] = table.number(key, "", above=0, way_out="A factor of 1 changes nothing.")
+        else:
+            factors[key] = _per_joint(table, key, n, "", above=0)
+    return factors
+
+
+def _paper(table: Table, n: int | None) -> dict[str, Any]:
+    """Read [paper]: lists that start at joint 1 and may end before joint n."""
+    paper: dict[str, Any] = {}
+    for key, value in table.data.items():
+        if key == "source":
+            paper[key] = table.text("source")
+        elif key in PAPER_LISTS:
+            length = (shape_of(value) or (0,))[0]
+            most = n or length
+            numbers: FloatArray = table.numbers(key, (max(1, min(length, most)),), "", at_least=0)
+            paper[key] = numbers.tolist()
+    return paper

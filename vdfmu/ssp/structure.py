@@ -1,0 +1,178 @@
+"""The system as the master sees it: components, and connections from component to component."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+BASE_UNITS = ("kg", "m", "s", "A", "K", "mol", "cd", "rad")
+
+
+@dataclass(frozen=True)
+class Unit:
+    """A unit: ``value in base units = factor * value + offset``.
+
+    Attributes
+    ----------
+    name : str
+    exponents : tuple of int or None
+        Of `BASE_UNITS`; None where the unit has a name only.
+    factor, offset : float
+    """
+
+    name: str
+    exponents: tuple[int, ...] | None = None
+    factor: float = 1.0
+    offset: float = 0.0
+
+    def same_as(self, other: Unit) -> bool:
+        """Tell whether no conversion lies between two units."""
+        if self.exponents is None or other.exponents is None:
+            return self.name == other.name
+        return (self.exponents, self.factor, self.offset) == (other.exponents, other.factor, other.offset)
+
+    @property
+    def dimension(self) -> str:
+        """The base units in words, such as ``kg.m2/s2``."""
+        if self.exponents is None:
+            return "without definition"
+        pairs = list(zip(BASE_UNITS, self.exponents, strict=True))
+        above = ".".join(f"{b}{e if e > 1 else ''}" for b, e in pairs if e > 0) or "1"
+        below = "".join(f"/{b}{-e if e < -1 else ''}" for b, e in pairs if e < 0)
+        return above + below
+
+
+@dataclass(frozen=True)
+class Connector:
+    """A connector of a component as the SSD declares it; `type` is None when it does not say."""
+
+    name: str
+    kind: str
+    type: str | None = None
+    unit: str | None = None
+
+
+@dataclass(frozen=True)
+class Transformation:
+    """A transformation of SSP 1.0: ``linear`` (factor * x + offset), or a mapping of values."""
+
+    kind: str
+    factor: float = 1.0
+    offset: float = 0.0
+    table: Mapping[int, int] = field(default_factory=dict)
+
+    def __str__(self) -> str:
+        return f"{self.kind} transformation"
+
+
+@dataclass(frozen=True)
+class Hop:
+    """One connection of the SSD on the way of a flattened connection.
+
+    Attributes
+    ----------
+    transformation : Transformation or None
+    suppress_unit_conversion : bool
+    unit, type : str or None
+        What the connector at the end of the hop declares.
+    """
+
+    transformation: Transformation | None = None
+    suppress_unit_conversion: bool = False
+    unit: str | None = None
+    type: str | None = None
+
+
+@dataclass(frozen=True)
+class Connection:
+    """A connection from a component's connector to another component's, with the hops between them."""
+
+    start: tuple[str, str]
+    end: tuple[str, str]
+    hops: tuple[Hop, ...]
+
+    def __str__(self) -> str:
+        return f"{'.'.join(self.start)} -> {'.'.join(self.end)}"
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """A value that a parameter binding gives to a variable of a component.
+
+    Attributes
+    ----------
+    component, name : str
+    value : float, int, bool or str
+    type : str
+        ``Real``, ``Integer``, ``Boolean``, ``String`` or ``Enumeration``.
+    unit : Unit or None
+        The unit of the value.
+    hops : tuple of Hop
+        Mapping and connections the value passes; units are converted at each.
+    origin : str
+        The parameter set and the name in it, for messages.
+    optional : bool
+        True when the binding has a mapping that does not mention the name: then no such variable is no fault.
+    """
+
+    component: str
+    name: str
+    value: float | int | bool | str
+    type: str
+    unit: Unit | None
+    hops: tuple[Hop, ...]
+    origin: str
+    optional: bool = False
+
+
+@dataclass(frozen=True)
+class Component:
+    """A component; nested ones are named ``system.component``. `source` is the member of the package."""
+
+    name: str
+    source: str
+    implementation: str
+    connectors: Mapping[str, Connector]
+    parameters: tuple[Parameter, ...] = ()
+
+
+@dataclass(frozen=True)
+class System:
+    """A flattened system.
+
+    Attributes
+    ----------
+    path : Path
+        The package.
+    name : str
+    components : tuple of Component
+        In the order of the SSD.
+    connections : tuple of Connection
+        Component to component; nested systems and system connectors are resolved.
+    units : mapping of str to Unit
+        The unit definitions of the SSD.
+    start, stop : float or None
+        The default experiment [s].
+    problems : tuple of str
+        Faults of the wiring. `vdfmu.cosim.check` reports them together with those of the FMUs.
+    unmatched : tuple of str
+        Parameters of system-level bindings that name no element or connector.
+    """
+
+    path: Path
+    name: str
+    components: tuple[Component, ...]
+    connections: tuple[Connection, ...]
+    units: Mapping[str, Unit]
+    start: float | None
+    stop: float | None
+    problems: tuple[str, ...] = ()
+    unmatched: tuple[str, ...] = ()
+
+    def component(self, name: str) -> Component:
+        """Return a component by its name."""
+        for component in self.components:
+            if component.name == name:
+                return component
+        raise KeyError(name)

@@ -1,0 +1,113 @@
+"""The connections of an SSD as a graph of connectors, and their flattening."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+from vdfmu.ssp.archive import NAMESPACES
+from vdfmu.ssp.elements import Node, read_boolean, read_transformation
+from vdfmu.ssp.structure import Connection, Hop
+
+Key = tuple[tuple[str, ...], str]
+
+
+class Wiring:
+    """All connectors of a system tree and the connections between them.
+
+    The words start and end of an SSD do not say where data flows to: the kinds of the connectors do. Inside
+    a system, an output of an element and an input of the system itself are sources; an input of an element
+    and an output of the system are sinks; the same for calculated parameters and parameters.
+    """
+
+    def __init__(self, top: Node) -> None:
+        self.problems: list[str] = []
+        self.kinds: dict[Key, str] = {}
+        """"component", "system" or "dictionary" of every connector."""
+        self.forward: dict[Key, list[tuple[Key, Hop]]] = {}
+        self._source_of: dict[Key, Key] = {}
+        self._add(top)
+
+    def _add(self, node: Node) -> None:
+        for name in node.connectors:
+            self.kinds[node.path, name] = node.kind
+        for child in node.children.values():
+            self._add(child)
+        for item in node.element.iterfind("ssd:Connections/ssd:Connection", NAMESPACES):
+            self._connect(node, item)
+
+    def _end(self, node: Node, element: str | None, connector: str, where: str) -> tuple[Node, str] | None:
+        """Return the node and role ("source", "sink" or "any") of one end, or None with a problem noted."""
+        owner = node if element is None else node.children.get(element)
+        if owner is None:
+            self.problems.append(f"{where}: there is no element {node.dotted(str(element))!r}")
+            return None
+        if connector not in owner.connectors:
+            self.problems.append(
+                f"{where}: {owner.label or 'the system'} declares no connector {connector!r}"
+            )
+            return None
+        kind = owner.connectors[connector].kind
+        if kind == "inout":
+            return owner, "any"
+        into = kind in {"input", "parameter"}
+        return owner, "sink" if into != (owner is node) else "source"
+
+    def _connect(self, node: Node, item: Any) -> None:
+        names = [(item.get(f"{e}Element"), item.get(f"{e}Connector")) for e in ("start", "end")]
+        text = " -> ".join(".".join(p for p in (*node.path, *pair) if p) for pair in names)
+        where = f"connection {text}"
+        ends = [self._end(node, element, connector, where) for element, connector in names]
+        if ends[0] is None or ends[1] is None:
+            return
+        (first, role), (second, other) = ends[0], ends[1]
+        if role == "sink" or other == "source":
+            first, second, role, other = second, first, other, role
+            names.reverse()
+        if role == "sink" or other == "source":
+            kinds = " and ".join(
+                f"{owner.connectors[name].kind} {owner.dotted(name)}"
+                for owner, (_, name) in ((first, names[0]), (second, names[1]))
+            )
+            self.problems.append(f"{where}: direction error, it joins {kinds}")
+            return
+        source, sink = (first.path, names[0][1]), (second.path, names[1][1])
+        if sink in self._source_of:
+            self.problems.append(
+                f"{where}: duplicate source, {show(sink)} is already fed by {show(self._source_of[sink])}"
+            )
+            return
+        self._source_of[sink] = source
+        target = second.connectors[names[1][1]]
+        hop = Hop(
+            read_transformation(item),
+            read_boolean(item.get("suppressUnitConversion")),
+            target.unit,
+            target.type,
+        )
+        self.forward.setdefault(source, []).append((sink, hop))
+
+    def reach(self, key: Key) -> Iterator[tuple[Key, tuple[Hop, ...]]]:
+        """Yield every component connector fed from `key`, with the hops on the way."""
+        stack: list[tuple[Key, tuple[Hop, ...], frozenset[Key]]] = [(key, (), frozenset([key]))]
+        while stack:
+            here, hops, seen = stack.pop()
+            for sink, hop in self.forward.get(here, ()):
+                if self.kinds[sink] == "component":
+                    yield sink, (*hops, hop)
+                elif sink in seen:
+                    self.problems.append(f"{show(sink)} is connected to itself through system connectors")
+                else:
+                    stack.append((sink, (*hops, hop), seen | {sink}))
+
+    def flatten(self) -> Iterator[Connection]:
+        """Yield the connections from component to component."""
+        for key in list(self.forward):
+            if self.kinds[key] == "component":
+                for sink, hops in self.reach(key):
+                    yield Connection((".".join(key[0]), key[1]), (".".join(sink[0]), sink[1]), hops)
+
+
+def show(key: Key) -> str:
+    """Return the dotted name of a connector."""
+    return ".".join((*key[0], key[1]))
