@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 from pythonfmu.builder import FmuBuilder
 
-# Names of variables, kinds and dependencies come from SPEC; BODY has calc(), called to compute the outputs from the
-# inputs in initialization mode, and do_step().
+# Variables and dependencies come from SPEC. The body has do_step(), and calc(), which computes the outputs
+# from the inputs in initialization mode.
 TEMPLATE = """
 import json
 from xml.etree.ElementTree import Element, SubElement
@@ -28,11 +28,13 @@ class {name}(Fmi2Slave):
         self.initializing = True
         for v in SPEC["variables"]:
             setattr(self, "_" + v["name"], v["start"])
-            discrete = v["kind"] != "Real" and v["causality"] != "parameter"
-            variability = "tunable" if v["causality"] == "parameter" else "discrete" if discrete else "continuous"
+            variability = "continuous" if v["kind"] == "Real" else "discrete"
+            if v["causality"].lower().endswith("parameter"):
+                variability = "tunable"
             self.register_variable(KINDS[v["kind"]](
                 v["name"], causality=Fmi2Causality[v["causality"]], variability=Fmi2Variability[variability],
-                getter=lambda n="_" + v["name"]: self.read(n), setter=lambda x, n="_" + v["name"]: setattr(self, n, x)))
+                getter=lambda n="_" + v["name"]: self.read(n),
+                setter=lambda x, n="_" + v["name"]: setattr(self, n, x)))
 
     def read(self, name):
         if self.initializing:
@@ -149,21 +151,33 @@ def fmus(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
         {"bo": ["bi"], "io": ["ii"]},
     )  # fmt: skip
     add(
+        "Derived",
+        [
+            variable("k", "parameter", start=1.0),
+            variable("twice", "calculatedParameter"),
+            variable("y", "output"),
+        ],
+        "def calc(self):\n    self._twice = 2 * self._k\n" + step,
+        {},
+    )
+    add(
         "Counter",
         [variable("n", "output", "Integer", 0), variable("odd", "output", "Boolean", False),
          variable("word", "parameter", "String", "none"), variable("told", "output", "String", "")],
-        "def calc(self):\n    self._told = self._word\n"
+        "def calc(self):\n    self._told = self._word\n    self._odd = self._word == 'gr\u00fcn'\n"
         "def do_step(self, t, h):\n    self._n += 1\n    self._odd = self._n % 2 == 1\n    return True\n",
         {},
     )  # fmt: skip
     add(
-        "Fragile",  # mode 0: exception, 1: returns False, 2: warning only, 3: exception in initialization mode
-        [variable("y", "output"), variable("at", "parameter", start=1e9), variable("mode", "parameter", "Integer", 0)],
+        "Fragile",  # mode 0: exception, 1: returns False, 2: only warns, 3: exception in initialization mode
+        [variable("y", "output"), variable("at", "parameter", start=1e9),
+         variable("mode", "parameter", "Integer", 0)],
         "def calc(self):\n    pass\n"
-        "def exit_initialization_mode(self):\n    if self._mode == 3:\n        raise ValueError('no start possible')\n"
+        "def exit_initialization_mode(self):\n    self.initializing = False\n"
+        "    if self._mode == 3:\n        raise ValueError('no start possible')\n"
         "def do_step(self, t, h):\n"
         "    if t >= self._at - 1e-9:\n"
-        "        if self._mode == 0:\n            raise ValueError('state q[3] is not finite: 100 %s')\n"
+        "        if self._mode == 0:\n            raise ValueError('q[3] is not finite: 100 %s')\n"
         "        self.log('the load is 50 %s of nominal', Fmi2Status.warning)\n"
         "        if self._mode == 1:\n            return False\n"
         "    self._y = t + h\n    return True\n",
@@ -174,7 +188,8 @@ def fmus(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
         [variable("y", "output", start=0.0, unit="deg"), variable("mm", "output", start=0.0, unit="mm"),
          variable("degC", "output", start=0.0, unit="degC")],
         "def calc(self):\n    pass\n"
-        "def do_step(self, t, h):\n    self._y += 90.0\n    self._mm += 1500.0\n    self._degC += 10.0\n    return True\n",
+        "def do_step(self, t, h):\n    self._y += 90.0\n    self._mm += 1500.0\n    self._degC += 10.0\n"
+        "    return True\n",
         {},
         units={
             "deg": {"rad": "1", "factor": "0.017453292519943295"},
@@ -184,7 +199,8 @@ def fmus(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     )  # fmt: skip
     add(
         "Radians",
-        [variable("u", "input", unit="rad"), variable("m", "input", unit="m"), variable("K", "input", unit="K"),
+        [variable("u", "input", unit="rad"), variable("m", "input", unit="m"),
+         variable("K", "input", unit="K"),
          variable("width", "parameter", start=1.0, unit="m"), variable("y", "output", unit="m")],
         "def calc(self):\n    self._y = self._width\ndef do_step(self, t, h):\n    return True\n",
         {},
@@ -198,7 +214,8 @@ SSD = """<?xml version="1.0" encoding="UTF-8"?>
   xmlns:ssc="http://ssp-standard.org/SSP1/SystemStructureCommon"
   xmlns:ssv="http://ssp-standard.org/SSP1/SystemStructureParameterValues"
   xmlns:ssm="http://ssp-standard.org/SSP1/SystemStructureParameterMapping" version="1.0" name="test">
-  <ssd:System name="root">{connectors}{bindings}<ssd:Elements>{elements}</ssd:Elements>{connections}</ssd:System>
+  <ssd:System name="root">{connectors}{bindings}
+  <ssd:Elements>{elements}</ssd:Elements>{connections}</ssd:System>
   {units}<ssd:DefaultExperiment startTime="0" stopTime="1"/>
 </ssd:SystemStructureDescription>"""
 
@@ -234,8 +251,8 @@ def values(inner: str, mapping: str = "", attributes: str = "") -> str:
     """Return a binding with inline values."""
     return (
         f"<ssd:ParameterBindings><ssd:ParameterBinding {attributes}><ssd:ParameterValues>"
-        f'<ssv:ParameterSet version="1.0" name="set"><ssv:Parameters>{inner}</ssv:Parameters></ssv:ParameterSet>'
-        f"</ssd:ParameterValues>{mapping}</ssd:ParameterBinding></ssd:ParameterBindings>"
+        f'<ssv:ParameterSet version="1.0" name="set"><ssv:Parameters>{inner}</ssv:Parameters>'
+        f"</ssv:ParameterSet></ssd:ParameterValues>{mapping}</ssd:ParameterBinding></ssd:ParameterBindings>"
     )
 
 
@@ -255,6 +272,7 @@ def pack(tmp_path: Path, fmus: dict[str, Path]) -> Callable[..., Path]:
         connectors: str = "",
         bindings: str = "",
         units: str = "",
+        dictionaries: str = "",
         extra: Mapping[str, str | bytes] | None = None,
         name: str = "test.ssp",
     ) -> Path:
@@ -263,7 +281,8 @@ def pack(tmp_path: Path, fmus: dict[str, Path]) -> Callable[..., Path]:
             connectors=connector_list(connectors),
             bindings=bindings,
             elements="".join(elements),
-            connections=f"<ssd:Connections>{''.join(items)}</ssd:Connections>" if items else "",
+            connections=(f"<ssd:Connections>{''.join(items)}</ssd:Connections>" if items else "")
+            + dictionaries,
             units=f"<ssd:Units>{units}</ssd:Units>" if units else "",
         )
         path = tmp_path / name

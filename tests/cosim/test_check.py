@@ -48,17 +48,19 @@ def test_several_faults_at_once(pack, xml):
         r"deg\.mm -> rad\.u: unit mismatch, 'mm' \(m\) to 'rad' \(rad\)",
         r"p: parameter 'kk' \(set: kk\): .* has no such variable; did you mean k",
         r"p: parameter 'y' \(set: y\): is not settable: causality output",
-        r"algebraic loop during initialization and in the steps: a\.\w -> b\.\w -> b\.\w -> a\.\w -> a\.\w"
-        r"|algebraic loop .*: b\.\w -> b\.\w -> a\.\w -> a\.\w -> b\.\w",
+        r"algebraic loop during initialization and in the steps: a\.y -> b\.a -> b\.y -> a\.u -> a\.y",
     )
 
 
 def test_a_loop_of_units_without_declared_dependencies_says_so(pack, xml):
     c = xml.component
     path = pack(
-        [c("a", "Stock", "u:input y:output"), c("b", "Stock", "u:input y:output")], ["a.y -> b.u", "b.y -> a.u"]
+        [c("a", "Stock", "u:input y:output"), c("b", "Stock", "u:input y:output")],
+        ["a.y -> b.u", "b.y -> a.u"],
     )
-    expect(problems(path), r"a\.u -> a\.y -> b\.u.*Note: a, b declares no dependencies")
+    expect(
+        problems(path), r"a\.y -> b\.u -> b\.y -> a\.u -> a\.y\. Note: no dependencies are declared by a, b"
+    )
 
 
 def test_units_that_must_each_step_first_are_named_and_jacobi_runs_them(pack, xml):
@@ -68,7 +70,10 @@ def test_units_that_must_each_step_first_are_named_and_jacobi_runs_them(pack, xm
          c("two", "Crossed", "a:input b:input y:output z:output"), c("source", "Ramp", "y:output")],
         ["source.y -> one.a", "one.y -> two.a", "two.y -> one.b"],
     )  # fmt: skip
-    expect(problems(path), r"gauss-seidel cannot order one, two: .*one\.y -> two\.a; two\.y -> one\.b\); use jacobi")
+    expect(
+        problems(path),
+        r"gauss-seidel cannot order one, two: .*one\.y -> two\.a; two\.y -> one\.b\); use jacobi",
+    )
     results = simulate(path, stop=4.0, step=1.0, algorithm="jacobi")
     assert results["one.z"].tolist() == [2, 2, 2, 2, 3]
 
@@ -88,6 +93,14 @@ def test_connectors_are_held_against_the_fmu(pack, xml):
     )
 
 
+def test_a_calculated_parameter_feeds_no_input(pack, xml):
+    c = xml.component
+    path = pack(
+        [c("a", "Derived", "twice:calculatedParameter"), c("b", "Gain", "u:input")], ["a.twice -> b.u"]
+    )
+    expect(problems(path), r"a\.twice -> b\.u: direction error, it joins calculatedParameter and input")
+
+
 def test_unconnected_inputs_are_notes_and_errors_when_strict(pack, xml):
     bound = xml.component("b", "Gain", "u:input", xml.values(xml.real("u", 3.0)))
     path = pack([xml.component("a", "Plant", "u:input y:output"), bound], ["a.y -> a.u"])
@@ -103,7 +116,8 @@ def test_unconnected_inputs_are_notes_and_errors_when_strict(pack, xml):
 def test_unmatched_parameters_can_be_ignored(pack, xml):
     path = pack([xml.component("a", "Gain", "", xml.values(xml.real("other", 1.0)))])
     expect(problems(path), "a: parameter 'other' .* has no such variable")
-    assert "has no such variable" in check_system(load_ssp(path), ignore_unmatched=True).notes[0]
+    notes = check_system(load_ssp(path), ignore_unmatched=True).notes
+    assert any("parameter 'other'" in note for note in notes)
 
 
 def test_parameters_of_a_wrong_type(pack, xml):
@@ -132,7 +146,7 @@ def edit_fmu(fmu, **changes) -> bytes:
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"replace": [(b'fmiVersion="2.0"', b'fmiVersion="3.0"')]}, "is an FMU of FMI 3.0; the master runs FMI 2.0"),
+        ({"replace": [(b'fmiVersion="2.0"', b'fmiVersion="3.0"')]}, "is an FMU of FMI 3.0"),
         ({"drop": "binaries/"}, "has no binary for this platform .*; it has none"),
         ({"replace": [(b"<fmiModelDescription", b'<!DOCTYPE x [<!ENTITY e "x">]><fmiModelDescription')]},
          "document type declaration"),

@@ -18,6 +18,7 @@ Value = float | int | bool | str
 
 _CAUSALITY = {"input": "input", "output": "output", "parameter": "parameter",
               "calculatedParameter": "calculatedParameter"}  # fmt: skip
+_PAIRS = {("output", "input"), ("calculatedParameter", "parameter")}
 
 
 @dataclass(frozen=True)
@@ -221,6 +222,11 @@ class _Checker:
                 continue
             if source.type == "String":
                 self.problems.append(f"{where}: connections of type String are not supported")
+                continue
+            if (source.causality, sink.causality) not in _PAIRS:
+                self.problems.append(
+                    f"{where}: direction error, it joins {source.causality} and {sink.causality}"
+                )
                 continue
             if sink.causality == "parameter" and not (sink.settable and sink.variability != "constant"):
                 self.problems.append(f"{where}: parameter {'.'.join(connection.end)} is not settable")

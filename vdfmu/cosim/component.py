@@ -140,7 +140,6 @@ class Slave:
         self._corrupt = corrupt
         self._functions: dict[str, Any] = {}
         self._token = next(_tokens)
-        _boxes[self._token] = (name, box)
         try:
             self._fmu = fmi2.FMU2Slave(
                 guid=description.guid,
@@ -163,6 +162,7 @@ class Slave:
 
     def instantiate(self) -> None:
         """Create the instance, with messages switched on."""
+        _boxes[self._token] = (self.name, self.box)
         try:
             self._fmu.instantiate(callbacks=self._callbacks, loggingOn=True)
         except Exception as error:

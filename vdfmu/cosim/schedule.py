@@ -153,7 +153,7 @@ def _loop_message(cycle: Sequence[Port], where: str, descriptions: Mapping[str, 
     )
     text = f"algebraic loop {where}: {' -> '.join('.'.join(port) for port in cycle)}"
     if silent:
-        text += f". Note: {', '.join(silent)} declares no dependencies, so all its inputs count"
+        text += f". Note: no dependencies are declared by {', '.join(silent)}, so all inputs count"
     return text
 
 

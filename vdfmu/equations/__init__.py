@@ -4,7 +4,7 @@ Every function is generic in dtype: on float arrays it is the readable reference
 (:mod:`vdfmu.kernel.symbol`) the same lines trace into fast code, and on object arrays of jets
 (:mod:`vdfmu.equations.jet`) they give time derivatives. Nothing here imports FMI, CasADi or a solver.
 
-Conventions: the linear part of a 6-vector comes first; ``U_AB`` maps a force from {B} to {A} and its transpose a
-velocity from {A} to {B}, so letters that touch match (``V_B = U_AB.T @ V_A``). ``robot`` is a
+Conventions: the linear part of a 6-vector comes first; ``U_AB`` maps a force from {B} to {A} and its
+transpose a velocity from {A} to {B}, so letters that touch match (``V_B = U_AB.T @ V_A``). ``robot`` is a
 :class:`vdfmu.model.Robot`; its fields may be floats or symbols.
 """

@@ -1,9 +1,10 @@
 """Gaussian elimination in plain numpy, generic in dtype.
 
-``numpy.linalg`` knows floats only. The elimination here takes its pivots on the diagonal, in order, and does not swap
-rows: it is meant for matrices where that is safe (mass matrices are positive definite; a Rosenbrock matrix
-``I/(h gamma) - J`` tends to a multiple of the identity as the step h shrinks, and a bad pivot shows up in the step's
-own error estimate). Structural zeros are skipped, so that a trace of it has the length of a sparse elimination.
+``numpy.linalg`` knows floats only. The elimination here takes its pivots on the diagonal, in order, and does
+not swap rows: it is meant for matrices where that is safe (mass matrices are positive definite; a Rosenbrock
+matrix ``I/(h gamma) - J`` tends to a multiple of the identity as the step h shrinks, and a bad pivot shows up
+in the step's own error estimate). Structural zeros are skipped, so that a trace of it has the length of a
+sparse elimination.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Feedforward torque in two modes: the exact inverse of the plant, and virtual decomposition control (12)-(28), (48)-(53)."""
+"""Feedforward torque: exact inverse of the plant, and virtual decomposition control (12)-(28), (48)-(53)."""
 
 from __future__ import annotations
 
@@ -6,8 +6,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from vdfmu.equations.friction import joint_friction
 from vdfmu.equations.flexible_joint import rotor_position
+from vdfmu.equations.friction import joint_friction
 from vdfmu.equations.inverse_dynamics import inverse_dynamics, joint_torques
 from vdfmu.equations.jet import derivative, jets
 from vdfmu.equations.kinematics import gravity_in_links, joint_transforms
@@ -15,7 +15,14 @@ from vdfmu.equations.rigid_body import coriolis_matrix, gravity_force, mass_matr
 from vdfmu.equations.spatial import cross_motion, joint_axis
 from vdfmu.equations.trajectory import Desired
 
-__all__ = ["Gains", "Torques", "desired_drive_motion", "feedforward_inverse", "feedforward_vdc", "printed_motor_torque"]
+__all__ = [
+    "Gains",
+    "Torques",
+    "desired_drive_motion",
+    "feedforward_inverse",
+    "feedforward_vdc",
+    "printed_motor_torque",
+]
 
 
 class Torques(NamedTuple):
@@ -26,7 +33,7 @@ class Torques(NamedTuple):
 
 
 class Gains(NamedTuple):
-    """Gains of the required velocities (12), net forces (15)-(17), (50) and drive torques (26)-(27), each (n,).
+    """Gains of required velocities (12), net forces (15)-(17), (50) and drive torques (26)-(27), each (n,).
 
     Lambda [1/s]; K_V, the multiple of the unit matrix that stands for the gain matrix K_B of link i; k_vq
     [N m s/rad, motor-side]; k_vkappa [N m s/rad, motor-side].
@@ -48,10 +55,10 @@ class DriveMotion(NamedTuple):
 
 
 def desired_drive_motion(robot: Any, desired: Desired) -> DriveMotion:
-    """What springs and rotors must do while the links follow the desired motion exactly.
+    """Return what springs and rotors must do while the links follow the desired motion exactly.
 
-    ``tau_s = ID(q_d, ..) + xi_l`` and ``kappa = q_d + D(tau_s) + theta_err``; the two derivatives of kappa come from
-    running these lines on jets, which takes q_d up to its fourth derivative.
+    ``tau_s = ID(q_d, ..) + xi_l`` and ``kappa = q_d + D(tau_s) + theta_err``; the two derivatives of kappa
+    come from running these lines on jets, which takes q_d up to its fourth derivative.
     """
     q_d, q_d_dot, q_d_ddot, q_d_dddot, q_d_ddddot = desired
     q = jets(q_d, q_d_dot, q_d_ddot)
@@ -66,7 +73,8 @@ def desired_drive_motion(robot: Any, desired: Desired) -> DriveMotion:
 def feedforward_inverse(robot: Any, desired: Desired) -> Torques:
     """Exact inverse of the plant along the desired motion: ``tau_m = I_m kappa_ddot + tau_s / ell + xi_m``.
 
-    This is (27) with zero velocity error and ``tau_t = tau_s / ell``; see :func:`printed_motor_torque` for (28).
+    This is (27) with zero velocity error and ``tau_t = tau_s / ell``; see :func:`printed_motor_torque` for
+    (28).
 
     Parameters
     ----------
@@ -83,11 +91,12 @@ def feedforward_vdc(
 ) -> Torques:
     """Feedforward of virtual decomposition control, from required velocities and measured motion.
 
-    Deviations: (15)-(17) and (50) are read as ``F*_r = M V_r_dot + C(omega) V_r + G + K (V_r - V)``, with the required
-    acceleration, as virtual decomposition control has it. The paper leaves kappa_dot_r open: here it is q_dot_r plus
-    the rate of the drive's deformation along the desired motion. Friction is evaluated at the desired velocities: at
-    measured or required ones its slope around standstill, f_s / eps, is a feedback gain that no sampled loop stands.
-    The rotor moves in pure rotation (56), and the masses of joint base and output link belong to the links (Table 1).
+    Deviations: (15)-(17) and (50) are read as ``F*_r = M V_r_dot + C(omega) V_r + G + K (V_r - V)``, with the
+    required acceleration, as virtual decomposition control has it. The paper leaves kappa_dot_r open: here it
+    is q_dot_r plus the rate of the drive's deformation along the desired motion. Friction is evaluated at the
+    desired velocities: at measured or required ones its slope around standstill, f_s / eps, is a feedback
+    gain that no sampled loop stands. The rotor moves in pure rotation (56), and the masses of joint base and
+    output link belong to the links (Table 1).
 
     Parameters
     ----------
@@ -142,6 +151,7 @@ def feedforward_vdc(
 def printed_motor_torque(tau: Any, tau_f: Any) -> Any:
     """Motor torque as Eq. (28) is printed, ``tau + tau_f``, kept to document it: nothing else calls it.
 
-    It adds the link-side tau_f to the motor-side tau, and tau of (27) already holds the spring torque as tau_t.
+    It adds the link-side tau_f to the motor-side tau, and tau of (27) already holds the spring torque as
+    tau_t.
     """
     return tau + tau_f

@@ -9,7 +9,14 @@ import numpy as np
 from vdfmu.equations.harmonic_drive import deformation, deformation_derivative, kinematic_error
 from vdfmu.equations.spatial import joint_axis
 
-__all__ = ["joint_forces", "output_velocity", "rotor_acceleration", "rotor_position", "rotor_velocity", "spring_rate"]
+__all__ = [
+    "joint_forces",
+    "output_velocity",
+    "rotor_acceleration",
+    "rotor_position",
+    "rotor_velocity",
+    "spring_rate",
+]
 
 _z_tau = joint_axis("revolute")
 
@@ -32,9 +39,14 @@ def output_velocity(V_B: np.ndarray, U_BT: np.ndarray, q_dot: Any) -> np.ndarray
 
 
 def joint_forces(
-    F_T: np.ndarray, F_T_star: np.ndarray, F_D_star: np.ndarray, F_B_star: np.ndarray, U_BT: np.ndarray, U_BD: np.ndarray
+    F_T: np.ndarray,
+    F_T_star: np.ndarray,
+    F_D_star: np.ndarray,
+    F_B_star: np.ndarray,
+    U_BT: np.ndarray,
+    U_BD: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Forces inside the joint and on its base, Eq. (9)-(11), for net forces from (6)-(8).
+    """Return the forces inside the joint and on its base, Eq. (9)-(11), for net forces from (6)-(8).
 
     Parameters
     ----------
@@ -54,7 +66,7 @@ def joint_forces(
 
 
 def rotor_acceleration(robot: Any, tau: Any, tau_s: Any, xi_m: Any) -> Any:
-    """Acceleration of the rotors in pure rotation, (10) with (56): ``I_m kappa_ddot = tau - tau_s / ell - xi_m``.
+    """Acceleration of the rotors, (10) with (56): ``I_m kappa_ddot = tau - tau_s / ell - xi_m``.
 
     Parameters
     ----------
@@ -86,8 +98,8 @@ def spring_rate(robot: Any, kappa: Any, kappa_dot: Any, q_dot: Any, tau_s: Any) 
 def rotor_position(robot: Any, q: Any, tau_s: Any) -> Any:
     """Rotor position kappa from ``kappa = q + D(tau_s) + theta_err(kappa)`` : (n,) [rad or m].
 
-    theta_err is a contraction (``2 ell A < 1/2`` is checked on loading): Newton's method from q + D squares the error,
-    at most 1/2 A, at every pass; four passes end below rounding.
+    theta_err is a contraction (``2 ell A < 1/2`` is checked on loading): Newton's method from q + D squares
+    the error, at most 1/2 A, at every pass; four passes end below rounding.
     """
     free = q + deformation(robot, tau_s)
     kappa = free

@@ -1,4 +1,4 @@
-"""Forward dynamics of the rigid links: the articulated recursion, and the paper's route by mapping matrices."""
+"""Forward dynamics of the rigid links: articulated recursion, and the paper's route by mapping matrices."""
 
 from __future__ import annotations
 
@@ -22,8 +22,9 @@ def forward_dynamics(
 ) -> np.ndarray:
     """Joint accelerations of the rigid arm by the articulated recursion. The cost is O(n).
 
-    The recursion eliminates V_B_dot from (44)-(47) link by link, from the end effector to the base: what hangs on link
-    i acts on it like one body with mass matrix M_A and force p_A (Featherstone 2008, table 7.1, in the paper's notation).
+    The recursion eliminates V_B_dot from (44)-(47) link by link, from the end effector to the base: what
+    hangs on link i acts on it like one body with mass matrix M_A and force p_A (Featherstone 2008, table 7.1,
+    in the paper's notation).
 
     Parameters
     ----------
@@ -81,9 +82,9 @@ def forward_dynamics(
 def forward_dynamics_by_mapping(
     robot: Any, q: np.ndarray, q_dot: np.ndarray, tau: np.ndarray, F_e: np.ndarray | None = None
 ) -> np.ndarray:
-    """Joint accelerations by the mapping matrices (37)-(43): ``M q_ddot = tau - ID(q, q_dot, 0)``. The cost is O(n^3).
+    """Joint accelerations by the mapping matrices (37)-(43): ``M q_ddot = tau - ID(q, q_dot, 0)``.
 
-    Parameters and result as in :func:`forward_dynamics`, with which it agrees to rounding.
+    The cost is O(n^3). Parameters and result as in :func:`forward_dynamics`; the two agree to rounding.
     """
     M = joint_space_mass_matrix(robot, q)
     bias = inverse_dynamics(robot, q, q_dot, np.zeros(robot.n), F_e)

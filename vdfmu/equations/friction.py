@@ -12,8 +12,8 @@ __all__ = ["coulomb_friction", "joint_friction", "stribeck_friction"]
 def stribeck_friction(robot: Any, velocity: Any) -> Any:
     """Coulomb, Stribeck and viscous friction xi, Eq. (54): (n,) [N m or N], link-side.
 
-    Deviations: sgn(v) is regularised as tanh(v / eps), so that the plant is an ordinary differential equation and
-    sticking is a slow creep below eps; f_v is in N m s/rad, where Table 2 prints kg m/s.
+    Deviations: sgn(v) is regularised as tanh(v / eps), so that the plant is an ordinary differential equation
+    and sticking is a slow creep below eps; f_v is in N m s/rad, where Table 2 prints kg m/s.
 
     Parameters
     ----------
@@ -24,7 +24,10 @@ def stribeck_friction(robot: Any, velocity: Any) -> Any:
 
 
 def coulomb_friction(robot: Any, kappa_dot: Any) -> Any:
-    """Coulomb friction of the rotor, Eq. (55): (n,) [N m], motor-side. Deviation: (55) is printed without its sign."""
+    """Coulomb friction of the rotor, Eq. (55): (n,) [N m], motor-side.
+
+    Deviation: (55) is printed without its sign.
+    """
     return robot.f_ck * np.tanh(kappa_dot / robot.eps)
 
 
@@ -32,9 +35,9 @@ def joint_friction(robot: Any, q_dot: Any, kappa_dot: Any) -> tuple[Any, Any]:
     """Friction on the link and on the rotor in the robot's arrangement.
 
     ``lumped`` (default, "typically identified as one item"): (54) acts on the rotor, f_ck is omitted.
-    ``split`` (the paper's simulation text): (54) acts on the link, (55) on the rotor. It self-excites: the falling
-    Stribeck branch has a slope down to -17 N m s/rad on wrist axes of 0.002 kg m2, which no feedback through the spring
-    damps.
+    ``split`` (the paper's simulation text): (54) acts on the link, (55) on the rotor. It self-excites: the
+    falling Stribeck branch has a slope down to -17 N m s/rad on wrist axes of 0.002 kg m2, which no feedback
+    through the spring damps.
 
     Returns
     -------

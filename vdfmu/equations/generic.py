@@ -1,8 +1,8 @@
 """Elementwise functions that numpy cannot dispatch to objects by itself.
 
-``np.sin`` and its like call the method ``sin`` of every element of an object array. The functions here have no such
-method dispatch in numpy (they compare, which a symbol must refuse), so they call the element's own method by name and
-fall back to numpy on floats.
+``np.sin`` and its like call the method ``sin`` of every element of an object array. The functions here have
+no such method dispatch in numpy (they compare, which a symbol must refuse), so they call the element's own
+method by name and fall back to numpy on floats.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ _sgn = _by_method("sgn", lambda x: np.copysign(1.0, x))
 
 
 def sgn(x: Any) -> Any:
-    """Sign of every element, -1 or 1; at zero it is that of the zero, so that sgn(x) * f(|x|) keeps its slope there."""
+    """Sign of every element, -1 or 1; that of the zero at zero, so that sgn(x) * f(|x|) keeps its slope."""
     return _sgn(x)
 
 
@@ -52,7 +52,7 @@ def _clip_one(x: Any, low: Any, high: Any) -> Any:
 
 
 def piecewise_hold(s: Any) -> tuple[Any, Any]:
-    """Split a scalar `s` into its value limited to [0, 1] and a factor that is 1 inside that interval and 0 outside."""
+    """Return a scalar `s` limited to [0, 1], and a factor that is 1 inside that interval and 0 outside."""
     if hasattr(s, "hold_unit_interval"):
         return s.hold_unit_interval()
     return min(max(s, 0.0), 1.0), 1.0 if 0.0 <= s <= 1.0 else 0.0

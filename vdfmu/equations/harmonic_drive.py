@@ -1,4 +1,4 @@
-"""Harmonic drive: positions (1), torque estimation (2)-(3), and its inverse, the deformation D as a function of torque."""
+"""Harmonic drive: positions (1), torque estimation (2)-(3), and its inverse, the deformation D(torque)."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ __all__ = [
 def wave_generator_position(theta_c: Any, theta_f: Any, ell: Any) -> Any:
     """Position of the wave generator, ``theta_w = (ell + 1) theta_c - ell theta_f``, Eq. (1).
 
-    With the circular spline fixed the ratio is -ell, with the flexspline fixed ell + 1. Deviation: everywhere else the
-    paper takes the ratio as +ell, and so do the other functions here.
+    With the circular spline fixed the ratio is -ell, with the flexspline fixed ell + 1. Deviation: everywhere
+    else the paper takes the ratio as +ell, and so do the other functions here.
 
     Parameters
     ----------
@@ -34,14 +34,15 @@ def wave_generator_position(theta_c: Any, theta_f: Any, ell: Any) -> Any:
 
 
 def wave_generator_deformation(tau_w: Any, robot: Any) -> Any:
-    """Link-side deformation of the wave generator under the motor-side torque `tau_w` [N m], second term of (3)."""
+    """Link-side deformation of the wave generator, second term of (3), under motor-side `tau_w` [N m]."""
     return sgn(tau_w) / (robot.c_w * robot.ell * robot.K_w0) * -np.expm1(-robot.c_w * abs(tau_w))
 
 
 def kinematic_error(robot: Any, kappa: Any) -> Any:
     """Kinematic error theta_err of (3), ``A sin(2 ell kappa + phase)`` : (n,) [rad or m], link-side.
 
-    The paper does not say what theta_err is. Two periods per turn of the wave generator are what harmonic drives show.
+    The paper does not say what theta_err is. Two periods per turn of the wave generator are what harmonic
+    drives show.
     """
     return robot.theta_err_amplitude * np.sin(2.0 * robot.ell * kappa + robot.theta_err_phase)
 
@@ -64,15 +65,18 @@ def estimate_torque(robot: Any, delta_theta: Any, tau_w: Any, theta_err: Any = 0
     ValueError
         Where the flexspline deformation reaches pi / (2 c_f K_f0), the pole of the tangent in (2).
     """
-    delta_theta_f = np.asarray(delta_theta - wave_generator_deformation(tau_w, robot) - theta_err, dtype=float)
+    delta_theta_f = np.asarray(
+        delta_theta - wave_generator_deformation(tau_w, robot) - theta_err, dtype=float
+    )
     angle = delta_theta_f * robot.c_f * robot.K_f0
     outside = np.abs(angle) >= np.pi / 2.0
     if np.any(outside):
         i = int(np.argmax(outside))
         limit = float((np.pi / 2.0 / (robot.c_f * robot.K_f0))[i])
         raise ValueError(
-            f"joint {i + 1}: flexspline deformation {float(delta_theta_f[i]):.6g} lies outside the domain of Eq. (2), "
-            f"(-{limit:.6g}, {limit:.6g}). The measured deformation and motor torque do not belong together."
+            f"joint {i + 1}: flexspline deformation {float(delta_theta_f[i]):.6g} lies outside the domain of "
+            f"Eq. (2), (-{limit:.6g}, {limit:.6g}). "
+            "The measured deformation and motor torque do not belong together."
         )
     return np.tan(angle) / robot.c_f
 

@@ -15,7 +15,7 @@ __all__ = ["inverse_dynamics", "joint_torques", "link_forces", "tool_transform"]
 
 
 def tool_transform(robot: Any) -> np.ndarray:
-    """Force transformation from the end-effector frame {O} to {B_n}. It is the identity for the paper's arm."""
+    """Force transformation from the end-effector frame {O} to {B_n}, the identity for the paper's arm."""
     return force_transform(np.eye(3), robot.tool_offset)
 
 
@@ -24,7 +24,7 @@ def link_forces(robot: Any, motion: Motion, F_e: np.ndarray | None = None) -> li
 
     Parameters
     ----------
-    F_e : (6,) [N, N m] wrench that the arm exerts on its surroundings, in {O} ({B_6} in the paper); None is zero.
+    F_e : (6,) [N, N m] wrench of the arm on its surroundings, in {O} ({B_6} in the paper); None is 0.
 
     Returns
     -------

@@ -1,8 +1,8 @@
 """Time derivatives by jets: a scalar that carries its value and its first two time derivatives.
 
-The exact inverse of the flexible plant needs two time derivatives of the rigid inverse dynamics. Run on arrays of jets,
-the same lines of :mod:`vdfmu.equations.inverse_dynamics` give them without a second formula. Coefficients are floats or
-symbols, so a jet traces as well.
+The exact inverse of the flexible plant needs two time derivatives of the rigid inverse dynamics. Run on
+arrays of jets, the same lines of :mod:`vdfmu.equations.inverse_dynamics` give them without a second formula.
+Coefficients are floats or symbols, so a jet traces as well.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ __all__ = ["Jet", "derivative", "jets"]
 
 
 class Jet:
-    """Value and first two time derivatives of a scalar, with the arithmetic of the product and chain rules."""
+    """Value and first two time derivatives of a scalar, with arithmetic by the product and chain rules."""
 
     __slots__ = ("x", "x_dot", "x_ddot")
 
@@ -76,41 +76,48 @@ class Jet:
         return Jet(f, df * self.x_dot, df * self.x_ddot + ddf * self.x_dot**2)
 
     def sgn(self) -> Any:
+        """Sign, that of the zero at zero; its derivatives are 0."""
         return Jet(sgn(self.x))
 
     def sin(self) -> Jet:
+        """Sine."""
         s, c = np.sin(self.x), np.cos(self.x)
         return self._chain(s, c, -s)
 
     def cos(self) -> Jet:
+        """Cosine."""
         s, c = np.sin(self.x), np.cos(self.x)
         return self._chain(c, -s, -c)
 
     def exp(self) -> Jet:
+        """Exponential."""
         e = np.exp(self.x)
         return self._chain(e, e, e)
 
     def expm1(self) -> Jet:
+        """Exponential minus 1."""
         e = np.exp(self.x)
         return self._chain(np.expm1(self.x), e, e)
 
     def tanh(self) -> Jet:
+        """Hyperbolic tangent."""
         t = np.tanh(self.x)
         d = 1.0 - t * t
         return self._chain(t, d, -2.0 * t * d)
 
     def arctan(self) -> Jet:
+        """Inverse tangent."""
         d = 1.0 / (1.0 + self.x**2)
         return self._chain(np.arctan(self.x), d, -2.0 * self.x * d * d)
 
 
-def jets(x: Any, x_dot: Any, x_ddot: Any) -> np.ndarray:
+def jets(x: Any, x_dot: Any, x_ddot: Any) -> Any:
     """Array of jets from arrays of values and derivatives of one shape."""
     return np.frompyfunc(Jet, 3, 1)(x, x_dot, x_ddot)
 
 
 def derivative(x: Any, order: int) -> np.ndarray:
-    """Value (order 0), first or second time derivative of an array of jets; numbers among them are constants."""
+    """Value (order 0), first or second time derivative of an array of jets; numbers in it are constants."""
     name = ("x", "x_dot", "x_ddot")[order]
 
     def one(jet: Any) -> Any:

@@ -8,11 +8,18 @@ import numpy as np
 
 from vdfmu.equations.spatial import cross_motion, force_transform, joint_axis, rotation_z
 
-__all__ = ["Motion", "end_effector_pose", "gravity_in_links", "joint_rotation", "joint_transforms", "link_motion"]
+__all__ = [
+    "Motion",
+    "end_effector_pose",
+    "gravity_in_links",
+    "joint_rotation",
+    "joint_transforms",
+    "link_motion",
+]
 
 
 class Motion(NamedTuple):
-    """Motion of all links: U_AB[i] from {B_(i-1)} to {B_i}, V_B[i] (29)-(31) and its derivative V_B_dot[i]."""
+    """Motion of all links: force transformations U_AB[i] (32), velocities V_B[i] (29)-(31) and V_B_dot[i]."""
 
     U_AB: list[np.ndarray]
     V_B: list[np.ndarray]
@@ -22,8 +29,9 @@ class Motion(NamedTuple):
 def joint_rotation(robot: Any, i: int, q_i: Any) -> np.ndarray:
     """Rotation of {B_i} in {T_i}, the upper left block of Eq. (34)-(36).
 
-    Deviation: the paper labels these matrices with "I"; they are relative to the previous link, in {T_i}. {T_i} is
-    {B_(i-1)} moved to the joint without turning, so its z axis is not the axis of joint i as the paper says.
+    Deviation: the paper labels these matrices with "I"; they are relative to the previous link, in {T_i}.
+    {T_i} is {B_(i-1)} moved to the joint without turning, so its z axis is not the axis of joint i as the
+    paper says.
     """
     if robot.joint_types[i] == "prismatic":
         return robot.rotation[i]

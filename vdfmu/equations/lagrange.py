@@ -1,7 +1,8 @@
 """The Lagrangian formulation: mass matrix, Christoffel symbols, gravity torques, for contrast with (44)-(47).
 
-Everything is expressed in {I}. The Christoffel symbols need the derivative of every entry of every link's Jacobian with
-respect to every joint: the cost grows with the fourth power of n, the growth that the paper's introduction names.
+Everything is expressed in {I}. The Christoffel symbols need the derivative of every entry of every link's
+Jacobian with respect to every joint: the cost grows with the fourth power of n, the growth that the paper's
+introduction names.
 """
 
 from __future__ import annotations
@@ -72,10 +73,11 @@ def lagrange_mass_matrix(robot: Any, q: np.ndarray) -> np.ndarray:
 
 
 def mass_matrix_derivative(robot: Any, q: np.ndarray) -> np.ndarray:
-    """Derivative dM[i, j, k] = d M[i, j] / d q[k], (n, n, n).
+    """Return the derivative dM[i, j, k] = d M[i, j] / d q[k], (n, n, n).
 
     A rotation of joint k turns everything beyond it: an axis z_j (j > k) changes by z_k x z_j, a point p by
-    z_k x (p - p_k), an inertia I by (z_k x) I - I (z_k x); a translation moves points by z_k and turns nothing.
+    z_k x (p - p_k), an inertia I by (z_k x) I - I (z_k x); a translation moves points by z_k and turns
+    nothing.
     """
     n = robot.n
     axes, origins, centres, inertias = _geometry(robot, q)
@@ -117,7 +119,7 @@ def christoffel_symbols(robot: Any, q: np.ndarray) -> np.ndarray:
 
 
 def lagrange_inverse_dynamics(robot: Any, q: np.ndarray, q_dot: np.ndarray, q_ddot: np.ndarray) -> np.ndarray:
-    """Joint torques ``M q_ddot + c(q_dot, q_dot) + G`` of the rigid arm, (n,), link-side. The cost is O(n^4)."""
+    """Joint torques ``M q_ddot + c(q_dot, q_dot) + G``, (n,), link-side. The cost is O(n^4)."""
     n = robot.n
     M = lagrange_mass_matrix(robot, q)
     coriolis = (christoffel_symbols(robot, q).reshape(n * n, n) @ q_dot).reshape(n, n) @ q_dot

@@ -12,11 +12,17 @@ from vdfmu.equations.kinematics import joint_transforms
 from vdfmu.equations.rigid_body import mass_matrix as body_mass_matrix
 from vdfmu.equations.spatial import joint_axis
 
-__all__ = ["extended_jacobian", "jacobian", "joint_space_jacobian", "joint_space_mass_matrix", "velocity_mapping"]
+__all__ = [
+    "extended_jacobian",
+    "jacobian",
+    "joint_space_jacobian",
+    "joint_space_mass_matrix",
+    "velocity_mapping",
+]
 
 
 def velocity_mapping(robot: Any, q: np.ndarray) -> np.ndarray:
-    """Mapping J_ba from joint velocities to the generalized velocity V_b = [V_O, V_B1, .., V_Bn], Eq. (40)-(41).
+    """Return the mapping J_ba from joint velocities to ``V_b = [V_O, V_B1, .., V_Bn]``, Eq. (40)-(41).
 
     Deviation: the paper gives its size as 72 x 6; it is 6 (n + 1) x n, 42 x 6 for six joints.
 
@@ -55,20 +61,22 @@ def joint_space_jacobian(robot: Any, q: np.ndarray) -> np.ndarray:
     Raises
     ------
     numpy.linalg.LinAlgError
-        Where J_q is singular, as it is at q_5 = 0, a point that trajectory (57) starts from: (39) does not exist there.
+        Where J_q is singular, as it is at q_5 = 0, where trajectory (57) starts: (39) does not exist there.
     ValueError
         If the arm does not have six joints.
     """
     J_q = jacobian(robot, q)
     if J_q.shape != (6, 6):
-        raise ValueError(f"Eq. (39) needs a square Jacobian, so six joints; robot {robot.name!r} has {robot.n}.")
+        raise ValueError(
+            f"Eq. (39) needs a square Jacobian, so six joints; robot {robot.name!r} has {robot.n}."
+        )
     if np.linalg.cond(J_q) > 1.0 / np.finfo(float).eps:
         raise np.linalg.LinAlgError("J_q is singular: Eq. (39) has no solution at this position.")
     return np.linalg.inv(J_q)
 
 
 def extended_jacobian(robot: Any, q: np.ndarray) -> np.ndarray:
-    """Extended Jacobian J_e of Eq. (42)-(43): ``[V_O, q_dot, V_B1, .., V_B6] = J_e @ V_O``, (48, 6) for six joints."""
+    """Return the extended Jacobian of (42)-(43): ``[V_O, q_dot, V_B1, .., V_B6] = J_e @ V_O``, (48, 6)."""
     J_a = joint_space_jacobian(robot, q)
     J_ba = velocity_mapping(robot, q)
     return np.vstack([J_ba[:6], np.eye(6), J_ba[6:]]) @ J_a

@@ -1,7 +1,7 @@
-"""The classic Newton-Euler recursion in 3-vectors, the formulation that the paper compares with (section IV-A).
+"""The classic Newton-Euler recursion in 3-vectors, which the paper compares with in section IV-A.
 
-Written from the text-book recursion (Luh, Walker and Paul 1980), not from the paper's 6-vectors: it shares no line with
-:mod:`vdfmu.equations.inverse_dynamics`, so that agreement of the two means something.
+Written from the text-book recursion (Luh, Walker and Paul 1980), not from the paper's 6-vectors: it shares no
+line with :mod:`vdfmu.equations.inverse_dynamics`, so that agreement of the two means something.
 """
 
 from __future__ import annotations
@@ -32,7 +32,8 @@ def newton_euler(
     n = robot.n
     rotations, arms, forces, moments = [], [], [], []
 
-    # forward: angular velocity w, angular acceleration dw, acceleration a of the frame origin, all in the link frame
+    # forward: angular velocity w, angular acceleration dw, acceleration a of the frame origin, all in the
+    # link frame
     w, dw, a = np.zeros(3), np.zeros(3), np.asarray(robot.gravity)
     for i in range(n):
         prismatic = robot.joint_types[i] == "prismatic"

@@ -16,11 +16,15 @@ class Command(NamedTuple):
     tau_e: Any
 
 
-def pd_control(K_p: Any, K_v: Any, ell: Any, tau_max: Any, q_d: Any, q_d_dot: Any, q: Any, velocity: Any, tau_m: Any):
-    """Feedforward plus feedback, ``tau = tau_m + tau_e / ell`` with ``tau_e = K_v (q_d_dot - v) + K_p (q_d - q)``.
+def pd_control(
+    K_p: Any, K_v: Any, ell: Any, tau_max: Any, q_d: Any, q_d_dot: Any, q: Any, velocity: Any, tau_m: Any
+) -> Command:
+    """Feedforward plus feedback, Eq. (58) and Fig. 9.
 
-    Eq. (58) and Fig. 9. Deviation: the paper's derivative is that of the link position, v = q_dot. With elastic joints
-    that is non-collocated and unstable at useful gains; v = kappa_dot (the rotor's, collocated) is the default.
+    ``tau = tau_m + tau_e / ell`` with ``tau_e = K_v (q_d_dot - v) + K_p (q_d - q)``.
+
+    Deviation: the paper's derivative is that of the link position, v = q_dot. With elastic joints that is
+    non-collocated and unstable at useful gains; v = kappa_dot (the rotor's, collocated) is the default.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""The plant: links, drives and friction as one ordinary differential equation, Eq. (4)-(11), (29)-(47), (54)-(56)."""
+"""The plant: links, drives and friction as one differential equation, Eq. (4)-(11), (29)-(47), (54)-(56)."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ __all__ = ["Outputs", "State", "equilibrium_torque", "plant_derivative", "plant_
 
 
 class State(NamedTuple):
-    """State of the plant, each (n,): link positions and velocities, rotor velocities, spring torques (link-side)."""
+    """State of the plant, each (n,): link positions, link and rotor velocities, link-side spring torques."""
 
     q: Any
     q_dot: Any
@@ -71,10 +71,10 @@ def equilibrium_torque(robot: Any, q: np.ndarray) -> np.ndarray:
 
 
 def plant_outputs(robot: Any, x: np.ndarray) -> Outputs:
-    """Outputs of the plant. They depend on its state alone: the plant has no direct feed-through.
+    """Return the outputs of the plant. They depend on its state alone: the plant has no direct feed-through.
 
-    The rotor's kinetic energy is ``J_r (ell kappa_dot)^2 / 2 = I_m ell kappa_dot^2 / 2``, as ``I_m = J_r ell``. The
-    potential energy is zero with all centres of mass at the height of the origin of {I}.
+    The rotor's kinetic energy is ``J_r (ell kappa_dot)^2 / 2 = I_m ell kappa_dot^2 / 2``, as ``I_m = J_r
+    ell``. The potential energy is zero with all centres of mass at the height of the origin of {I}.
     """
     q, q_dot, kappa_dot, tau_s = split_state(x)
     motion = link_motion(robot, q, q_dot, np.zeros(robot.n))
@@ -89,7 +89,9 @@ def plant_outputs(robot: Any, x: np.ndarray) -> Outputs:
         p = p + R @ _translation(U_AB)
         R = R @ U_AB[:3, :3]
         E_pot = E_pot + robot.mass[i] * (robot.gravity @ (p + R @ robot.centroid[i]))
-    return Outputs(rotor_position(robot, q, tau_s), p_O, R_O, E_kin, E_pot, np.sum(spring_energy(robot, tau_s)))
+    return Outputs(
+        rotor_position(robot, q, tau_s), p_O, R_O, E_kin, E_pot, np.sum(spring_energy(robot, tau_s))
+    )
 
 
 def _translation(U_AB: np.ndarray) -> np.ndarray:

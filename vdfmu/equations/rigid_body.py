@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from vdfmu.equations.generic import zeros
@@ -10,15 +12,15 @@ from vdfmu.equations.spatial import skew
 __all__ = ["coriolis_matrix", "gravity_force", "mass_matrix", "net_force"]
 
 
-def mass_matrix(m_B, r_B: np.ndarray, I_B: np.ndarray) -> np.ndarray:
+def mass_matrix(m_B: Any, r_B: np.ndarray, I_B: np.ndarray) -> np.ndarray:
     """Mass matrix M_B, Eq. (60).
 
     Parameters
     ----------
     m_B : float [kg]
     r_B : (3,) [m] centre of mass in {B}
-    I_B : (3, 3) [kg m2] inertia about the centre of mass, axes of {B}. The paper says "expressed in {B}" only; the
-        term -m (r x)^2 of (60) is right for this reading.
+    I_B : (3, 3) [kg m2] inertia about the centre of mass, axes of {B}. The paper says
+        "expressed in {B}" only; the term -m (r x)^2 of (60) is right for this reading.
     """
     r_cross = skew(r_B)
     M_B = zeros((6, 6), m_B, r_B, I_B)
@@ -29,7 +31,7 @@ def mass_matrix(m_B, r_B: np.ndarray, I_B: np.ndarray) -> np.ndarray:
     return M_B
 
 
-def coriolis_matrix(m_B, r_B: np.ndarray, I_B: np.ndarray, omega_B: np.ndarray) -> np.ndarray:
+def coriolis_matrix(m_B: Any, r_B: np.ndarray, I_B: np.ndarray, omega_B: np.ndarray) -> np.ndarray:
     """Matrix of centrifugal and Coriolis terms C_B(omega_B), Eq. (61). It is skew-symmetric.
 
     Parameters
@@ -46,7 +48,7 @@ def coriolis_matrix(m_B, r_B: np.ndarray, I_B: np.ndarray, omega_B: np.ndarray) 
     return C_B
 
 
-def gravity_force(m_B, r_B: np.ndarray, g_B: np.ndarray) -> np.ndarray:
+def gravity_force(m_B: Any, r_B: np.ndarray, g_B: np.ndarray) -> np.ndarray:
     """Force that holds the body against gravity, G_B, Eq. (62).
 
     Parameters
@@ -57,7 +59,9 @@ def gravity_force(m_B, r_B: np.ndarray, g_B: np.ndarray) -> np.ndarray:
     return np.concatenate([m_B * g_B, m_B * (skew(r_B) @ g_B)])
 
 
-def net_force(m_B, r_B: np.ndarray, I_B: np.ndarray, g_B: np.ndarray, V_B: np.ndarray, V_B_dot: np.ndarray) -> np.ndarray:
+def net_force(
+    m_B: Any, r_B: np.ndarray, I_B: np.ndarray, g_B: np.ndarray, V_B: np.ndarray, V_B_dot: np.ndarray
+) -> np.ndarray:
     """Net force and torque of a body, F*_B = M_B V_B_dot + C_B V_B + G_B, Eq. (59) (also (6)-(8), (47)).
 
     Parameters

@@ -1,4 +1,4 @@
-"""From equations to fast functions: symbolic trace, cache, calls through prepared buffers, and the plant's solver."""
+"""From equations to fast functions: symbolic trace, cache, prepared buffers, and the plant's solver."""
 
 from vdfmu.kernel.functions import Kernel, KernelFunction
 from vdfmu.kernel.integrator import Integrator

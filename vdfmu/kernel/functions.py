@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import sys
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import casadi as ca
@@ -37,26 +37,40 @@ def cache_folder() -> Path:
 class KernelFunction:
     """A traced function with buffers for its arguments and results.
 
-    For speed, write into `args[name]`, call :meth:`run`, read `results[name]`; nothing is allocated. Calling the object
-    does the same with a check of shapes and copies of the results.
+    For speed, write into `args[name]`, call :meth:`run`, read `results[name]`; nothing is allocated. Calling
+    the object does the same with a check of shapes and copies of the results.
+
+    Parameters
+    ----------
+    function : casadi.Function
+    buffers : mapping of str to numpy.ndarray, optional
+        Memory of the caller for some arguments or results, contiguous float arrays of the right length: the
+        function reads and writes there without a copy.
 
     Attributes
     ----------
     args, results : dict of str to numpy.ndarray
-        Float arrays, (m,), owned by this object; matrices are laid out column by column.
+        Float arrays, (m,); matrices are laid out column by column.
     """
 
-    def __init__(self, function: ca.Function) -> None:
+    def __init__(
+        self, function: ca.Function, buffers: Mapping[str, npt.NDArray[np.float64]] | None = None
+    ) -> None:
         self.function = function
-        self.args = {name: np.zeros(function.numel_in(name)) for name in function.name_in()}
-        self.results = {name: np.zeros(function.numel_out(name)) for name in function.name_out()}
+        given = buffers or {}
+        self.args = {name: _buffer(given, name, function.numel_in(name)) for name in function.name_in()}
+        self.results = {name: _buffer(given, name, function.numel_out(name)) for name in function.name_out()}
         self._buffer, self.run = function.buffer()
+        # casadi's stub asks for a size that the wrapper takes from the memory
         for i, array in enumerate(self.args.values()):
-            self._buffer.set_arg(i, memoryview(array))
+            self._buffer.set_arg(i, memoryview(array.data))  # pyright: ignore[reportCallIssue]
         for i, array in enumerate(self.results.values()):
-            self._buffer.set_res(i, memoryview(array))
+            self._buffer.set_res(i, memoryview(array.data))  # pyright: ignore[reportCallIssue]
 
-    def __call__(self, *arguments: npt.ArrayLike) -> npt.NDArray[np.float64] | tuple[npt.NDArray[np.float64], ...]:
+    def __call__(
+        self, *arguments: npt.ArrayLike
+    ) -> npt.NDArray[np.float64] | tuple[npt.NDArray[np.float64], ...]:
+        """Run on `arguments`, in the order of `args`; return a copy of each result."""
         if len(arguments) != len(self.args):
             raise KernelError(
                 f"{self.function.name()}: expected {len(self.args)} arguments ({', '.join(self.args)}), "
@@ -72,6 +86,15 @@ class KernelFunction:
         self.run()
         results = tuple(array.copy() for array in self.results.values())
         return results[0] if len(results) == 1 else results
+
+
+def _buffer(given: Mapping[str, npt.NDArray[np.float64]], name: str, size: int) -> npt.NDArray[np.float64]:
+    array = given.get(name)
+    if array is None:
+        return np.zeros(size)
+    if array.shape != (size,) or array.dtype != np.float64 or not array.flags.c_contiguous:
+        raise KernelError(f"buffer of {name}: expected a contiguous float array of shape ({size},).")
+    return array
 
 
 class Kernel:
@@ -98,7 +121,7 @@ class Kernel:
         if self._cache is None:
             return trace(name, self.robot)
         path = self._cache / self._key / f"{name}.casadi"
-        if path.is_file():
+        if os.path.isfile(path):  # unlike Path.is_file, False in a folder that may not be searched
             try:
                 return ca.Function.load(str(path))
             except RuntimeError:  # an unreadable file is traced anew and replaced
@@ -107,12 +130,21 @@ class Kernel:
         _store(function, path)
         return function
 
-    def function(self, name: str) -> KernelFunction:
-        """A function with buffers of its own, so that two users of one kernel do not meet."""
-        return KernelFunction(self.casadi_function(name))
+    def function(self, name: str, **buffers: npt.NDArray[np.float64]) -> KernelFunction:
+        """Return a function with buffers of its own, so that two users of one kernel do not meet.
 
-    def rows(self, name: str, arguments: Sequence[npt.ArrayLike], sizes: Sequence[int]) -> npt.NDArray[np.float64]:
-        """Call a function of one result for arrays (m,) or batches (k, m); the parameters are this robot's."""
+        Parameters
+        ----------
+        name : str
+        **buffers : (m,) arrays
+            Memory of the caller for some arguments or results, see :class:`KernelFunction`.
+        """
+        return KernelFunction(self.casadi_function(name), buffers)
+
+    def rows(
+        self, name: str, arguments: Sequence[npt.ArrayLike], sizes: Sequence[int]
+    ) -> npt.NDArray[np.float64]:
+        """Call a function of one result for arrays (m,) or batches (k, m), with this robot's parameters."""
         call = self.function(name)
         names = list(call.args)[: len(sizes)]
         arrays = [_checked(name, a, v, size) for a, v, size in zip(names, arguments, sizes, strict=True)]
@@ -141,7 +173,9 @@ def _checked(function: str, name: str, value: npt.ArrayLike, size: int) -> npt.N
     try:
         array = np.asarray(value, dtype=float)
     except (TypeError, ValueError) as error:
-        raise KernelError(f"{function}: {name}: expected numbers of shape ({size},) or (m, {size}): {error}") from error
+        raise KernelError(
+            f"{function}: {name}: expected numbers of shape ({size},) or (m, {size}): {error}"
+        ) from error
     if array.ndim not in (1, 2) or array.shape[-1] != size:
         raise KernelError(f"{function}: {name}: expected shape ({size},) or (m, {size}), got {array.shape}.")
     if not np.all(np.isfinite(array)):
@@ -151,7 +185,7 @@ def _checked(function: str, name: str, value: npt.ArrayLike, size: int) -> npt.N
 
 
 def _store(function: ca.Function, path: Path) -> None:
-    """Write to a temporary name and rename, so that two processes never read half a file; a full disk only costs time."""
+    """Write to a temporary name and rename: nobody reads half a file. A full disk only costs time."""
     temporary = None
     try:
         path.parent.mkdir(parents=True, exist_ok=True)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
+import numpy.typing as npt
 
 from vdfmu.errors import KernelError
 from vdfmu.kernel.functions import Kernel
@@ -25,9 +26,15 @@ def state_name(i: int, n: int) -> str:
 class Integrator:
     """State of the plant and the solver that moves it.
 
-    The local error of every internal step is kept below `tolerance` times (1 SI unit + the state's magnitude), in the
-    root mean square over all states. Everything that decides the next step is in `x` and `h`: a copy of the two
-    restores the solver to the bit.
+    The local error of every internal step is kept below `tolerance` times (1 SI unit + the state's
+    magnitude), in the root mean square over all states. Everything that decides the next step is in `x` and
+    `h`: a copy of the two restores the solver to the bit.
+
+    Parameters
+    ----------
+    kernel : Kernel
+    **buffers : (m,) arrays
+        Memory of the caller for `x`, `tau`, `F_e`, `p` or `tolerance`, used in place.
 
     Attributes
     ----------
@@ -39,9 +46,9 @@ class Integrator:
     steps, rejected : int, internal steps made and rejected since the start
     """
 
-    def __init__(self, kernel: Kernel) -> None:
+    def __init__(self, kernel: Kernel, **buffers: npt.NDArray[np.float64]) -> None:
         self._n = kernel.robot.n
-        self._step = kernel.function("plant_step")
+        self._step = kernel.function("plant_step", **buffers)
         args, results = self._step.args, self._step.results
         self._x_start = args["x"]
         self.tau, self.F_e, self.p = args["tau"], args["F_e"], args["p"]
@@ -72,8 +79,8 @@ class Integrator:
         Raises
         ------
         KernelError
-            If the tolerance cannot be met at the smallest step, or the state is no longer finite. The message names
-            time and state component; the state is then that before the call.
+            If the tolerance cannot be met at the smallest step, or the state is no longer finite. The message
+            names time and state component; the state is then that before the call.
         """
         x, x_new, norm, step = self._x_start, self._x_new, self._norm, self._step.run
         before, h_before = x.copy(), self.h
@@ -94,7 +101,8 @@ class Integrator:
                 self.steps += 1
                 done = duration if last else done + h
                 x[:] = x_new
-                # a step cut short by the communication point says little about the next one: it never shrinks h
+                # a step cut short by the communication point says little about the next one: it never shrinks
+                # h
                 grown = h * min(_GROW, max(factor, _SHRINK))
                 self.h = max(grown, self.h) if last and h < self.h else grown
             else:

@@ -1,15 +1,16 @@
-"""One step of Rodas4, a Rosenbrock method of order 4 with an embedded method of order 3, L-stable and stiffly accurate.
+"""One step of Rodas4, an L-stable, stiffly accurate Rosenbrock method of order 4 with error estimate.
 
-Hairer and Wanner, Solving Ordinary Differential Equations II, 2nd ed. 1996, section VI.4. The step is traced like the
-equations, with its Jacobian, its elimination and its six stages, so that one call makes one step.
+Hairer and Wanner, Solving Ordinary Differential Equations II, 2nd ed. 1996, section VI.4. The step is traced
+like the equations, with its Jacobian, its elimination and its six stages, so that one call makes one step.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 
 import casadi as ca
 import numpy as np
+import numpy.typing as npt
 
 from vdfmu.equations.elimination import factorize, solve
 from vdfmu.kernel.symbol import from_sx, to_sx
@@ -18,7 +19,8 @@ __all__ = ["ORDER", "rodas_step"]
 
 ORDER = 4
 GAMMA = 0.25
-# Coefficients in the transformed variables u_i of the book: a_ij of the stage values, c_ij of the stage equations.
+# Coefficients in the transformed variables u_i of the book: a_ij of the stage values, c_ij of the stage
+# equations.
 A = (
     (),
     (1.544,),
@@ -38,7 +40,7 @@ C = (
 
 
 def rodas_step(
-    f: Callable[[ca.SX], ca.SX], x: ca.SX, h: ca.SX, E: ca.SX, EJ: ca.SX, order: Sequence[int]
+    f: Callable[[ca.SX], ca.SX], x: ca.SX, h: ca.SX, E: ca.SX, EJ: ca.SX, order: npt.NDArray[np.int_]
 ) -> tuple[ca.SX, ca.SX]:
     """Trace one step of the autonomous system ``x_dot = f(x)``.
 
@@ -47,8 +49,9 @@ def rodas_step(
     f : right-hand side, expression to expression
     x : (m, 1) state at the start of the step
     h : (1, 1) step [s]
-    E, EJ : (m, m) an invertible matrix and its product with the Jacobian ``J = df/dx``. The stage equations are
-        multiplied by E; where E holds a mass matrix, ``E J`` is cheaper than J and needs no inverse.
+    E, EJ : (m, m) an invertible matrix and its product with the Jacobian ``J = df/dx``. The stage
+        equations are multiplied by E; where E holds a mass matrix, ``E J`` is cheaper than J and needs no
+        inverse.
     order : elimination order of the m unknowns; it decides the fill-in, not the result
 
     Returns
@@ -56,16 +59,17 @@ def rodas_step(
     x_new : (m, 1) state at the end, local error O(h^5)
     error : (m, 1) difference to the embedded solution of order 3
     """
-    permutation = np.asarray(order)
     zero = ca.SX(*x.shape)
     W = from_sx(ca.densify(E / (h * GAMMA) - EJ))
-    LU = factorize(W[np.ix_(permutation, permutation)])
+    LU = factorize(W[np.ix_(order, order)])
 
     u: list[ca.SX] = []
+    x_i = x
     for a_i, c_i in zip(A, C, strict=True):
         x_i = x + sum((a * u_j for a, u_j in zip(a_i, u, strict=True)), start=zero)
         rhs = f(x_i) + sum((c * u_j for c, u_j in zip(c_i, u, strict=True)), start=zero) / h
         solution = np.empty(x.shape[0], dtype=object)
-        solution[permutation] = solve(LU, from_sx(ca.densify(E @ rhs))[permutation])
+        solution[order] = solve(LU, from_sx(ca.densify(E @ rhs))[order])
         u.append(to_sx(solution))
-    return x_i + u[5], u[5]  # stiffly accurate: the last stage is the embedded solution, and its increment the error
+    # stiffly accurate: the last stage is the embedded solution of order 3, and its increment the error
+    return x_i + u[5], u[5]

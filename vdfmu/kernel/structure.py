@@ -1,7 +1,7 @@
 """Which numbers of a robot stay parameters at run time, and which are folded into the traced functions.
 
-Structural zeros and the fixed rotations of the frames are folded: the functions are three times as fast for it. What is
-folded cannot be changed later, so :func:`parameters` is the one list of what can.
+Structural zeros and the fixed rotations of the frames are folded: the functions are three times as fast for
+it. What is folded cannot be changed later, so :func:`parameters` is the one list of what can.
 """
 
 from __future__ import annotations
@@ -20,7 +20,15 @@ import numpy as np
 from vdfmu.kernel.symbol import Symbol
 from vdfmu.model import Robot
 
-__all__ = ["Parameter", "parameters", "set_parameters", "source_digest", "structure_key", "symbolic_robot", "values"]
+__all__ = [
+    "Parameter",
+    "parameters",
+    "set_parameters",
+    "source_digest",
+    "structure_key",
+    "symbolic_robot",
+    "values",
+]
 
 _PER_JOINT = ("ell", "I_m", "K_f0", "c_f", "K_w0", "c_w", "f_c", "f_s", "f_v", "v_s", "eps")
 
@@ -74,7 +82,7 @@ def set_parameters(robot: Robot, vector: Sequence[float] | np.ndarray) -> Robot:
 
 
 def symbolic_robot(robot: Robot) -> tuple[Robot, ca.SX]:
-    """Copy of a robot whose run-time parameters are symbols and whose other numbers are constants, and their vector."""
+    """Copy of a robot with symbols for run-time parameters, constants elsewhere; and the symbols' vector."""
     listed = parameters(robot)
     vector = ca.SX.sym("p", len(listed))
     constants = {

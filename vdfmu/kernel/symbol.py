@@ -1,7 +1,8 @@
 """A scalar symbol that numpy treats as an opaque object, so that the equations trace as they are written.
 
-Bare ``casadi.SX`` scalars in numpy arrays lead to silent NaN on assignment into a float array, and to products that turn
-into SX matrices. A `Symbol` cannot: it refuses ``float()`` unless it is constant, and ``bool()`` always.
+Bare ``casadi.SX`` scalars in numpy arrays lead to silent NaN on assignment into a float array, and to
+products that turn into SX matrices. A `Symbol` cannot: it refuses ``float()`` unless it is constant, and
+``bool()`` always.
 """
 
 from __future__ import annotations
@@ -38,11 +39,16 @@ class Symbol:
             "vdfmu.equations.generic, or keep it out of the equations."
         )
 
+    def __eq__(self, other: object) -> Any:
+        return bool(self)  # raises: numpy and Python would take the identity of two objects for equality
+
+    __hash__ = None  # pyright: ignore[reportAssignmentType]
+
     def __float__(self) -> float:
         if not self.sx.is_constant():
             raise KernelError(
-                f"{self!r} has no value while equations are traced, so it cannot go into an array of floats. Make the "
-                "array with vdfmu.equations.generic.zeros(shape, *like)."
+                f"{self!r} has no value while equations are traced, so it cannot go into an array of floats. "
+                "Make the array with vdfmu.equations.generic.zeros(shape, *like)."
             )
         return float(self.sx)
 
@@ -80,37 +86,48 @@ class Symbol:
         return Symbol(self.sx ** _sx(exponent))
 
     def sin(self) -> Symbol:
+        """Sine."""
         return Symbol(ca.sin(self.sx))
 
     def cos(self) -> Symbol:
+        """Cosine."""
         return Symbol(ca.cos(self.sx))
 
     def exp(self) -> Symbol:
+        """Exponential."""
         return Symbol(ca.exp(self.sx))
 
     def expm1(self) -> Symbol:
+        """Exponential minus 1."""
         return Symbol(ca.expm1(self.sx))
 
     def log1p(self) -> Symbol:
+        """Logarithm of 1 plus the argument."""
         return Symbol(ca.log1p(self.sx))
 
     def tanh(self) -> Symbol:
+        """Hyperbolic tangent."""
         return Symbol(ca.tanh(self.sx))
 
     def arctan(self) -> Symbol:
+        """Inverse tangent."""
         return Symbol(ca.atan(self.sx))
 
     def sqrt(self) -> Symbol:
+        """Square root."""
         return Symbol(ca.sqrt(self.sx))
 
     def sgn(self) -> Symbol:
+        """Sign, that of the zero at zero."""
         return Symbol(ca.copysign(1.0, self.sx))
 
     @staticmethod
     def clip_between(x: Any, low: Any, high: Any) -> Symbol:
+        """Limit `x` to [`low`, `high`]; any of them may be a number."""
         return Symbol(ca.fmin(ca.fmax(_sx(x), _sx(low)), _sx(high)))
 
     def hold_unit_interval(self) -> tuple[Symbol, Symbol]:
+        """Limit the symbol to [0, 1]; with a factor that is 1 inside the interval and 0 outside."""
         inside = ca.logic_and(self.sx >= 0.0, self.sx <= 1.0)
         return Symbol(ca.fmin(ca.fmax(self.sx, 0.0), 1.0)), Symbol(inside)
 
@@ -131,5 +148,5 @@ def from_sx(expression: ca.SX) -> np.ndarray:
 
 
 def to_sx(values: Any) -> ca.SX:
-    """Column expression from a scalar or an array of symbols and floats; a matrix is laid out column by column."""
+    """Column expression from a scalar or an array of symbols and floats, a matrix column by column."""
     return ca.vertcat(*[_sx(v) for v in np.ravel(np.asarray(values, dtype=object), order="F")])

@@ -38,7 +38,7 @@ def trace(name: str, robot: Robot) -> ca.Function:
 
 
 def _function(name: str, inputs: dict[str, ca.SX], outputs: dict[str, ca.SX]) -> ca.Function:
-    # cse finds the terms that the equations compute more than once, such as the motion in all six solver stages
+    # cse finds terms that the equations compute more than once, such as the motion in all solver stages
     expressions = ca.cse([ca.densify(expression) for expression in outputs.values()])
     return ca.Function(name, list(inputs.values()), expressions, list(inputs), list(outputs))
 
@@ -73,8 +73,9 @@ def _trace_forward_dynamics(robot: Robot) -> ca.Function:
 class _Plant:
     """The plant's right-hand side and its linearisation, as expressions.
 
-    The links obey ``M q_ddot = tau_s - xi_l - ID(q, q_dot, 0)``, so their rows of ``M J`` are derivatives of the inverse
-    dynamics, a third of the length of those of the forward dynamics. `E` is the identity with M in the links' rows.
+    The links obey ``M q_ddot = tau_s - xi_l - ID(q, q_dot, 0)``, so their rows of ``M J`` are derivatives of
+    the inverse dynamics, a third of the length of those of the forward dynamics. `E` is the identity with M
+    in the links' rows.
     """
 
     def __init__(self, robot: Robot) -> None:
@@ -120,21 +121,24 @@ def _trace_plant_jacobian(robot: Robot) -> ca.Function:
 
 @_traced
 def _trace_plant_step(robot: Robot) -> ca.Function:
-    """One Rodas4 step with inputs held, and its local error relative to the tolerance, component by component."""
+    """One Rodas4 step with inputs held, and its local error relative to the tolerance, by component."""
     plant = _Plant(robot)
     inputs = plant.inputs
     x, h, tolerance = inputs["x"], ca.SX.sym("h"), ca.SX.sym("tolerance")
     held = [inputs[name] for name in ("tau", "F_e", "p")]
     f = ca.Function("f", [x, *held], [plant.x_dot])
-    # elimination order: positions, rotors, springs, each coupled to its own joint; the links' dense block last
+    # elimination order: positions, rotors, springs, each tied to its own joint; the links' dense block last
     blocks = np.arange(4 * robot.n).reshape(4, robot.n)
     order = np.concatenate(blocks[[0, 2, 3, 1]])
     x_new, error = rodas_step(lambda state: f(state, *held), x, h, plant.E, plant.EJ, order)
-    scale = tolerance * (1.0 + ca.fmax(ca.fabs(x), ca.fabs(x_new)))  # 1 SI unit is the nominal value of every state
+    nominal = 1.0  # SI unit, of every state
+    scale = tolerance * (nominal + ca.fmax(ca.fabs(x), ca.fabs(x_new)))
     ratio = error / scale
     norm = ca.sqrt(ca.sumsqr(ratio) / (4 * robot.n))
     return _function(
-        "plant_step", inputs | {"h": h, "tolerance": tolerance}, {"x_new": x_new, "norm": norm, "ratio": ratio}
+        "plant_step",
+        inputs | {"h": h, "tolerance": tolerance},
+        {"x_new": x_new, "norm": norm, "ratio": ratio},
     )
 
 
@@ -159,7 +163,9 @@ def _trace_feedforward_inverse(robot: Robot) -> ca.Function:
     symbols, p = symbolic_robot(robot)
     inputs = _vectors(robot.n, *_DESIRED)
     torques = feedforward_inverse(symbols, Desired(*_arrays(inputs)))
-    return _function("feedforward_inverse", inputs | {"p": p}, {k: to_sx(v) for k, v in torques._asdict().items()})
+    return _function(
+        "feedforward_inverse", inputs | {"p": p}, {k: to_sx(v) for k, v in torques._asdict().items()}
+    )
 
 
 @_traced
@@ -185,8 +191,6 @@ def _trace_trajectory(robot: Robot) -> ca.Function:
 
 @_traced
 def _trace_pd_control(robot: Robot) -> ca.Function:
-    inputs = _vectors(
-        robot.n, "K_p", "K_v", "ell", "tau_max", "q_d", "q_d_dot", "q", "velocity", "tau_m"
-    )
+    inputs = _vectors(robot.n, "K_p", "K_v", "ell", "tau_max", "q_d", "q_d_dot", "q", "velocity", "tau_m")
     command: Any = pd_control(*_arrays(inputs))
     return _function("pd_control", inputs, {k: to_sx(v) for k, v in command._asdict().items()})

@@ -61,16 +61,16 @@ class Wiring:
         if ends[0] is None or ends[1] is None:
             return
         (first, role), (second, other) = ends[0], ends[1]
-        if role == "sink" or other == "source":
-            first, second, role, other = second, first, other, role
-            names.reverse()
-        if role == "sink" or other == "source":
+        if role == other != "any":
             kinds = " and ".join(
                 f"{owner.connectors[name].kind} {owner.dotted(name)}"
                 for owner, (_, name) in ((first, names[0]), (second, names[1]))
             )
             self.problems.append(f"{where}: direction error, it joins {kinds}")
             return
+        if role == "sink" or other == "source":
+            first, second = second, first
+            names.reverse()
         source, sink = (first.path, names[0][1]), (second.path, names[1][1])
         if sink in self._source_of:
             self.problems.append(

@@ -1,0 +1,190 @@
+"""What each unit computes: kernel functions on the unit's own memory, with no FMI in sight.
+
+All values of a unit lie in one float array, in the order of the variable table. The kernel functions read and write
+slices of it in place, so that a step copies nothing.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from vdfmu.errors import FmuError, KernelError, ModelError
+from vdfmu.fmu.interface import Interface
+from vdfmu.kernel import Integrator, Kernel
+from vdfmu.kernel.structure import parameters, set_parameters
+from vdfmu.model import check_robot
+
+__all__ = ["BEHAVIOURS", "Behaviour"]
+
+Floats = npt.NDArray[np.float64]
+
+
+class Behaviour:
+    """Common part of the four units.
+
+    Parameters
+    ----------
+    table : Interface
+    memory : (len(table),) array
+        Values of all variables; booleans and integers as floats.
+    kernel : Kernel
+    """
+
+    def __init__(self, table: Interface, memory: Floats, kernel: Kernel) -> None:
+        self.table = table
+        self.memory = memory
+        self.kernel = kernel
+
+    def values(self, group: str) -> Floats:
+        """View of the values of a group."""
+        return self.memory[self.table.groups[group]]
+
+    def views(self, *groups: str) -> dict[str, Floats]:
+        """Views of several groups, by name."""
+        return {group: self.values(group) for group in groups}
+
+    def robot_parameters(self) -> Floats:
+        """View of the run-time parameters of the robot, in the kernel's order."""
+        references = [self.table.reference[p.name] for p in parameters(self.table.robot)]
+        return self.memory[references[0] : references[-1] + 1]
+
+    def check(self) -> list[str]:
+        """Problems of the parameter values together; those of each alone are checked when they are set."""
+        return []
+
+    def start(self, t: float, tolerance: float | None) -> None:
+        """Take the parameters as they are and set the state to that of the start time `t` [s]."""
+
+    def outputs(self, t: float) -> None:
+        """Calculate the outputs at time `t` [s] from inputs, parameters and state."""
+
+    def step(self, t: float, duration: float) -> None:
+        """Move from `t` to `t + duration` [s]. Units without a state calculate their outputs from the inputs at `t`."""
+        self.outputs(t)
+
+    def state(self) -> Any:
+        """Everything beyond the variables that decides the future, JSON-able."""
+        return None
+
+    def restore(self, state: Any) -> None:
+        """Take a state of :meth:`state` back."""
+
+
+def _robot_problems(behaviour: Behaviour) -> list[str]:
+    robot = set_parameters(behaviour.table.robot, behaviour.robot_parameters())
+    try:
+        check_robot(robot, "parameters")
+    except ModelError as error:
+        return error.problems
+    return []
+
+
+class TrajectoryBehaviour(Behaviour):
+    """Eq. (57) as a function of time."""
+
+    def __init__(self, table: Interface, memory: Floats, kernel: Kernel) -> None:
+        super().__init__(table, memory, kernel)
+        groups = ("q_d", "q_d_dot", "q_d_ddot", "q_d_dddot", "q_d_ddddot", "q_start", "q_end", "T", "t_start")
+        self._function = kernel.function("trajectory", **self.views(*groups))
+        self._t = self._function.args["t"]
+
+    def outputs(self, t: float) -> None:
+        self._t[0] = t
+        self._function.run()
+
+    def step(self, t: float, duration: float) -> None:
+        self.outputs(t + duration)
+
+
+class FeedforwardBehaviour(Behaviour):
+    """Feedforward torques from the inputs, in the mode that the parameter chooses."""
+
+    def __init__(self, table: Interface, memory: Floats, kernel: Kernel) -> None:
+        super().__init__(table, memory, kernel)
+        desired = ("q_d", "q_d_dot", "q_d_ddot", "q_d_dddot", "q_d_ddddot", "tau_m", "tau_s")
+        buffers = {**self.views(*desired), "p": self.robot_parameters()}
+        more = self.views("q", "q_dot", "kappa_dot", "Lambda", "K_V", "k_vq", "k_vkappa")
+        self._functions = (
+            kernel.function("feedforward_inverse", **buffers),
+            kernel.function("feedforward_vdc", **buffers, **more),
+        )
+        self._mode = self.values("mode")
+
+    def check(self) -> list[str]:
+        return _robot_problems(self)
+
+    def outputs(self, t: float) -> None:
+        self._functions[int(self._mode[0])].run()
+
+
+class ControllerBehaviour(Behaviour):
+    """Eq. (58) on the inputs."""
+
+    def __init__(self, table: Interface, memory: Floats, kernel: Kernel) -> None:
+        super().__init__(table, memory, kernel)
+        buffers = self.views("K_p", "K_v", "ell", "tau_max", "q_d", "q_d_dot", "q", "tau_m", "tau", "tau_e")
+        self._functions = tuple(
+            kernel.function("pd_control", **buffers, velocity=self.values(source)) for source in ("kappa_dot", "q_dot")
+        )
+        self._velocity = self.values("velocity")
+
+    def outputs(self, t: float) -> None:
+        self._functions[int(self._velocity[0])].run()
+
+
+class PlantBehaviour(Behaviour):
+    """The flexible arm under its solver; the state is the outputs q, q_dot, kappa_dot, tau_s themselves."""
+
+    def __init__(self, table: Interface, memory: Floats, kernel: Kernel) -> None:
+        super().__init__(table, memory, kernel)
+        first, last = table.groups["q"].start, table.groups["tau_s"].stop
+        buffers = {"x": memory[first:last], "p": self.robot_parameters()}
+        groups = ("kappa", "p_O", "R_O", "E_kin", "E_pot", "E_spring")
+        self._integrator = Integrator(kernel, **buffers, **self.views("tau", "F_e"))
+        self._outputs = kernel.function("plant_outputs", **buffers, **self.views(*groups))
+        self._equilibrium = kernel.function("equilibrium_torque", p=buffers["p"])
+
+    def check(self) -> list[str]:
+        return _robot_problems(self)
+
+    def start(self, t: float, tolerance: float | None) -> None:
+        self._integrator.tolerance = float(self.values("tolerance")[0]) if tolerance is None else tolerance
+        self._integrator.h = 1e-4
+        self.values("q")[:] = self.values("q_0")
+        self.values("q_dot")[:] = self.values("q_dot_0")
+        if self.values("equilibrium")[0]:
+            self.values("kappa_dot")[:] = self.values("q_dot_0")
+            self._equilibrium.args["q"][:] = self.values("q_0")
+            self._equilibrium.run()
+            self.values("tau_s")[:] = self._equilibrium.results["tau_s"]
+        else:
+            self.values("kappa_dot")[:] = self.values("kappa_dot_0")
+            self.values("tau_s")[:] = self.values("tau_s_0")
+
+    def outputs(self, t: float) -> None:
+        self._outputs.run()
+
+    def step(self, t: float, duration: float) -> None:
+        try:
+            self._integrator.advance(t, duration)
+        except KernelError as error:
+            raise FmuError(str(error)) from None
+        self._outputs.run()
+
+    def state(self) -> Any:
+        return {"h": self._integrator.h, "tolerance": self._integrator.tolerance}
+
+    def restore(self, state: Any) -> None:
+        self._integrator.h = state["h"]
+        self._integrator.tolerance = state["tolerance"]
+
+
+BEHAVIOURS: dict[str, type[Behaviour]] = {
+    "trajectory": TrajectoryBehaviour,
+    "feedforward": FeedforwardBehaviour,
+    "controller": ControllerBehaviour,
+    "plant": PlantBehaviour,
+}
