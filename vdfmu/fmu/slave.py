@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import json
 import math
+import sys
 from collections.abc import Callable, Sequence
 from functools import wraps
 from pathlib import Path
@@ -33,6 +34,8 @@ _TYPES = {"Real": Real, "Integer": Integer, "Boolean": Boolean}
 _failed: list[Any] = []
 """Slaves that raised. pythonfmu releases its slave before it reports the error, and again when the importer frees the
 instance; the references kept here make the second release harmless."""
+
+_script_dictionaries: list[dict[str, Any]] = []
 
 
 def _call(name: str) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
@@ -61,6 +64,18 @@ class UnitSlave(Fmi2Slave):
     """Base of the slaves in ``fmu_src/python``; a subclass names its `unit`."""
 
     unit: ClassVar[str] = ""
+
+    def __init_subclass__(cls, **kwargs: Any) -> None:
+        """Keep one more reference to the script's module dictionary.
+
+        pythonfmu 0.7.0 gives away a reference to it that it does not own, at every instantiation, right after it runs
+        the script again and so this method. Without the reference the third instance of an FMU crashes the process.
+        """
+        super().__init_subclass__(**kwargs)
+        module = sys.modules.get(cls.__module__)
+        if module is not None:
+            _script_dictionaries.append(module.__dict__)
+
     log_categories: ClassVar[dict[str, str]] = LOG_CATEGORIES
 
     def __init__(self, **kwargs: Any) -> None:

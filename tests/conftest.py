@@ -1,0 +1,165 @@
+"""Robots, random states and a kernel cache that several folders use."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+
+from vdfmu.kernel import Kernel
+from vdfmu.model import Robot, check_robot, load_robot
+
+SHIPPED = ("manipulator_6dof", "planar_2dof", "slider_3dof")
+
+
+@pytest.fixture(scope="session", autouse=True)
+def kernel_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+    """Folder of traced functions of this test session; the user's own cache is neither read nor written."""
+    folder = tmp_path_factory.mktemp("kernel_cache")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("VDFMU_CACHE_DIR", str(folder))
+        yield folder
+
+
+def random_rotation(random: np.random.Generator) -> np.ndarray:
+    """Return a rotation matrix, (3, 3), evenly distributed."""
+    Q, R = np.linalg.qr(random.normal(size=(3, 3)))
+    Q = Q * np.sign(np.diag(R))
+    return Q * np.sign(np.linalg.det(Q))
+
+
+def random_inertia(random: np.random.Generator, size: float) -> np.ndarray:
+    """Return the inertia [kg.m2] of a cloud of points of 1 kg in all within about `size` [m]; its products are not 0."""
+    points = random.normal(scale=size, size=(8, 3))
+    points -= points.mean(axis=0)
+    return sum(np.dot(p, p) * np.eye(3) - np.outer(p, p) for p in points) / 8
+
+
+def make_general_chain() -> Robot:
+    """Return a chain with everything that the shipped robots leave out.
+
+    Revolute and prismatic joints in any order, skewed axes, offsets and centres of mass in all directions, full
+    inertias, gravity in no axis, tool offset, kinematic error, split friction.
+    """
+    random = np.random.default_rng(20240501)
+    types = ("revolute", "prismatic", "revolute", "revolute", "prismatic")
+    n = len(types)
+    linear = np.array([t == "prismatic" for t in types])
+
+    def per_joint(revolute: float, prismatic: float) -> np.ndarray:
+        return np.where(linear, prismatic, revolute) * random.uniform(0.8, 1.25, n)
+
+    return check_robot(
+        Robot(
+            name="general",
+            description="random chain",
+            joint_types=types,
+            rotation=np.array([random_rotation(random) for _ in range(n)]),
+            offset=random.normal(scale=0.2, size=(n, 3)),
+            mass=random.uniform(0.5, 3.0, n),
+            centroid=random.normal(scale=0.1, size=(n, 3)),
+            inertia=np.array([random_inertia(random, 0.1) for _ in range(n)]),
+            gravity=np.array([1.0, -2.0, 9.5]),
+            tool_offset=np.array([0.05, -0.1, 0.2]),
+            ell=per_joint(100.0, 600.0),
+            I_m=per_joint(1e-3, 1e-2),
+            K_f0=per_joint(15e3, 2e6),
+            c_f=per_joint(4e-3, 1e-3),
+            K_w0=per_joint(2.0, 5.0),
+            c_w=per_joint(20.0, 15.0),
+            theta_err_amplitude=per_joint(2e-4, 1e-5),
+            theta_err_phase=random.uniform(-3.0, 3.0, n),
+            f_c=per_joint(0.3, 8.0),
+            f_s=per_joint(0.8, 14.0),
+            f_v=per_joint(0.1, 60.0),
+            v_s=per_joint(0.15, 0.05),
+            f_ck=per_joint(0.03, 0.02),
+            eps=per_joint(1e-2, 1e-2),
+            friction="split",
+            sources={},
+        )
+    )
+
+
+@pytest.fixture(scope="session")
+def arm() -> Robot:
+    """Return the paper's arm."""
+    return load_robot("manipulator_6dof")
+
+
+@pytest.fixture(scope="session")
+def planar() -> Robot:
+    """Return the planar arm of two joints."""
+    return load_robot("planar_2dof")
+
+
+@pytest.fixture(scope="session", params=SHIPPED)
+def robot(request: pytest.FixtureRequest) -> Robot:
+    """Return each shipped robot."""
+    return load_robot(request.param)
+
+
+@pytest.fixture(scope="session")
+def general() -> Robot:
+    """Return the random general chain."""
+    return make_general_chain()
+
+
+@pytest.fixture(scope="session", params=(*SHIPPED, "general"))
+def chain(request: pytest.FixtureRequest) -> Robot:
+    """Return each shipped robot and the random general chain."""
+    return make_general_chain() if request.param == "general" else load_robot(request.param)
+
+
+class Draw(NamedTuple):
+    """A random state with inputs: angles over the full turn, velocities and accelerations of a few units."""
+
+    q: np.ndarray
+    q_dot: np.ndarray
+    q_ddot: np.ndarray
+    kappa_dot: np.ndarray
+    tau_s: np.ndarray
+    tau: np.ndarray
+    F_e: np.ndarray
+
+    @property
+    def x(self) -> np.ndarray:
+        """State vector of the plant."""
+        return np.concatenate([self.q, self.q_dot, self.kappa_dot, self.tau_s])
+
+
+def draw_states(robot: Robot, count: int, seed: int) -> list[Draw]:
+    """Return `count` random states."""
+    random = np.random.default_rng(seed)
+    n = robot.n
+    return [
+        Draw(
+            q=random.uniform(-np.pi, np.pi, n),
+            q_dot=random.uniform(-2.0, 2.0, n),
+            q_ddot=random.uniform(-5.0, 5.0, n),
+            kappa_dot=random.uniform(-2.0, 2.0, n),
+            tau_s=random.uniform(-30.0, 30.0, n),
+            tau=random.uniform(-0.5, 0.5, n),
+            F_e=random.uniform(-20.0, 20.0, 6),
+        )
+        for _ in range(count)
+    ]
+
+
+@pytest.fixture(scope="session")
+def draw():
+    """Return the function ``draw(robot, count, seed)``."""
+    return draw_states
+
+
+@pytest.fixture(scope="session")
+def kernel_of(kernel_cache: Path):
+    """Return a function that gives a robot's kernel, traced once a session."""
+
+    def kernel(robot: Robot) -> Kernel:
+        return Kernel(robot, kernel_cache)
+
+    return kernel

@@ -1,0 +1,258 @@
+"""Laws of the harmonic drive and of the flexible joint: (1)-(11), D and its derivative, the limit of stiff joints."""
+
+import numpy as np
+import pytest
+from scipy.integrate import quad, solve_ivp
+
+from vdfmu.equations.flexible_joint import (
+    joint_forces,
+    output_velocity,
+    rotor_acceleration,
+    rotor_position,
+    rotor_velocity,
+    spring_rate,
+)
+from vdfmu.equations.forward_dynamics import forward_dynamics
+from vdfmu.equations.harmonic_drive import (
+    deformation,
+    deformation_derivative,
+    estimate_torque,
+    kinematic_error,
+    spring_energy,
+)
+from vdfmu.equations.inverse_dynamics import inverse_dynamics
+from vdfmu.equations.jet import derivative, jets
+from vdfmu.equations.mapping import joint_space_mass_matrix
+from vdfmu.equations.plant import equilibrium_torque, plant_derivative, plant_outputs
+from vdfmu.equations.spatial import force_transform, joint_axis
+from vdfmu.kernel import Integrator
+
+EPS = np.finfo(float).eps
+TORQUES = (-80.0, -7.0, -1e-3, 0.0, 1e-6, 0.3, 20.0, 80.0)
+
+
+@pytest.mark.parametrize("torque", TORQUES)
+def test_estimator_and_deformation_are_inverse_to_each_other(chain, torque):
+    tau_s = np.full(chain.n, torque)
+    theta_err = kinematic_error(chain, np.linspace(-1.0, 1.0, chain.n))
+    delta_theta = deformation(chain, tau_s) + theta_err
+    estimate = estimate_torque(chain, delta_theta, tau_s / chain.ell, theta_err)
+    # tan(arctan(c t)) / c: 10 roundings of the parts of delta_theta, over the slope of the estimate.
+    size = np.abs(delta_theta) + np.abs(theta_err)
+    slope = chain.K_f0 * (1.0 + (chain.c_f * tau_s) ** 2)
+    assert (np.abs(estimate - tau_s) <= 10 * EPS * (size * slope + np.abs(tau_s))).all()
+
+
+@pytest.mark.parametrize("sign", [-1.0, 1.0])
+def test_estimator_refuses_a_deformation_beyond_the_pole_of_the_tangent(arm, sign):
+    limit = np.pi / 2.0 / (arm.c_f * arm.K_f0)
+    inside = estimate_torque(arm, 0.999 * sign * limit, np.zeros(6))
+    # tan(0.999 pi/2) = 1 / tan(0.001 pi/2), about 637
+    np.testing.assert_allclose(inside, sign / np.tan(0.001 * np.pi / 2.0) / arm.c_f, rtol=1e-10)
+    delta_theta = np.zeros(6)
+    delta_theta[3] = 1.001 * sign * limit[3]
+    with pytest.raises(ValueError, match=r"joint 4: flexspline deformation .* outside the domain of Eq. \(2\)"):
+        estimate_torque(arm, delta_theta, np.zeros(6))
+
+
+def test_deformation_is_odd_and_strictly_increasing(chain):
+    torque = np.linspace(0.0, 100.0, 400)
+    D = np.array([deformation(chain, np.full(chain.n, t)) for t in torque])
+    assert (np.diff(D, axis=0) > 0).all()
+    # Every operation on -t is that on t with the other sign: exact.
+    mirrored = np.array([deformation(chain, np.full(chain.n, -t)) for t in torque])
+    np.testing.assert_array_equal(mirrored, -D)
+
+
+@pytest.mark.parametrize("torque", TORQUES)
+def test_compliance_is_the_derivative_of_the_deformation(chain, torque):
+    t = np.full(chain.n, torque)
+    by_jet = derivative(deformation(chain, jets(t, 1.0, 0.0)), 1)
+    # Two forms of the same few operations: 10 roundings.
+    np.testing.assert_allclose(deformation_derivative(chain, t), by_jet, rtol=10 * EPS)
+    assert (by_jet > 0).all()
+
+
+@pytest.mark.parametrize("torque", [-60.0, -5.0, 5.0, 60.0])
+def test_compliance_agrees_with_a_central_difference(chain, torque):
+    h = 1e-3
+    high, low = (deformation(chain, np.full(chain.n, torque + s * h)) for s in (1.0, -1.0))
+    # Truncation h^2 D'''/6 with D''' <= c^2 D', c <= 0.34: 2e-8; rounding 1e-16 |t| / h: 1e-11.
+    np.testing.assert_allclose(
+        (high - low) / (2 * h), deformation_derivative(chain, np.full(chain.n, torque)), rtol=1e-7
+    )
+
+
+@pytest.mark.parametrize("torque", [-40.0, -0.1, 3.0, 40.0])
+def test_spring_energy_is_the_work_done_on_the_spring(chain, torque):
+    for i in range(chain.n):
+
+        def power(t, i=i):
+            return t * deformation_derivative(chain, np.full(chain.n, t))[i]
+
+        work, _ = quad(power, 0.0, torque, epsabs=0.0, epsrel=1e-12)
+        # The quadrature's own tolerance is 1e-12. The closed form subtracts two terms of order a = c_w |t| / ell from
+        # one another down to a^2 / 2: relative rounding 1e-16 / a <= 1e-12 for the smallest a, 6e-4, and more.
+        assert spring_energy(chain, np.full(chain.n, torque))[i] == pytest.approx(work, rel=1e-11)
+
+
+def test_rotor_position_solves_the_spring_equation(chain, draw):
+    for state in draw(chain, 20, seed=20):
+        kappa = rotor_position(chain, state.q, state.tau_s)
+        residual = kappa - state.q - kinematic_error(chain, kappa) - deformation(chain, state.tau_s)
+        # |kappa| up to 4: 4 roundings. 2 ell kappa, the error's argument, is rounded to 1e-13 and weighs A <= 3e-4.
+        np.testing.assert_allclose(residual, 0.0, rtol=0, atol=4 * EPS * 4)
+
+
+def test_spring_rate_is_the_derivative_of_the_spring_torque(chain, draw):
+    # Along any motion of q and tau_s, kappa_dot from the jet of rotor_position must give tau_s_dot back.
+    for state in draw(chain, 10, seed=21):
+        rate = state.tau
+        kappa = rotor_position(chain, jets(state.q, state.q_dot, 0.0), jets(state.tau_s, rate, 0.0))
+        value, kappa_dot = derivative(kappa, 0), derivative(kappa, 1)
+        tau_s_dot = spring_rate(chain, value, kappa_dot, state.q_dot, state.tau_s)
+        # kappa_dot - q_dot = D' rate cancels: roundings of 2 rad/s (4e-16, some 10 of them, 50 with the error's
+        # slope), divided by D'.
+        atol = 50 * EPS * 2.0 / deformation_derivative(chain, state.tau_s)
+        assert (np.abs(tau_s_dot - rate) <= atol).all()
+
+
+def test_velocities_of_rotor_and_output_link_differ_from_the_base_by_their_joints_only():
+    # (4) and (5) are the sums of (31) for one joint: the base's velocity in the new frame, and the turn about z.
+    random = np.random.default_rng(22)
+    V_B, p = random.normal(size=6), random.normal(size=3)
+    U = force_transform(np.eye(3), p)
+    z = joint_axis("revolute")
+    carried = np.concatenate([V_B[:3] + np.cross(V_B[3:], p), V_B[3:]])
+    # Sums of 3 products of order 1.
+    np.testing.assert_allclose(rotor_velocity(V_B, U, 100.0, 0.3), carried + 30.0 * z, rtol=0, atol=20 * EPS * 30)
+    np.testing.assert_allclose(output_velocity(V_B, U, 0.3), carried + 0.3 * z, rtol=0, atol=20 * EPS)
+
+
+def test_forces_on_base_rotor_and_output_link_add_up():
+    # (9)-(11) together: what enters the base is what leaves at the output plus the net forces of all three bodies.
+    random = np.random.default_rng(23)
+    F_T, F_T_star, F_D_star, F_B_star = random.normal(size=(4, 6))
+    U_BT, U_BD = (force_transform(np.eye(3), random.normal(size=3)) for _ in range(2))
+    F_Tq, F_Dk, F_B = joint_forces(F_T, F_T_star, F_D_star, F_B_star, U_BT, U_BD)
+    np.testing.assert_array_equal(F_Tq - F_T, (F_T_star + F_T) - F_T)
+    np.testing.assert_array_equal(F_Dk, F_D_star)
+    # The printed form (11), solved for the base's net force; 14 products of order 1.
+    np.testing.assert_allclose(F_B - U_BT @ F_Tq - U_BD @ F_Dk, F_B_star, rtol=0, atol=50 * EPS * 10)
+
+
+def test_rotor_alone_accelerates_by_torque_over_inertia(arm):
+    # J_r ell kappa_ddot = tau: I_m is J_r times ell, so kappa_ddot = tau / I_m without spring and friction.
+    zero = np.zeros(6)
+    np.testing.assert_array_equal(rotor_acceleration(arm, np.full(6, 0.00114), zero, zero), np.ones(6))
+
+
+def test_arm_at_rest_with_gravity_compensated_stays_at_rest(chain, draw):
+    for state in draw(chain, 10, seed=24):
+        zero, none = np.zeros(chain.n), np.zeros(6)
+        tau_s = equilibrium_torque(chain, state.q)
+        x = np.concatenate([state.q, zero, zero, tau_s])
+        x_dot = plant_derivative(chain, x, tau_s / chain.ell, none)
+        q_dot, q_ddot, kappa_ddot, tau_s_dot = np.split(x_dot, 4)
+        np.testing.assert_array_equal(q_dot, zero)
+        np.testing.assert_array_equal(tau_s_dot, zero)
+        # tau - tau_s / ell is the same division twice.
+        np.testing.assert_array_equal(kappa_ddot, zero)
+        # Torques balance to 100 n roundings; the smallest eigenvalue of M turns them into accelerations.
+        M = joint_space_mass_matrix(chain, state.q)
+        size = 100 * chain.n * EPS * np.abs(tau_s).max() / np.linalg.eigvalsh(M).min()
+        np.testing.assert_allclose(q_ddot, zero, rtol=0, atol=size)
+
+
+def test_integrated_arm_at_rest_stays_at_rest(robot, kernel_of):
+    integrator = Integrator(kernel_of(robot))
+    q = np.linspace(0.3, 0.9, robot.n)
+    tau_s = equilibrium_torque(robot, q)
+    start = np.concatenate([q, np.zeros(2 * robot.n), tau_s])
+    integrator.x[:] = start
+    integrator.tau[:] = tau_s / robot.ell
+    integrator.advance(0.0, 1.0)
+    # The unbalanced torque is rounding: 1e-13 N m over the drive's stiffness, at least 1000 N m/rad, and within the
+    # solver's tolerance of 1e-9 of any state.
+    np.testing.assert_allclose(integrator.x, start, rtol=0, atol=1e-9)
+
+
+def without_coulomb_friction(robot):
+    """Return the robot with viscous friction only."""
+    return robot.with_parameters(f_c=0.0, f_s=0.0, f_ck=0.0)
+
+
+def rigid_motion(robot, q, q_dot, tau, duration):
+    """Integrate the rigid arm with its rotors fixed to the links: (M + I_m ell) q_ddot = ell tau - bias - f_v q_dot."""
+    n = robot.n
+
+    def acceleration(q, q_dot):
+        M = joint_space_mass_matrix(robot, q) + np.diag(robot.I_m * robot.ell)
+        bias = inverse_dynamics(robot, q, q_dot, np.zeros(n))
+        return np.linalg.solve(M, robot.ell * tau - bias - robot.f_v * q_dot)
+
+    def rate(_, y):
+        return np.concatenate([y[n:], acceleration(y[:n], y[n:])])
+
+    solution = solve_ivp(rate, (0.0, duration), np.concatenate([q, q_dot]), rtol=1e-11, atol=1e-12, method="DOP853")
+    return acceleration(q, q_dot), solution.y[:n, -1]
+
+
+def test_stiff_joints_move_as_the_rigid_arm(robot, kernel_of):
+    robot = without_coulomb_friction(robot)
+    duration, n = 0.05, robot.n
+    q, q_dot = np.linspace(0.3, 0.9, n), np.linspace(0.5, -0.5, n)
+    tau = equilibrium_torque(robot, q) / robot.ell + 0.02
+    q_ddot, q_rigid = rigid_motion(robot, q, q_dot, tau, duration)
+    tau_s = inverse_dynamics(robot, q, q_dot, q_ddot)  # no step of the spring torque, so no vibration to begin with
+    distance = []
+    for stiffness in (10.0, 100.0, 1000.0):
+        stiff = robot.with_parameters(K_f0=stiffness * robot.K_f0, K_w0=stiffness * robot.K_w0)
+        integrator = Integrator(kernel_of(stiff))
+        integrator.x[:] = np.concatenate([q, q_dot, q_dot, tau_s])
+        integrator.tau[:] = tau
+        integrator.advance(0.0, duration)
+        distance.append(np.abs(integrator.x[:n] - q_rigid).max())
+    # D is proportional to 1/stiffness, and so is the distance to first order: ratios of 10. What vibrates besides has
+    # an amplitude of the same order and a phase that depends on the stiffness: a factor of 2 either way.
+    assert 5 < distance[0] / distance[1] < 20
+    assert 5 < distance[1] / distance[2] < 20
+    # The shipped stiffness bends by at most D, 20 N m / 3000 N m/rad; 1000 times as stiff by 1e-5 rad.
+    assert distance[2] < 1e-5
+
+
+def test_plant_without_springs_between_is_the_rigid_arm(chain, draw):
+    # The links' rows of the plant are the forward dynamics under the spring torque, whatever the rotors do.
+    for state in draw(chain, 5, seed=25):
+        rigid = chain.with_parameters(f_c=0.0, f_s=0.0, f_v=0.0)
+        x_dot = plant_derivative(rigid, state.x, state.tau, state.F_e)
+        q_ddot = forward_dynamics(rigid, state.q, state.q_dot, state.tau_s, state.F_e)
+        np.testing.assert_array_equal(x_dot[chain.n : 2 * chain.n], q_ddot)
+
+
+def power_balance(robot, state):
+    """Return the rate of all energy, and what flows in less what friction turns into heat, at one state."""
+    from vdfmu.equations.friction import joint_friction
+    from vdfmu.equations.mapping import jacobian
+
+    n = robot.n
+    x_dot = plant_derivative(robot, state.x, state.tau, state.F_e)
+    h = 1e-6
+    high, low = (plant_outputs(robot, state.x + s * h * x_dot / np.abs(x_dot).max()) for s in (1.0, -1.0))
+    rate = sum((getattr(high, k) - getattr(low, k)) for k in ("E_kin", "E_pot", "E_spring"))
+    rate *= np.abs(x_dot).max() / (2 * h)
+    xi_l, xi_m = joint_friction(robot, state.q_dot, state.kappa_dot)
+    motor = state.tau @ (robot.ell * state.kappa_dot)
+    heat = xi_l @ state.q_dot + xi_m @ (robot.ell * state.kappa_dot)
+    outside = state.F_e @ (jacobian(robot, state.q) @ state.q_dot)
+    assert n and heat > 0
+    return rate, motor - heat - outside, state.tau_s @ state.kappa_dot
+
+
+def test_power_balance_at_any_state(robot, draw):
+    for state in draw(robot, 10, seed=26):
+        rate, flow, spring = power_balance(robot, state)
+        # Central difference: the energies are smooth along a line of 1e-6 in the fastest state; their rounding, 1e-16
+        # of up to 200 J, over that line, and the line's rate (some 1e5 N m/s) give 1e-16 * 200 / 2e-6 * 1e5 = 1e-3 W.
+        assert rate == pytest.approx(flow, abs=1e-2)
+        assert abs(flow) + abs(spring) > 10.0

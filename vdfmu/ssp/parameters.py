@@ -1,0 +1,96 @@
+"""Parameter values of the four units from a robot and a scenario: what the parameter sets of the SSP hold."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from vdfmu.errors import UsageError
+from vdfmu.fmu.interface import NO_LIMIT, UNIT_NAMES, Interface, interface
+from vdfmu.kernel.structure import parameters
+from vdfmu.model import Scenario
+
+__all__ = ["override", "robot_parameters", "scenario_parameters"]
+
+Values = dict[str, Any]
+
+
+def robot_parameters(unit: str, scenario: Scenario) -> Values:
+    """Parameters of a unit that describe the robot. The plant's are those of the scenario's plant, the others nominal."""
+    robot = scenario.plant_robot if unit == "plant" else scenario.robot
+    known = interface(unit, scenario.robot).reference
+    return {p.name: float(getattr(robot, p.field)[p.index]) for p in parameters(scenario.robot) if p.name in known}
+
+
+def scenario_parameters(unit: str, scenario: Scenario) -> Values:
+    """Parameters of a unit that the scenario sets: trajectory, gains, modes, start position, tolerance."""
+    table = interface(unit, scenario.robot)
+    if unit == "trajectory":
+        motion = scenario.trajectory
+        groups = {"q_start": motion.q_start, "q_end": motion.q_end, "T": motion.T, "t_start": motion.t_start}
+    elif unit == "feedforward":
+        gains = scenario.feedforward
+        groups = {"mode": gains.mode, **{k: getattr(gains, k) for k in ("Lambda", "K_V", "k_vq", "k_vkappa")}}
+    elif unit == "controller":
+        gains = scenario.controller
+        limit = np.minimum(gains.tau_max, NO_LIMIT)
+        groups = {"K_p": gains.K_p, "K_v": gains.K_v, "tau_max": limit, "velocity": gains.velocity}
+    else:
+        groups = {"q_0": scenario.trajectory.q_start, "tolerance": scenario.tolerance}
+    return {v.name: _cast(table, v.name, np.asarray(groups[v.group])[v.index]) for v in table if v.group in groups}
+
+
+def override(scenario: Scenario, settings: dict[str, str]) -> dict[str, Values]:
+    """Read settings such as ``controller.K_p[1]=3000``: unit to variable to value.
+
+    A name without an index sets all elements: ``controller.K_p=3000``. An integer with named values takes the name:
+    ``feedforward.mode=vdc``.
+
+    Raises
+    ------
+    UsageError
+        For an unknown unit or variable, something that is no parameter, or a text that is no number.
+    """
+    values: dict[str, Values] = {}
+    for key, text in settings.items():
+        unit, _, name = key.partition(".")
+        if unit not in UNIT_NAMES or not name:
+            raise UsageError(f"{key}: expected unit.parameter=value with a unit of {', '.join(UNIT_NAMES)}.")
+        table = interface(unit, scenario.robot)
+        names = [v.name for v in table if name in (v.group, v.name)] or [table.find(name).name]
+        for found in names:
+            variable = table.find(found)
+            if variable.causality != "parameter":
+                raise UsageError(f"{key}: {found} is an {variable.causality} of {unit}; only parameters can be set.")
+            values.setdefault(unit, {})[found] = _cast(table, found, text)
+    return values
+
+
+def _cast(table: Interface, name: str, value: Any) -> Any:
+    """Value of the variable's type from a number, a name or a text, within its limits."""
+    variable = table.find(name)
+    where = f"{table.unit}.{name}"
+    unit = f" {variable.unit}" if variable.unit else ""
+    text = str(value).strip()
+    if variable.choices and text in variable.choices:
+        return variable.choices.index(text)
+    if variable.type == "Boolean":
+        known = {"true": True, "1": True, "false": False, "0": False}
+        if text.lower() not in known:
+            raise UsageError(f"{where}: expected true or false, got {text!r}.")
+        return known[text.lower()]
+    try:
+        number = float(text)
+    except ValueError:
+        expected = f"one of {', '.join(variable.choices)}" if variable.choices else f"a number{unit and ' in' + unit}"
+        raise UsageError(f"{where}: expected {expected}, got {text!r}.") from None
+    low = -np.inf if variable.minimum is None else variable.minimum
+    high = np.inf if variable.maximum is None else variable.maximum
+    if not np.isfinite(number) or not low <= number <= high:
+        raise UsageError(f"{where}: expected a finite number from {low:g} to {high:g}{unit}, got {text}.")
+    if variable.type == "Integer":
+        if number != int(number):
+            raise UsageError(f"{where}: expected an integer, got {text}.")
+        return int(number)
+    return number
