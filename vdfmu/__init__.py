@@ -1,3 +1,79 @@
-"""Dynamics of serial manipulators with flexible joints, packaged as co-simulation FMUs."""
+"""Dynamics of serial manipulators with flexible joints, packaged as co-simulation FMUs.
+
+Python API
+----------
+``load_robot``, ``load_scenario``
+    A shipped robot or scenario by name, or a file by path.
+``inverse_dynamics``, ``forward_dynamics``
+    Rigid links, link-side torques, one state or a batch.
+``build_fmus``, ``write_ssp``
+    The four units as FMUs, and the system that wires them.
+``run``
+    A whole scenario: co-simulation, references, comparison, files.
+``simulate``, ``load_ssp``
+    The master, for any SSP 1.0 of FMI 2.0 co-simulation units.
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
 
 __version__ = "0.1.0"
+
+if TYPE_CHECKING:
+    from vdfmu.cosim import Results, simulate
+    from vdfmu.dynamics import forward_dynamics, inverse_dynamics
+    from vdfmu.errors import VdfmuError
+    from vdfmu.fmu import build_fmus
+    from vdfmu.model import Robot, Scenario, load_robot, load_scenario, robot_names, scenario_names
+    from vdfmu.ssp import load_ssp
+    from vdfmu.ssp.write import write_ssp
+    from vdfmu.study import run
+
+_WHERE = {
+    "Results": "vdfmu.cosim",
+    "Robot": "vdfmu.model",
+    "Scenario": "vdfmu.model",
+    "VdfmuError": "vdfmu.errors",
+    "build_fmus": "vdfmu.fmu",
+    "forward_dynamics": "vdfmu.dynamics",
+    "inverse_dynamics": "vdfmu.dynamics",
+    "load_robot": "vdfmu.model",
+    "load_scenario": "vdfmu.model",
+    "load_ssp": "vdfmu.ssp",
+    "robot_names": "vdfmu.model",
+    "run": "vdfmu.study",
+    "scenario_names": "vdfmu.model",
+    "simulate": "vdfmu.cosim",
+    "write_ssp": "vdfmu.ssp.write",
+}
+
+__all__ = [
+    "Results",
+    "Robot",
+    "Scenario",
+    "VdfmuError",
+    "__version__",
+    "build_fmus",
+    "forward_dynamics",
+    "inverse_dynamics",
+    "load_robot",
+    "load_scenario",
+    "load_ssp",
+    "robot_names",
+    "run",
+    "scenario_names",
+    "simulate",
+    "write_ssp",
+]
+
+
+def __getattr__(name: str) -> Any:
+    """Import a name of the API when it is first used, so that an FMU does not load the master or the plots."""
+    if name not in _WHERE:
+        raise AttributeError(f"module 'vdfmu' has no attribute {name!r}")
+    return getattr(import_module(_WHERE[name]), name)
+
+
+def __dir__() -> list[str]:
+    """Names of the API."""
+    return sorted(__all__)

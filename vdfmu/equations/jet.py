@@ -33,20 +33,24 @@ class Jet:
     def __neg__(self) -> Jet:
         return Jet(-self.x, -self.x_dot, -self.x_ddot)
 
-    def __add__(self, other: Any) -> Jet:
+    def __add__(self, other: Any) -> Any:
+        if isinstance(other, np.ndarray):
+            return NotImplemented  # numpy then goes on element by element
         if isinstance(other, Jet):
             return Jet(self.x + other.x, self.x_dot + other.x_dot, self.x_ddot + other.x_ddot)
         return Jet(self.x + other, self.x_dot, self.x_ddot)
 
     __radd__ = __add__
 
-    def __sub__(self, other: Any) -> Jet:
+    def __sub__(self, other: Any) -> Any:
         return self + -other
 
-    def __rsub__(self, other: Any) -> Jet:
+    def __rsub__(self, other: Any) -> Any:
         return -self + other
 
-    def __mul__(self, other: Any) -> Jet:
+    def __mul__(self, other: Any) -> Any:
+        if isinstance(other, np.ndarray):
+            return NotImplemented
         if not isinstance(other, Jet):
             return Jet(self.x * other, self.x_dot * other, self.x_ddot * other)
         return Jet(
@@ -57,7 +61,9 @@ class Jet:
 
     __rmul__ = __mul__
 
-    def __truediv__(self, other: Any) -> Jet:
+    def __truediv__(self, other: Any) -> Any:
+        if isinstance(other, np.ndarray):
+            return NotImplemented
         if not isinstance(other, Jet):
             return self * (1.0 / other)
         return self * other._chain(1.0 / other.x, -1.0 / other.x**2, 2.0 / other.x**3)
@@ -98,6 +104,11 @@ class Jet:
         """Exponential minus 1."""
         e = np.exp(self.x)
         return self._chain(np.expm1(self.x), e, e)
+
+    def log1p(self) -> Jet:
+        """Logarithm of 1 plus the argument."""
+        d = 1.0 / (1.0 + self.x)
+        return self._chain(np.log1p(self.x), d, -d * d)
 
     def tanh(self) -> Jet:
         """Hyperbolic tangent."""

@@ -6,20 +6,34 @@ import dataclasses
 import json
 import uuid
 from collections.abc import Mapping
-from functools import cached_property
+from functools import cached_property, lru_cache
 from hashlib import sha256
 from pathlib import Path
+from typing import Any
+
+from pythonfmu import __version__ as PYTHONFMU_VERSION
 
 from vdfmu import __version__
-from vdfmu.errors import FmuError
+from vdfmu.data import data_path
+from vdfmu.errors import FmuError, UsageError, VdfmuError
 from vdfmu.fmu.interface import MODEL_NAMES, Interface, interface
 from vdfmu.kernel.structure import source_digest
 from vdfmu.model import Robot, robot_from_dict
 
-__all__ = ["CONTENT_FILE", "Content"]
+__all__ = ["CONTENT_FILE", "Content", "installed_digest"]
 
 CONTENT_FILE = "vdfmu.json"
 _SOURCES = ("model", "equations", "kernel", "fmu")
+_CAST = {"Real": float, "Integer": int, "Boolean": bool}
+
+
+@lru_cache
+def installed_digest() -> str:
+    """Digest of all that decides what the FMUs compute: sources of vdfmu, scripts of the slaves, CasADi's version."""
+    digest = sha256(source_digest(*_SOURCES).encode())
+    for script in sorted((data_path("fmu_src") / "python").glob("*.py")):
+        digest.update(script.read_bytes().replace(b"\r\n", b"\n"))
+    return digest.hexdigest()
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -33,14 +47,17 @@ class Content:
     start_values : mapping of str to float
         Start values that differ from those of the variable table.
     version, digest : str
-        Version of vdfmu that built the FMU, and the digest of its sources.
+        Version of vdfmu that built the FMU, and :func:`installed_digest` there.
+    pythonfmu : str
+        Version of pythonfmu, whose binaries the FMU carries.
     """
 
     unit: str
     robot: Robot
     start_values: Mapping[str, float]
     version: str = __version__
-    digest: str = dataclasses.field(default_factory=lambda: source_digest(*_SOURCES))
+    digest: str = dataclasses.field(default_factory=installed_digest)
+    pythonfmu: str = PYTHONFMU_VERSION
 
     @property
     def model_name(self) -> str:
@@ -53,14 +70,28 @@ class Content:
         return "{" + str(uuid.UUID(bytes=sha256(self.to_json().encode()).digest()[:16])) + "}"
 
     def table(self) -> Interface:
-        """Variable table with the start values of this FMU."""
+        """Variable table with the start values of this FMU.
+
+        Raises
+        ------
+        UsageError
+            If a start value has no variable, or one that is an output, or is out of its limits; lists all of them.
+        """
         table = interface(self.unit, self.robot)
-        start = {table.find(name): value for name, value in self.start_values.items()}
-        cast = {"Real": float, "Integer": int, "Boolean": bool}
-        table.variables = tuple(
-            dataclasses.replace(v, start=cast[v.type](start[v])) if v in start else v for v in table.variables
-        )
-        return table
+        start: dict[str, Any] = {}
+        problems: list[str] = []
+        for name, value in self.start_values.items():
+            variable = table.find(name)
+            if variable.causality == "output":
+                problems.append(f"{name} is an output, which has no start value.")
+            elif problem := variable.problem(value):
+                problems.append(f"{name}: {problem}.")
+            else:
+                start[name] = _CAST[variable.type](value)
+        if problems:
+            raise UsageError(f"start values of {self.unit}: {' '.join(problems)}")
+        variables = [dataclasses.replace(v, start=start[v.name]) if v.name in start else v for v in table]
+        return Interface(self.unit, self.robot, variables)
 
     def to_json(self) -> str:
         """Text of the content file."""
@@ -68,33 +99,49 @@ class Content:
             "unit": self.unit,
             "version": self.version,
             "digest": self.digest,
-            "start_values": dict(sorted(self.start_values.items())),
+            "pythonfmu": self.pythonfmu,
+            "start_values": {name: float(value) for name, value in sorted(self.start_values.items())},
             "robot": self.robot.to_dict(),
         }
         return json.dumps(data, indent=1, ensure_ascii=False) + "\n"
 
     @staticmethod
-    def read(resources: Path) -> Content:
-        """Content of an unpacked FMU from its folder ``resources``."""
-        path = resources / CONTENT_FILE
+    def read(resources: Path, unit: str) -> Content:
+        """Content of an unpacked FMU from its folder ``resources``.
+
+        Raises
+        ------
+        FmuError
+            If it cannot be read, belongs to another unit, or the installed vdfmu is not the one that built the FMU.
+        """
+        file = f"resources/{CONTENT_FILE}"
         try:
-            data = json.loads(path.read_text(encoding="utf-8"))
-            robot = robot_from_dict(data["robot"], CONTENT_FILE)
-            return Content(data["unit"], robot, data["start_values"], data["version"], data["digest"])
-        except (OSError, KeyError, ValueError) as error:
-            raise FmuError(f"resources/{CONTENT_FILE} cannot be read ({error}). Build the FMU again.") from None
+            data = json.loads((resources / CONTENT_FILE).read_text(encoding="utf-8"))
+            found, version, digest = str(data["unit"]), str(data["version"]), str(data["digest"])
+            if found != unit:
+                raise FmuError(f"{file} belongs to unit {found!r}, expected {unit!r}. Build the FMU again.")
+            _check_version(f"{MODEL_NAMES[unit]}.fmu", version, digest)
+            robot = robot_from_dict(data["robot"], file)
+            content = Content(unit, robot, dict(data["start_values"]), version, digest, str(data["pythonfmu"]))
+            content.table()
+        except FmuError:
+            raise
+        except (OSError, LookupError, TypeError, ValueError, VdfmuError) as error:
+            what = str(error) if isinstance(error, VdfmuError) else f"{type(error).__name__}: {error}"
+            raise FmuError(f"{file} cannot be used: {what}. Build the FMU again.") from None
+        return content
 
-    def check_unit(self, unit: str) -> None:
-        """Raise if this is the content of another unit."""
-        if unit != self.unit:
-            raise FmuError(f"resources/{CONTENT_FILE} belongs to unit {self.unit!r}, expected {unit!r}.")
 
-    def check_version(self) -> None:
-        """Raise if the installed vdfmu is not the one that built the FMU."""
-        digest = source_digest(*_SOURCES)
-        if (self.version, self.digest) != (__version__, digest):
-            raise FmuError(
-                f"{self.model_name}.fmu was built with vdfmu {self.version} (sources {self.digest[:8]}), but this Python has "
-                f"vdfmu {__version__} (sources {digest[:8]}). Build the FMU again with `vdfmu build`, or install "
-                f"vdfmu {self.version}."
-            )
+def _check_version(fmu: str, version: str, digest: str) -> None:
+    """Raise if the installed vdfmu is not the one that built the FMU."""
+    here = installed_digest()
+    if version != __version__:
+        raise FmuError(
+            f"{fmu} was built with vdfmu {version}, but this Python has vdfmu {__version__}. "
+            f"Build the FMU again with `vdfmu build`, or install vdfmu {version}."
+        )
+    if digest != here:
+        raise FmuError(
+            f"{fmu} was built with vdfmu {version} of other sources or with another CasADi (digest {digest[:8]}, "
+            f"here {here[:8]}). Build the FMU again with `vdfmu build`."
+        )

@@ -10,7 +10,7 @@ from vdfmu.fmu.units import UNITS
 
 __all__ = ["DEFAULT_EXPERIMENT", "LOG_CATEGORIES", "model_description"]
 
-DEFAULT_EXPERIMENT = {"startTime": "0", "stopTime": "10", "tolerance": "1e-06", "stepSize": "0.001"}
+DEFAULT_EXPERIMENT = {"startTime": "0", "stopTime": "10", "tolerance": "1e-07", "stepSize": "0.001"}
 LOG_CATEGORIES = {
     "logEvents": "Start of the simulation, rollback and reset.",
     "logStatusWarning": "Log messages with fmi2Warning status.",

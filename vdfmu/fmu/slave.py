@@ -1,15 +1,14 @@
 """The pythonfmu slave that all four units share: phases, values, state, errors.
 
 pythonfmu's own getters and setters call one Python function a variable; here a whole call is one slice of the unit's
-memory. Its wrapper turns every exception into fmi2Fatal with the exception's text, the only way a Python slave can make
-a call fail, so the text is all that a user sees: it says unit, call, time, what was expected, what came and the way out.
+memory. An exception is the only way in which a Python slave can make a call fail, and its text is all that a user
+sees: it says unit, call, time, what was expected, what came and the way out.
 """
 
 from __future__ import annotations
 
 import json
 import math
-import sys
 from collections.abc import Callable, Sequence
 from functools import wraps
 from pathlib import Path
@@ -17,131 +16,144 @@ from typing import Any, ClassVar
 from xml.etree.ElementTree import Element
 
 import numpy as np
-from pythonfmu import Boolean, Fmi2Causality, Fmi2Slave, Integer, Real
-from pythonfmu._version import __version__ as PYTHONFMU_VERSION
+import numpy.typing as npt
+from pythonfmu import Fmi2Slave
+from pythonfmu import __version__ as PYTHONFMU_VERSION
 from pythonfmu.enums import Fmi2Status
 
 from vdfmu.errors import FmuError, VdfmuError
 from vdfmu.fmu.behaviour import BEHAVIOURS
 from vdfmu.fmu.content import Content
 from vdfmu.fmu.description import LOG_CATEGORIES, model_description
-from vdfmu.fmu.interface import Variable, interface, start_values
+from vdfmu.fmu.interface import Variable, start_values
+from vdfmu.fmu.wrapper import forget_search_path, hold, hold_all_for_ever, hold_for_ever, plain, refusal
 from vdfmu.kernel import Kernel
 
-__all__ = ["UnitSlave"]
+__all__ = ["ControllerSlave", "FeedforwardSlave", "PlantSlave", "TrajectorySlave", "UnitSlave"]
 
-_TYPES = {"Real": Real, "Integer": Integer, "Boolean": Boolean}
-_failed: list[Any] = []
-"""Slaves that raised. pythonfmu releases its slave before it reports the error, and again when the importer frees the
-instance; the references kept here make the second release harmless."""
+Place = slice | npt.NDArray[np.intp]
 
-_script_dictionaries: list[dict[str, Any]] = []
+_WHEN = {
+    "instantiated": "before enterInitializationMode",
+    "initialization": "between enterInitializationMode and exitInitializationMode",
+    "step": "after exitInitializationMode and before terminate",
+}
+"""Phases of an instance in which something can be allowed, and what they are called in messages."""
 
 
 def _call(name: str) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
-    """Make every error of a call say unit, call and time, once."""
+    """Make every error of a call say unit, call and time, once; an interrupt from the keyboard too."""
 
     def decorate(method: Callable[..., Any]) -> Callable[..., Any]:
         @wraps(method)
         def guarded(self: UnitSlave, *args: Any) -> Any:
             try:
                 return method(self, *args)
-            except Exception as error:
-                _failed.append((self, self, self.vars, self.log_queue))
+            except BaseException as error:
+                hold_for_ever(self)
                 where = f"{self.instance_name}: {name}" + (f" at t = {self.time:.9g} s" if self.phase == "step" else "")
-                what = str(error) if isinstance(error, VdfmuError) else f"{type(error).__name__}: {error}"
-                # Not logged here: pythonfmu loses the text of an exception that follows a message of the same call.
-                # A percent sign would be read as a format by importers that pass the text to printf.
-                self.log_queue.clear()
-                raise FmuError(f"{where} failed: {what}".replace("%", " percent")) from None
+                raise refusal(f"{where} failed: {_words(error)}") from None
 
         return guarded
 
     return decorate
 
 
+def _words(error: BaseException) -> str:
+    if isinstance(error, KeyboardInterrupt):
+        return "it was interrupted from the keyboard."
+    if isinstance(error, VdfmuError):
+        return str(error)
+    return f"{type(error).__name__}: {error}"
+
+
 class UnitSlave(Fmi2Slave):
-    """Base of the slaves in ``fmu_src/python``; a subclass names its `unit`."""
+    """Base of the four slaves; a subclass names its `unit`."""
 
     unit: ClassVar[str] = ""
-
-    def __init_subclass__(cls, **kwargs: Any) -> None:
-        """Keep one more reference to the script's module dictionary.
-
-        pythonfmu 0.7.0 gives away a reference to it that it does not own, at every instantiation, right after it runs
-        the script again and so this method. Without the reference the third instance of an FMU crashes the process.
-        """
-        super().__init_subclass__(**kwargs)
-        module = sys.modules.get(cls.__module__)
-        if module is not None:
-            _script_dictionaries.append(module.__dict__)
-
-    log_categories: ClassVar[dict[str, str]] = LOG_CATEGORIES
+    log_categories = LOG_CATEGORIES
 
     def __init__(self, **kwargs: Any) -> None:
         super().__init__(**kwargs)
+        if "logger" in kwargs:  # the native wrapper calls, not the builder
+            forget_search_path(kwargs["resources"])
+        try:
+            self._load(Path(kwargs["resources"]))
+        except BaseException as error:
+            hold_all_for_ever(type(self))
+            raise refusal(f"{self.instance_name}: instantiate failed: {_words(error)}") from None
+        hold(self)
+
+    def _load(self, resources: Path) -> None:
         self.phase = "instantiated"
         self.time = 0.0
-        content = Content.read(Path(kwargs["resources"]))
-        content.check_unit(self.unit)
-        content.check_version()
+        self._content = content = Content.read(resources, self.unit)
         self.modelName = content.model_name
-        self._content = content
-        self._table = table = interface(self.unit, content.robot)
+        table = content.table()
         self._variables = table.variables
-        self._memory = start_values(table)
-        for name, value in content.start_values.items():
-            self._memory[table.reference[name]] = value
-        for variable in table:
-            self.register_variable(_TYPES[variable.type](variable.name, causality=Fmi2Causality[variable.causality]))
+        self._memory = np.empty(len(table))
         self._behaviour = BEHAVIOURS[self.unit](table, self._memory, Kernel(content.robot))
+        self._memory[:] = start_values(table)
         self._start_time = 0.0
         self._tolerance: float | None = None
-        self._dirty = True
-        self._gets: dict[tuple[int, ...], slice | np.ndarray] = {}
-        self._sets: dict[tuple[str, str, tuple[int, ...]], tuple[Any, ...]] = {}
+        self._stale = True  # outputs and state are not those of the values set
+        self._unchecked = True  # parameters were set since the last check
+        self._gets: dict[tuple[str, tuple[int, ...]], Place] = {}
+        self._sets: dict[tuple[str, tuple[int, ...]], tuple[Place, list[Variable], bool]] = {}
 
     def to_xml(self, model_options: dict[str, str] | None = None) -> Element:
         """Model description from the variable table; pythonfmu's own lacks units, dependencies and InitialUnknowns."""
-        return model_description(self._content.table(), self._content.guid, f"pythonfmu {PYTHONFMU_VERSION}")
+        content = self._content
+        return model_description(content.table(), content.guid, f"pythonfmu {PYTHONFMU_VERSION}")
+
+    def log(
+        self, msg: str, status: Fmi2Status = Fmi2Status.ok, category: str | None = None, debug: bool | None = None
+    ) -> None:
+        """Send a message to the importer's logger."""
+        super().log(plain(msg), status, category)
 
     # ---------------------------------------------------------------- life cycle
 
     @_call("setupExperiment")
-    def setup_experiment(self, start_time: float, stop_time: float | None = None, tolerance: float | None = None) -> None:
+    def setup_experiment(
+        self, start_time: float, stop_time: float | None = None, tolerance: float | None = None
+    ) -> None:
         """Take start time and tolerance of the experiment."""
         self._require("instantiated")
         if not math.isfinite(start_time):
-            raise FmuError(f"the start time must be finite, got {start_time}.")
+            raise FmuError(f"expected a finite start time, got {start_time} s.")
         if tolerance is not None and not (math.isfinite(tolerance) and tolerance > 0.0):
-            raise FmuError(f"the tolerance must be a finite positive number, got {tolerance}.")
+            raise FmuError(f"expected a finite positive tolerance, got {tolerance}.")
         self._start_time = self.time = start_time
         self._tolerance = tolerance
+        self._stale = True
 
     @_call("enterInitializationMode")
     def enter_initialization_mode(self) -> None:
         """Check the parameters and start."""
         self._require("instantiated")
-        self.phase = "initialization"
         self._refresh()
+        self._enter("initialization")
 
     @_call("exitInitializationMode")
     def exit_initialization_mode(self) -> None:
         """End the time in which fixed parameters can be set."""
         self._require("initialization")
         self._refresh()
-        self.phase = "step"
+        self._enter("step")
         self.log(f"{self.instance_name}: starts at t = {self.time:g} s", Fmi2Status.ok, "logEvents")
 
     @_call("doStep")
     def do_step(self, current_time: float, step_size: float) -> bool:
         """Move from `current_time` by `step_size` [s]."""
-        self._require("step")
+        if self.phase != "step":
+            self._require("step")
         if not (math.isfinite(step_size) and step_size > 0.0):
-            raise FmuError(f"the communication step must be finite and positive, got {step_size} s.")
+            raise FmuError(f"expected a finite positive communication step, got {step_size} s.")
         if not abs(current_time - self.time) <= 1e-6 * step_size + 1e-12 * abs(self.time):
             raise FmuError(
-                f"expected the communication point t = {self.time!r} s, where the last step ended, got {current_time!r} s."
+                f"expected the communication point t = {self.time!r} s, where the last step ended, got "
+                f"t = {current_time!r} s."
             )
         self._behaviour.step(current_time, step_size)
         self.time = current_time + step_size
@@ -149,23 +161,31 @@ class UnitSlave(Fmi2Slave):
 
     @_call("terminate")
     def terminate(self) -> None:
-        """End the run; outputs can still be read."""
-        self._require("step", "initialization")
-        self.phase = "terminated"
+        """End the run; values can still be read."""
+        self._require("initialization", "step")
+        self._enter("terminated")
+
+    def _enter(self, phase: str) -> None:
+        self.phase = phase
+        self._gets.clear()
+        self._sets.clear()
 
     def _require(self, *phases: str) -> None:
         if self.phase not in phases:
-            raise FmuError(f"not allowed in phase {self.phase!r}, only in {' or '.join(map(repr, phases))}.")
+            raise FmuError(f"it is allowed only {' or '.join(_WHEN[phase] for phase in phases)}.")
 
     def _refresh(self) -> None:
-        """Calculate state and outputs from what is set, during initialization."""
-        if self._dirty and self.phase == "initialization":
+        """Calculate state and outputs from what is set, until the initialization ends."""
+        if not self._stale:
+            return
+        if self._unchecked:
             problems = self._behaviour.check()
             if problems:
-                raise FmuError("; ".join(problems))
-            self._behaviour.start(self._start_time, self._tolerance)
-            self._behaviour.outputs(self._start_time)
-            self._dirty = False
+                raise FmuError(" ".join(problems))
+            self._unchecked = False
+        self._behaviour.start(self._start_time, self._tolerance)
+        self._behaviour.outputs(self._start_time)
+        self._stale = False
 
     # ---------------------------------------------------------------- values
 
@@ -187,7 +207,8 @@ class UnitSlave(Fmi2Slave):
     @_call("getString")
     def get_string(self, vrs: list[int]) -> list[str]:
         """Refuse: there are no string variables."""
-        return self._get("String", vrs)
+        self._resolve("String", vrs)
+        return []
 
     @_call("setReal")
     def set_real(self, vrs: list[int], values: list[float]) -> None:
@@ -207,53 +228,63 @@ class UnitSlave(Fmi2Slave):
     @_call("setString")
     def set_string(self, vrs: list[int], values: list[str]) -> None:
         """Refuse: there are no string variables."""
-        self._set("String", vrs, values)
+        self._resolve("String", vrs)
 
-    def _get(self, kind: str, vrs: Sequence[int]) -> list[Any]:
-        key = tuple(vrs)
-        where = self._gets.get(key)
-        if where is None:
-            self._resolve(kind, key)
-            where = self._gets[key] = _slice_or_index(key)
-        elif key and self._variables[key[0]].type != kind:
-            self._resolve(kind, key)
-        if self._dirty:
+    def _get(self, kind: str, vrs: Sequence[int]) -> list[float]:
+        key = (kind, tuple(vrs))
+        place = self._gets.get(key)
+        if place is None:
+            for variable in self._resolve(kind, vrs):
+                if variable.causality == "output" and self.phase == "instantiated":
+                    raise FmuError(f"{variable.name} is an output and has no value before enterInitializationMode.")
+            place = self._gets[key] = _place(vrs)
+        if self._stale and self.phase == "initialization":
             self._refresh()
-        return self._memory[where].tolist()
+        return self._memory[place].tolist()
 
     def _set(self, kind: str, vrs: Sequence[int], values: Sequence[Any]) -> None:
-        key = (kind, self.phase, tuple(vrs))
+        key = (kind, tuple(vrs))
         known = self._sets.get(key)
         if known is None:
-            variables = self._resolve(kind, key[2])
+            variables = self._resolve(kind, vrs)
             for variable in variables:
-                self._refuse_fixed(variable)
-            bounded = any(v.minimum is not None or v.maximum is not None for v in variables)
-            known = self._sets[key] = (_slice_or_index(key[2]), variables, bounded)
-        where, variables, bounded = known
-        if not math.isfinite(sum(values)) or bounded:
+                self._refuse(variable)
+            inputs = all(v.causality == "input" for v in variables)
+            known = self._sets[key] = (_place(vrs), variables, inputs)
+        place, variables, inputs = known
+        # of inputs without limits only the sum is looked at: it is not finite if one of them is not
+        if not (inputs and math.isfinite(sum(values))):
             for variable, value in zip(variables, values, strict=True):
-                _check_value(variable, value)
-        self._memory[where] = values
-        self._dirty = True
+                problem = variable.problem(value)
+                if problem:
+                    raise FmuError(f"{variable.name}: {problem}.")
+            self._unchecked = self._unchecked or not inputs
+        self._memory[place] = values
+        self._stale = True
 
     def _resolve(self, kind: str, vrs: Sequence[int]) -> list[Variable]:
+        """Variables of value references, which must exist and be of the type."""
         found: list[Variable] = []
         for vr in vrs:
             if not 0 <= vr < len(self._variables):
                 raise FmuError(f"there is no value reference {vr}; they go from 0 to {len(self._variables) - 1}.")
-            if self._variables[vr].type != kind:
-                raise FmuError(f"{self._variables[vr].name} (value reference {vr}) is {self._variables[vr].type}, not {kind}.")
-            found.append(self._variables[vr])
+            variable = self._variables[vr]
+            if variable.type != kind:
+                raise FmuError(
+                    f"expected variables of type {kind}, got {variable.name} (value reference {vr}) of type "
+                    f"{variable.type}."
+                )
+            found.append(variable)
         return found
 
-    def _refuse_fixed(self, variable: Variable) -> None:
+    def _refuse(self, variable: Variable) -> None:
+        """Raise if a variable cannot be set now."""
         if variable.causality == "output":
             raise FmuError(f"{variable.name} is an output and cannot be set.")
-        if variable.variability == "fixed" and self.phase not in ("instantiated", "initialization"):
+        if variable.variability == "fixed" and self.phase == "step":
             raise FmuError(
-                f"{variable.name} is a fixed parameter: it can be set until the initialization ends, not in phase "
-                f"{self.phase!r}. Reset the unit, or choose a tunable parameter."
+                f"{variable.name} is a fixed parameter and can be set only before exitInitializationMode. "
+                "Reset the unit to set it."
             )
         self._require("instantiated", "initialization", "step")
 
@@ -267,42 +298,74 @@ class UnitSlave(Fmi2Slave):
             "time": self.time,
             "start_time": self._start_time,
             "experiment_tolerance": self._tolerance,
-            "dirty": self._dirty,
+            "stale": self._stale,
             "memory": self._memory.tolist(),
             "behaviour": self._behaviour.state(),
         }
 
     @_call("setFMUstate")
-    def _set_fmu_state(self, state: dict[str, Any]) -> None:
-        if not isinstance(state, dict) or state.get("guid") != self._content.guid:
-            raise FmuError(f"this is not a state of {self._content.model_name} with GUID {self._content.guid}.")
-        self.phase, self.time, self._start_time = state["phase"], state["time"], state["start_time"]
-        self._tolerance, self._dirty = state["experiment_tolerance"], state["dirty"]
-        self._memory[:] = state["memory"]
-        if state["behaviour"] is not None:
-            self._behaviour.restore(state["behaviour"])
+    def _set_fmu_state(self, state: Any) -> None:
+        known: dict[str, Any] = state if isinstance(state, dict) else {}
+        guid = known.get("guid")
+        if guid != self._content.guid:
+            raise FmuError(
+                f"expected a state of {self._content.model_name} with GUID {self._content.guid}, got "
+                f"{f'one with GUID {guid}' if guid else 'something else'}."
+            )
+        try:
+            phase, stale, behaviour = known["phase"], known["stale"], known["behaviour"]
+            times = known["time"], known["start_time"], known["experiment_tolerance"]
+            memory = np.array(known["memory"], dtype=float).reshape(len(self._memory))
+        except (KeyError, TypeError, ValueError) as error:
+            raise FmuError(f"the state is damaged: {type(error).__name__}: {error}.") from None
+        self._behaviour.restore(behaviour)
+        self._memory[:] = memory
+        self.time, self._start_time, self._tolerance = times
+        self._stale, self._unchecked = stale, True
+        self._enter(phase)
 
-    @staticmethod
-    def _fmu_state_to_bytes(state: dict[str, Any]) -> bytes:
+    @classmethod
+    def _fmu_state_to_bytes(cls, state: Any) -> bytes:
         return json.dumps(state).encode()
 
-    @staticmethod
-    def _fmu_state_from_bytes(state: bytes) -> dict[str, Any]:
-        return json.loads(state.decode())
+    @classmethod
+    def _fmu_state_from_bytes(cls, state: bytes) -> Any:
+        try:
+            return json.loads(state.decode())
+        except ValueError:
+            hold_all_for_ever(cls)
+            raise refusal(
+                f"{cls.unit}: deSerializeFMUstate failed: expected the bytes of a serialized state, got {len(state)} "
+                "other bytes."
+            ) from None
 
 
-def _slice_or_index(vrs: Sequence[int]) -> slice | np.ndarray:
+def _place(vrs: Sequence[int]) -> Place:
     """Slice for references that count up by one, else an index array."""
     if vrs and list(vrs) == list(range(vrs[0], vrs[0] + len(vrs))):
         return slice(vrs[0], vrs[0] + len(vrs))
     return np.array(vrs, dtype=np.intp)
 
 
-def _check_value(variable: Variable, value: Any) -> None:
-    unit = f" {variable.unit}" if variable.unit and variable.unit != "1" else ""
-    if not math.isfinite(value):
-        raise FmuError(f"{variable.name}: expected a finite number, got {value}{unit}.")
-    if variable.minimum is not None and value < variable.minimum:
-        raise FmuError(f"{variable.name}: expected at least {variable.minimum:g}{unit}, got {value:g}{unit}.")
-    if variable.maximum is not None and value > variable.maximum:
-        raise FmuError(f"{variable.name}: expected at most {variable.maximum:g}{unit}, got {value:g}{unit}.")
+class TrajectorySlave(UnitSlave):
+    """Slave of the unit trajectory."""
+
+    unit = "trajectory"
+
+
+class FeedforwardSlave(UnitSlave):
+    """Slave of the unit feedforward."""
+
+    unit = "feedforward"
+
+
+class ControllerSlave(UnitSlave):
+    """Slave of the unit controller."""
+
+    unit = "controller"
+
+
+class PlantSlave(UnitSlave):
+    """Slave of the unit plant."""
+
+    unit = "plant"

@@ -123,9 +123,12 @@ class Kernel:
         path = self._cache / self._key / f"{name}.casadi"
         if os.path.isfile(path):  # unlike Path.is_file, False in a folder that may not be searched
             try:
-                return ca.Function.load(str(path))
-            except RuntimeError:  # an unreadable file is traced anew and replaced
+                loaded = ca.Function.load(str(path))
+                if loaded.name() == name:
+                    return loaded
+            except RuntimeError:
                 pass
+            # an unreadable or wrong file is traced anew and replaced
         function = trace(name, self.robot)
         _store(function, path)
         return function

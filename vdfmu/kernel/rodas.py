@@ -60,7 +60,7 @@ def rodas_step(
     error : (m, 1) difference to the embedded solution of order 3
     """
     zero = ca.SX(*x.shape)
-    W = from_sx(ca.densify(E / (h * GAMMA) - EJ))
+    W = from_sx(ca.densify(E / (h * GAMMA) - EJ)).reshape(EJ.shape)
     LU = factorize(W[np.ix_(order, order)])
 
     u: list[ca.SX] = []

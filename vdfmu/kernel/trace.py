@@ -13,6 +13,7 @@ from vdfmu.equations.feedforward import Gains, feedforward_inverse, feedforward_
 from vdfmu.equations.forward_dynamics import forward_dynamics
 from vdfmu.equations.friction import joint_friction
 from vdfmu.equations.inverse_dynamics import inverse_dynamics
+from vdfmu.equations.newton_euler import newton_euler
 from vdfmu.equations.pd import pd_control
 from vdfmu.equations.plant import equilibrium_torque, plant_derivative, plant_outputs, split_state
 from vdfmu.equations.trajectory import Desired, desired_motion
@@ -60,6 +61,15 @@ def _trace_inverse_dynamics(robot: Robot) -> ca.Function:
     inputs = _vectors(robot.n, "q", "q_dot", "q_ddot") | _vectors(6, "F_e")
     tau = inverse_dynamics(symbols, *_arrays(inputs))
     return _function("inverse_dynamics", inputs | {"p": p}, {"tau": to_sx(tau)})
+
+
+@_traced
+def _trace_newton_euler(robot: Robot) -> ca.Function:
+    """For contrast only, section IV-A."""
+    symbols, p = symbolic_robot(robot)
+    inputs = _vectors(robot.n, "q", "q_dot", "q_ddot") | _vectors(6, "F_e")
+    tau = newton_euler(symbols, *_arrays(inputs))
+    return _function("newton_euler", inputs | {"p": p}, {"tau": to_sx(tau)})
 
 
 @_traced
@@ -112,7 +122,7 @@ def _trace_plant_derivative(robot: Robot) -> ca.Function:
 def _trace_plant_jacobian(robot: Robot) -> ca.Function:
     plant = _Plant(robot)
     n = robot.n
-    factors = factorize(from_sx(ca.densify(plant.M)))
+    factors = factorize(from_sx(ca.densify(plant.M)).reshape(n, n))
     rows = ca.densify(plant.EJ[n : 2 * n, :])
     links = ca.horzcat(*[to_sx(solve(factors, from_sx(rows[:, j]))) for j in range(4 * n)])
     J = ca.vertcat(plant.EJ[:n, :], links, plant.EJ[2 * n :, :])

@@ -11,7 +11,7 @@ from vdfmu.fmu.interface import NO_LIMIT, UNIT_NAMES, Interface, interface
 from vdfmu.kernel.structure import parameters
 from vdfmu.model import Scenario
 
-__all__ = ["override", "robot_parameters", "scenario_parameters"]
+__all__ = ["override", "robot_parameters", "scenario_parameters", "system_values"]
 
 Values = dict[str, Any]
 
@@ -39,6 +39,18 @@ def scenario_parameters(unit: str, scenario: Scenario) -> Values:
     else:
         groups = {"q_0": scenario.trajectory.q_start, "tolerance": scenario.tolerance}
     return {v.name: _cast(table, v.name, np.asarray(groups[v.group])[v.index]) for v in table if v.group in groups}
+
+
+def system_values(scenario: Scenario, settings: dict[str, str] | None = None) -> dict[str, Values]:
+    """All parameter values of the four units that robot, scenario and settings decide: unit to variable to value.
+
+    Variables that none of them names are not in it: they keep the start values of the variable table.
+    """
+    changed = override(scenario, settings or {})
+    return {
+        unit: robot_parameters(unit, scenario) | scenario_parameters(unit, scenario) | changed.get(unit, {})
+        for unit in UNIT_NAMES
+    }
 
 
 def override(scenario: Scenario, settings: dict[str, str]) -> dict[str, Values]:

@@ -16,16 +16,12 @@ from vdfmu.fmu.build import pack_zip
 from vdfmu.fmu.interface import Interface, Variable, interface
 from vdfmu.fmu.units import UNITS
 from vdfmu.model import Scenario
-from vdfmu.ssp.archive import validate
-from vdfmu.ssp.parameters import robot_parameters, scenario_parameters
+from vdfmu.ssp.archive import NAMESPACES, validate
+from vdfmu.ssp.parameters import robot_parameters, system_values
 
 __all__ = ["parameter_set", "system_structure", "write_ssp"]
 
-_NS = {
-    "ssd": "http://ssp-standard.org/SSP1/SystemStructureDescription",
-    "ssc": "http://ssp-standard.org/SSP1/SystemStructureCommon",
-    "ssv": "http://ssp-standard.org/SSP1/SystemStructureParameterValues",
-}
+_NS = {prefix: NAMESPACES[prefix] for prefix in ("ssd", "ssc", "ssv")}
 _TIME_STAMP = "2026-01-01T00:00:00Z"
 
 
@@ -54,7 +50,7 @@ def write_ssp(
     path : path
         File to write, ``name.ssp``.
     values : mapping of unit to mapping of variable to value, optional
-        Parameter values in place of those of robot and scenario, see :func:`vdfmu.ssp.parameters.override`.
+        Parameter values, see :func:`vdfmu.ssp.parameters.system_values`; default those of robot and scenario.
 
     Raises
     ------
@@ -63,14 +59,17 @@ def write_ssp(
     """
     path = Path(path)
     members: dict[str, bytes] = {"SystemStructure.ssd": _to_bytes(system_structure(scenario))}
+    if values is None:
+        values = system_values(scenario)
     for unit, fmu in fmus.items():
-        new = dict((values or {}).get(unit, {}))
-        for kind, make in (("robot", robot_parameters), ("scenario", scenario_parameters)):
-            own = make(unit, scenario)
-            own |= {name: new.pop(name) for name in list(new) if name in own}
-            if kind == "scenario":
-                own |= new  # parameters that neither file sets
-            members[f"resources/{unit}.{kind}.ssv"] = _to_bytes(parameter_set(f"{unit}.{kind}", unit, scenario, own))
+        of_robot = robot_parameters(unit, scenario).keys()
+        sets = {
+            "robot": {name: value for name, value in values[unit].items() if name in of_robot},
+            "scenario": {name: value for name, value in values[unit].items() if name not in of_robot},
+        }
+        for kind, chosen in sets.items():
+            root = parameter_set(f"{unit}.{kind}", unit, scenario, chosen)
+            members[f"resources/{unit}.{kind}.ssv"] = _to_bytes(root)
         members[f"resources/{Path(fmu).name}"] = Path(fmu).read_bytes()
     try:
         path.parent.mkdir(parents=True, exist_ok=True)

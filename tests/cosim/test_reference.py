@@ -1,0 +1,106 @@
+"""The master against the scipy references, and the references against one another."""
+
+import numpy as np
+import pytest
+
+from vdfmu.cosim import simulate
+from vdfmu.cosim.reference import REFERENCE_OF, reference
+from vdfmu.errors import UsageError
+from vdfmu.fmu import build_fmus
+from vdfmu.model import load_scenario
+from vdfmu.ssp.parameters import system_values
+from vdfmu.ssp.write import write_ssp
+
+
+class Case:
+    """A scenario with its package, at one solver tolerance."""
+
+    def __init__(self, folder, name, tolerance, **settings):
+        self.scenario = load_scenario(name)
+        self.robot = self.scenario.robot
+        settings = {key.replace("__", "."): value for key, value in settings.items()}
+        self.values = system_values(self.scenario, {"plant.tolerance": tolerance, **settings})
+        fmus = build_fmus(self.robot, folder / self.robot.name)
+        self.package = write_ssp(self.scenario, fmus, folder / f"{name}.ssp", self.values)
+
+    def differences(self, algorithm, name, step, stop):
+        results = simulate(self.package, step=step, stop=stop, algorithm=algorithm)
+        solution = reference(name, self.robot, self.values, step=step, stop=stop)
+        position = np.abs(results.array("plant.q") - solution.q).max()
+        torque = np.abs(self.robot.ell * (results.array("controller.tau") - solution.tau)).max()
+        return position, torque
+
+
+# The issue's bounds at solver tolerance 1e-9. The local error per step is 1e-9 of states of order 1 (rad) to 30 (N m);
+# the loop's slowest mode forgets within about 1 s, so at most some thousand steps add up: 1e-7 rad is an upper bound.
+POSITION, TORQUE = 1e-7, 1e-4
+
+
+@pytest.mark.parametrize("algorithm", ["gauss-seidel", "jacobi"])
+@pytest.mark.parametrize("name", ["planar_tracking", "slider_tracking"])
+def test_each_algorithm_matches_its_sampled_reference(tmp_path, name, algorithm):
+    case = Case(tmp_path, name, "1e-9")
+    position, torque = case.differences(algorithm, REFERENCE_OF[algorithm], 1e-3, 0.5)
+    assert position < POSITION
+    assert torque < TORQUE
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("algorithm", ["gauss-seidel", "jacobi"])
+def test_the_whole_tracking_run_matches_its_sampled_reference(tmp_path, algorithm):
+    case = Case(tmp_path, "tracking", "1e-9")
+    position, torque = case.differences(algorithm, REFERENCE_OF[algorithm], 1e-3, 10.0)
+    assert position < POSITION
+    assert torque < TORQUE
+
+
+def test_the_algorithms_do_not_match_each_other(tmp_path):
+    """The test above can fail: one sample of delay is far outside its bounds."""
+    case = Case(tmp_path, "planar_tracking", "1e-9")
+    position, torque = case.differences("jacobi", "sampled", 1e-3, 0.5)
+    assert position > 10 * POSITION
+    assert torque > 10 * TORQUE
+
+
+def test_required_velocities_and_settings_reach_the_reference(tmp_path):
+    settings = {
+        "feedforward__mode": "vdc",
+        "controller__velocity": "kappa_dot",
+        "plant__equilibrium": "false",
+        "plant__tau_s_0[1]": "3.0",
+        "plant__q_0[2]": "0.05",
+        "controller__tau_max": "2.0",
+        "plant__mass[1]": "4.0",
+    }
+    case = Case(tmp_path, "planar_tracking", "1e-9", **settings)
+    position, torque = case.differences("gauss-seidel", "sampled", 1e-3, 0.3)
+    assert position < POSITION
+    assert torque < TORQUE
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("algorithm", ["gauss-seidel", "jacobi"])
+def test_first_order_in_the_communication_step_against_the_continuous_reference(tmp_path, algorithm):
+    """Five step sizes, each half of the one before: the error halves.
+
+    The position error of a held input is ``C h + O(h^2)``; over the finest pair the observed order is 1 within 0.1,
+    over all five within 0.25 for the second term at the coarse end.
+    """
+    case = Case(tmp_path, "tracking", "1e-10")
+    steps = np.array([1e-3, 5e-4, 2.5e-4, 1.25e-4, 6.25e-5])
+    stop = 0.5
+    errors = []
+    exact = reference("continuous", case.robot, case.values, step=steps[0], stop=stop)
+    for step in steps:
+        results = simulate(case.package, step=step, stop=stop, algorithm=algorithm, record=["plant.q*"])
+        q = results.array("plant.q")[:: round(steps[0] / step)]
+        errors.append(np.abs(q - exact.q).max())
+    orders = -np.diff(np.log2(errors))
+    assert orders[-1] == pytest.approx(1.0, abs=0.1)
+    assert np.polyfit(np.log2(steps), np.log2(errors), 1)[0] == pytest.approx(1.0, abs=0.25)
+
+
+def test_an_unknown_reference_is_refused():
+    scenario = load_scenario("planar_tracking")
+    with pytest.raises(UsageError, match="no reference 'exact'; there are sampled, sampled-delayed and continuous"):
+        reference("exact", scenario.robot, system_values(scenario), step=1e-3, stop=0.1)

@@ -1,0 +1,120 @@
+"""The package that is written: valid, complete, and read back as it was meant."""
+
+import zipfile
+
+import numpy as np
+import pytest
+
+from vdfmu.cosim import check_system
+from vdfmu.errors import SspError, UsageError
+from vdfmu.fmu import build_fmus, interface
+from vdfmu.model import load_scenario
+from vdfmu.ssp import load_ssp
+from vdfmu.ssp.archive import parse_ssp_xml
+from vdfmu.ssp.parameters import override, system_values
+from vdfmu.ssp.write import write_ssp
+
+
+@pytest.fixture(scope="module")
+def scenario():
+    return load_scenario("planar_tracking")
+
+
+@pytest.fixture(scope="module")
+def fmus(scenario, tmp_path_factory):
+    return build_fmus(scenario.robot, tmp_path_factory.mktemp("fmus"))
+
+
+def test_every_xml_of_the_package_is_valid(scenario, fmus, tmp_path):
+    path = write_ssp(scenario, fmus, tmp_path / "system.ssp")
+    with zipfile.ZipFile(path) as archive:
+        names = archive.namelist()
+        for name in names:
+            if name.endswith((".ssd", ".ssv")):
+                parse_ssp_xml(archive.read(name), name[-3:], name)  # raises if it is not valid
+    assert sorted(names) == sorted(
+        ["SystemStructure.ssd"]
+        + [f"resources/{path.name}" for path in fmus.values()]
+        + [f"resources/{unit}.{kind}.ssv" for unit in fmus for kind in ("robot", "scenario")]
+    )
+
+
+def test_reading_back_gives_the_values_in_their_units(scenario, fmus, tmp_path):
+    system = load_ssp(write_ssp(scenario, fmus, tmp_path / "system.ssp"))
+    assert not system.problems
+    written = system_values(scenario)
+    for component in system.components:
+        table = interface(component.name, scenario.robot)
+        read = {p.name: p for p in component.parameters}
+        assert set(read) == set(written[component.name])
+        for name, parameter in read.items():
+            assert parameter.value == written[component.name][name]
+            assert (parameter.unit.name if parameter.unit else None) == table.find(name).unit
+
+
+def test_the_system_passes_the_check_before_a_run(scenario, fmus, tmp_path):
+    checked = check_system(load_ssp(write_ssp(scenario, fmus, tmp_path / "system.ssp")), algorithm="gauss-seidel")
+    order = list(checked.schedule.units)
+    assert order.index("feedforward") < order.index("controller") < order.index("plant")
+    # the only inputs left open are the components of the external wrench
+    assert sorted(note.split(":")[0] for note in checked.notes) == [f"plant.F_e[{k}]" for k in range(1, 7)]
+
+
+def test_every_signal_of_a_connected_group_is_connected(fmus, tmp_path):
+    scenario = load_scenario("planar_tracking")
+    system = load_ssp(write_ssp(scenario, fmus, tmp_path / "system.ssp"))
+    fed = {c.end for c in system.connections}
+    expected = {
+        (unit, v.name)
+        for unit in fmus
+        for v in interface(unit, scenario.robot)
+        if v.causality == "input" and v.group != "F_e"
+    }
+    assert fed == expected
+
+
+def test_the_same_scenario_gives_the_same_bytes(scenario, fmus, tmp_path):
+    first = write_ssp(scenario, fmus, tmp_path / "a.ssp").read_bytes()
+    assert write_ssp(scenario, fmus, tmp_path / "b.ssp").read_bytes() == first
+
+
+def test_plant_factors_reach_the_plant_alone():
+    values = system_values(load_scenario("two_joint"))
+    nominal = load_scenario("two_joint").robot
+    factors = load_scenario("two_joint").plant_factors
+    assert values["feedforward"]["mass[1]"] == nominal.mass[0]
+    # one multiplication: equal to rounding of the product
+    assert values["plant"]["mass[1]"] == pytest.approx(nominal.mass[0] * float(np.ravel(factors["mass"])[0]), rel=1e-15)
+
+
+def test_a_setting_without_an_index_sets_all_joints(scenario):
+    assert override(scenario, {"controller.K_p": "3000"}) == {"controller": {"K_p[1]": 3000.0, "K_p[2]": 3000.0}}
+    assert override(scenario, {"controller.K_p[2]": "10"}) == {"controller": {"K_p[2]": 10.0}}
+    assert override(scenario, {"feedforward.mode": "vdc"}) == {"feedforward": {"mode": 1}}
+    assert override(scenario, {"plant.equilibrium": "false"}) == {"plant": {"equilibrium": False}}
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "words"),
+    [
+        ("motor.K_p", "1", r"motor\.K_p: expected unit\.parameter=value with a unit of trajectory, feedforward"),
+        ("controller.K_q", "1", r"controller has no variable 'K_q'\. There are: .*K_p"),
+        ("controller.K_p[3]", "1", r"controller has no variable 'K_p\[3\]'\. There are: K_p\[1\], K_p\[2\]"),
+        ("plant.q", "1", r"plant\.q: q\[1\] is an output of plant; only parameters can be set"),
+        ("controller.K_p", "high", r"controller\.K_p\[1\]: expected a number in N\.m/rad, got 'high'"),
+        ("controller.K_p", "nan", r"expected a finite number from 0 to inf N\.m/rad, got nan"),
+        ("controller.K_p", "-1", r"expected a finite number from 0 to inf N\.m/rad, got -1"),
+        ("feedforward.mode", "fast", r"feedforward\.mode: expected one of inverse, vdc, got 'fast'"),
+        ("feedforward.mode", "0.5", r"feedforward\.mode: expected an integer, got 0\.5"),
+        ("plant.equilibrium", "maybe", r"plant\.equilibrium: expected true or false, got 'maybe'"),
+    ],
+)
+def test_a_wrong_setting_says_what_is_expected(scenario, key, value, words):
+    with pytest.raises(UsageError, match=words):
+        override(scenario, {key: value})
+
+
+def test_a_package_that_cannot_be_written_says_so(scenario, fmus, tmp_path):
+    (tmp_path / "file").write_text("in the way")
+    with pytest.raises(SspError, match=r"cannot be written.*Choose another folder"):
+        write_ssp(scenario, fmus, tmp_path / "file" / "system.ssp")

@@ -1,0 +1,252 @@
+"""The command line: ``vdfmu run``, ``build``, ``ssp``, ``check`` and ``models``.
+
+Exit codes: 0 done, 1 a check or a unit failed, 2 wrong usage or input, 130 stopped with Ctrl-C.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from rich.console import Console
+from rich.markup import escape
+from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.table import Table
+
+from vdfmu import __version__
+from vdfmu.errors import ModelError, SspError, UsageError, VdfmuError
+from vdfmu.model import load_robot, load_scenario, robot_names, scenario_names
+
+__all__ = ["app", "main"]
+
+app = typer.Typer(
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode="rich",
+    help="Flexible-joint manipulators as co-simulation FMUs: build them, wire them, run them, check them.",
+)
+models_app = typer.Typer(no_args_is_help=True, help="List and show robots and scenarios.")
+app.add_typer(models_app, name="models")
+console = Console(highlight=False)
+errors = Console(stderr=True, highlight=False)
+
+ScenarioArgument = Annotated[str, typer.Argument(help="Name of a shipped scenario, or path of a TOML file.")]
+RobotOption = Annotated[
+    str | None, typer.Option("--robot", help="Robot in place of the scenario's: a name or the path of a TOML file.")
+]
+SetOption = Annotated[
+    list[str] | None,
+    typer.Option("--set", metavar="UNIT.PARAMETER=VALUE", help="Set a parameter; without an index, for all joints. Repeatable."),
+]
+
+
+@app.callback()
+def _options(
+    version: Annotated[bool, typer.Option("--version", help="Show the version and exit.")] = False,
+) -> None:
+    if version:
+        console.print(f"vdfmu {__version__}")
+        raise typer.Exit
+
+
+@app.command(epilog="Example: [bold]vdfmu run tracking --set controller.K_p=1500 --out results/soft[/bold]")
+def run(
+    scenario: ScenarioArgument = "tracking",
+    robot: RobotOption = None,
+    step: Annotated[float | None, typer.Option(help="Communication step in seconds.")] = None,
+    stop: Annotated[float | None, typer.Option(help="End of the run in seconds.")] = None,
+    master: Annotated[str | None, typer.Option(help="gauss-seidel or jacobi.")] = None,
+    out: Annotated[Path | None, typer.Option(help="Folder of the results; default results/SCENARIO.")] = None,
+    no_reference: Annotated[bool, typer.Option("--no-reference", help="Do not solve the references.")] = False,
+    settings: SetOption = None,
+) -> None:
+    """Run a scenario: build what is stale, co-simulate, solve the references, compare, write tables and figures."""
+    from vdfmu.report import tables
+    from vdfmu.study.run import run as run_study
+
+    with _Bars() as bars:
+        results = run_study(
+            scenario,
+            robot=robot,
+            step=step,
+            stop=stop,
+            master=master,
+            out=out,
+            reference=not no_reference,
+            settings=_settings(settings),
+            progress=bars.update,
+            log=bars.log,
+        )
+    summary = results.summary
+    for warning in summary.get("warnings", []):
+        errors.print(f"[yellow]warning:[/yellow] {escape(warning)}")
+    console.print(tables.run_panel(summary))
+    console.print(tables.contrast_table(summary) if summary["kind"] == "contrast" else tables.tracking_table(summary))
+    if "reference" in summary:
+        console.print(tables.reference_table(summary))
+    folder = out if out is not None else Path("results") / summary["scenario"]
+    console.print(f"Written to {escape(str(folder))}: {', '.join(sorted(p.name for p in folder.iterdir()))}")
+
+
+@app.command(epilog="Example: [bold]vdfmu build tracking --out fmus[/bold]")
+def build(
+    scenario: ScenarioArgument = "tracking",
+    robot: RobotOption = None,
+    out: Annotated[Path, typer.Option(help="Folder of the FMUs.")] = Path("fmus"),
+    settings: SetOption = None,
+) -> None:
+    """Build the four FMUs of a scenario's robot, with the scenario's values as start values."""
+    from vdfmu.fmu import build_fmus
+    from vdfmu.ssp.parameters import system_values
+
+    chosen = load_scenario(scenario, robot)
+    for path in build_fmus(chosen.robot, out, start_values=system_values(chosen, _settings(settings))).values():
+        console.print(escape(str(path)))
+
+
+@app.command(epilog="Example: [bold]vdfmu ssp two_joint --out two_joint.ssp[/bold]")
+def ssp(
+    scenario: ScenarioArgument = "tracking",
+    robot: RobotOption = None,
+    out: Annotated[Path | None, typer.Option(help="File to write; default SCENARIO.ssp.")] = None,
+    settings: SetOption = None,
+) -> None:
+    """Pack the system of a scenario as an SSP 1.0, with FMUs and parameters inside."""
+    from vdfmu.ssp.parameters import system_values
+    from vdfmu.ssp.write import write_ssp
+    from vdfmu.study.run import cached_fmus
+
+    chosen = load_scenario(scenario, robot)
+    path = out if out is not None else Path(f"{chosen.name}.ssp")
+    values = system_values(chosen, _settings(settings))
+    console.print(escape(str(write_ssp(chosen, cached_fmus(chosen.robot), path, values))))
+
+
+@app.command(epilog="Example: [bold]vdfmu check fmus/Plant.fmu[/bold]")
+def check(
+    file: Annotated[Path, typer.Argument(help="An FMU, of this or any other tool.")],
+    no_run: Annotated[bool, typer.Option("--no-run", help="Read only; do not run the unit's code.")] = False,
+) -> None:
+    """Check an FMU: schema, rules of the standard, binary for this platform, ten steps."""
+    from vdfmu.study.check import check_fmu
+
+    problems = check_fmu(file, run=not no_run)
+    for problem in problems:
+        console.print(f"[red]problem:[/red] {escape(problem)}")
+    console.print(f"{escape(str(file))}: {len(problems)} problem(s)" if problems else f"{escape(str(file))}: no problems")
+    if problems:
+        raise typer.Exit(1)
+
+
+@models_app.command("list", epilog="Example: [bold]vdfmu models list[/bold]")
+def list_models() -> None:
+    """List the robots and scenarios that travel with the package."""
+    for title, names, load in (("Robots", robot_names(), load_robot), ("Scenarios", scenario_names(), load_scenario)):
+        table = Table(title=title, title_justify="left", show_header=False, box=None)
+        for name in names:
+            table.add_row(name, load(name).description)
+        console.print(table)
+
+
+@models_app.command("show", epilog="Example: [bold]vdfmu models show manipulator_6dof[/bold]")
+def show_model(
+    name: Annotated[str, typer.Argument(help="Name of a robot or scenario, or path of a robot's TOML file.")],
+) -> None:
+    """Show a robot's parameters with their sources, or a scenario's file."""
+    from vdfmu.data import data_path
+
+    if name in scenario_names():
+        console.print((data_path("models") / "scenarios" / f"{name}.toml").read_text(encoding="utf-8"), markup=False)
+        return
+    robot = load_robot(name)
+    console.print(f"[bold]{escape(robot.name)}[/bold]: {escape(robot.description)}")
+    table = Table(show_edge=False)
+    for heading in ("parameter", *(f"joint {i + 1}" for i in range(robot.n)), "source"):
+        table.add_column(heading)
+    table.add_row("type", *robot.joint_types, "")
+    for section, keys in _SHOWN.items():
+        for key in keys:
+            cells = [_number(getattr(robot, key)[i]) for i in range(robot.n)]
+            table.add_row(key, *cells, escape(robot.source_of(f"joints[1].{section}{key}") or ""))
+    console.print(table)
+
+
+_SHOWN = {
+    "": ("offset",),
+    "link.": ("mass", "centroid", "inertia"),
+    "drive.": ("ell", "I_m", "K_f0", "c_f", "K_w0", "c_w", "theta_err_amplitude", "theta_err_phase"),
+    "friction.": ("f_c", "f_s", "f_v", "v_s", "f_ck", "eps"),
+}
+
+
+def _number(value: Any) -> str:
+    if getattr(value, "ndim", 0) == 2:
+        diagonal = [value[k, k] for k in range(3)]
+        return _number(diagonal[0]) if len(set(diagonal)) == 1 else " ".join(_number(v) for v in diagonal)
+    return " ".join(_number(v) for v in value) if getattr(value, "ndim", 0) == 1 else f"{value:g}"
+
+
+def _settings(items: list[str] | None) -> dict[str, str]:
+    settings: dict[str, str] = {}
+    for item in items or []:
+        key, equals, value = item.partition("=")
+        if not equals or not key.strip() or not value.strip():
+            raise UsageError(f"--set {item}: expected UNIT.PARAMETER=VALUE, such as controller.K_p[1]=3000.")
+        settings[key.strip()] = value.strip()
+    return settings
+
+
+class _Bars:
+    """Progress bars, one a stage, and the messages of the units above them."""
+
+    def __init__(self) -> None:
+        self._progress = Progress(
+            TextColumn("{task.description:20}"), BarColumn(), TextColumn("{task.percentage:3.0f} %"),
+            TimeElapsedColumn(), TimeRemainingColumn(), console=errors, transient=False,
+            disable=not errors.is_terminal,
+        )  # fmt: skip
+        self._tasks: dict[str, TaskID] = {}
+
+    def __enter__(self) -> _Bars:
+        self._progress.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._progress.stop()
+
+    def update(self, stage: str, done: int, total: int) -> None:
+        if stage not in self._tasks:
+            self._tasks[stage] = self._progress.add_task(stage)
+        self._progress.update(self._tasks[stage], completed=done, total=total)
+
+    def log(self, message: Any) -> None:
+        if message.status > 0:  # warnings and worse; what units merely tell is in Results.messages
+            self._progress.console.print(f"{message.unit}: {message.text}", markup=False)
+
+
+def main() -> None:
+    """Entry point: run a command and turn errors into a message and an exit code."""
+    try:
+        app()
+    except (UsageError, ModelError, SspError) as error:
+        _fail(error, 2)
+    except VdfmuError as error:
+        _fail(error, 1)
+    except KeyboardInterrupt as error:
+        _fail(f"stopped: {error}" if str(error) else "stopped", 130)
+    except BrokenPipeError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        sys.exit(1)
+
+
+def _fail(error: object, code: int) -> None:
+    errors.print(f"[red]error:[/red] {escape(str(error))}", soft_wrap=True)
+    sys.exit(code)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,228 @@
+"""One look for all pictures: size, colours, panels, and files that do not depend on when they are made.
+
+Figures are drawn with matplotlib's objects on an Agg canvas: no pyplot, no display, no settings of the user.
+"""
+
+from __future__ import annotations
+
+import functools
+import io
+import math
+import os
+import textwrap
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any, ParamSpec
+
+import matplotlib.style
+import numpy as np
+from matplotlib.artist import Artist
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.ticker import ScalarFormatter
+from numpy.typing import NDArray
+
+from vdfmu.errors import UsageError, VdfmuError
+
+Floats = NDArray[np.float64]
+P = ParamSpec("P")
+
+DPI = 150
+WIDTH = 8.0
+"""Width of a figure [in]."""
+
+COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
+"""Okabe and Ito (2008), safe for colour-blind readers; their yellow is left out, too faint on white."""
+
+FRONT = "#000000"
+"""Colour of a dashed curve that lies on top of a coloured one."""
+
+_DASHES = ("-", "--", "-.", ":")
+_GREY = "#555555"
+_MARGIN = 0.1
+_CAPTION_CHARACTERS = 14.5  # that fit into an inch
+_RC: dict[str, Any] = {
+    "font.family": "DejaVu Sans",  # comes with matplotlib
+    "font.size": 10.0,
+    "axes.titlesize": 10.0,
+    "axes.labelsize": 10.0,
+    "axes.titlelocation": "left",
+    "axes.titleweight": "bold",
+    "axes.edgecolor": _GREY,
+    "axes.linewidth": 0.8,
+    "axes.grid": True,
+    "axes.axisbelow": True,
+    "axes.xmargin": 0.0,
+    "axes.ymargin": 0.08,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "grid.color": "#DDDDDD",
+    "grid.linewidth": 0.7,
+    "lines.linewidth": 1.6,
+    "lines.solid_capstyle": "round",
+    "legend.frameon": False,
+    "legend.fontsize": 10.0,
+    "xtick.labelsize": 9.0,
+    "ytick.labelsize": 9.0,
+    "xtick.color": _GREY,
+    "ytick.color": _GREY,
+    "xtick.labelcolor": "black",
+    "ytick.labelcolor": "black",
+    "figure.constrained_layout.h_pad": 0.06,
+    "figure.constrained_layout.w_pad": 0.06,
+    "figure.constrained_layout.hspace": 0.03,
+    "figure.constrained_layout.wspace": 0.03,
+}
+
+
+def styled(draw: Callable[P, Figure]) -> Callable[P, Figure]:
+    """Let a function draw its figure in the style of this module."""
+
+    @functools.wraps(draw)
+    def wrapper(*args: P.args, **kwargs: P.kwargs) -> Figure:
+        with matplotlib.style.context(["default", _RC]):
+            return draw(*args, **kwargs)
+
+    return wrapper
+
+
+def new_figure(
+    title: str, caption: str, *, height: float, width: float = WIDTH, legend: Sequence[Artist] = ()
+) -> Figure:
+    """Return a figure of `width` by `height` [in] with empty space for panels.
+
+    Title and, in a line of its own, a legend stand above that space, the caption below. Nothing there moves with
+    the panels, and the legend hides no data.
+    """
+    figure = Figure(figsize=(width, height), dpi=DPI, layout="constrained")
+    FigureCanvasAgg(figure)
+    left = _MARGIN / width
+    figure.text(left, 1.0 - _MARGIN / height, title, va="top", fontsize=12.0, fontweight="bold")
+    above = _MARGIN + 0.25
+    if legend:
+        figure.legend(
+            handles=list(legend),
+            loc="upper left",
+            bbox_to_anchor=(0.0, 1.0 - above / height),
+            ncols=len(legend),
+            borderaxespad=0.0,
+            borderpad=0.2,
+            handlelength=3.0,
+        )
+        above += 0.3
+    lines = [
+        line
+        for text in caption.splitlines()
+        for line in textwrap.wrap(text, round(_CAPTION_CHARACTERS * width))
+    ]
+    figure.text(
+        left, _MARGIN / height, "\n".join(lines), va="bottom", fontsize=8.5, color=_GREY, linespacing=1.3
+    )
+    below = _MARGIN + 0.16 * len(lines) + 0.02
+    figure.set_layout_engine("constrained", rect=(0.0, below / height, 1.0, 1.0 - (above + below) / height))
+    return figure
+
+
+def dress(axes: Axes, title: str, quantity: str, unit: str, time: Floats | None = None) -> None:
+    """Give a panel with its curves a title, a y label with unit and, over time, the limits of its x axis.
+
+    Very small or large values get a power of ten in the label, never a separate factor above the axis.
+    """
+    axes.set_title(title)
+    if axes.get_yscale() == "linear":
+        largest = float(np.max(np.abs(axes.dataLim.intervaly)))
+        exponent = math.floor(math.log10(largest)) if 0.0 < largest < math.inf else 0
+        if exponent in (-2, -1, 0, 1, 2, 3):
+            exponent = 0
+        else:
+            unit = rf"$10^{{{exponent}}}$ {unit}"
+        formatter = ScalarFormatter(useOffset=False)
+        formatter.set_powerlimits((exponent, exponent))
+        axes.yaxis.set_major_formatter(formatter)
+        axes.yaxis.get_offset_text().set_visible(False)
+    axes.set_ylabel(f"{quantity} [{unit}]")
+    if time is not None and len(time) and time[-1] > time[0]:
+        axes.set_xlim(float(time[0]), float(time[-1]))
+
+
+def label_time(panels: Sequence[Axes], columns: int) -> None:
+    """Write "Time [s]" below the lowest panel of each column; panels come row by row."""
+    for axes in panels[-columns:]:
+        axes.set_xlabel("Time [s]")
+
+
+def grid_of(count: int) -> tuple[int, int]:
+    """Return rows and columns for `count` panels: at most two columns up to eight panels, then about a square."""
+    columns = math.ceil(math.sqrt(count)) if count > 8 else 1 if count in (1, 3) else 2
+    return math.ceil(count / columns), columns
+
+
+def legend_beside(axes: Axes, handles: Sequence[Artist]) -> None:
+    """Put a legend right of a panel, where it hides no data; it wraps into columns of 14."""
+    axes.legend(
+        handles=list(handles),
+        loc="upper left",
+        bbox_to_anchor=(1.01, 1.0),
+        ncols=math.ceil(len(handles) / 14),
+        borderaxespad=0.0,
+        handlelength=1.8,
+    )
+
+
+def joint_look(i: int) -> dict[str, Any]:
+    """Return colour and dashes of joint `i`, from 0: a joint looks the same in every panel."""
+    return {"color": COLORS[i % len(COLORS)], "linestyle": _DASHES[i // len(COLORS) % len(_DASHES)]}
+
+
+def joint_handles(joints: Sequence[int]) -> list[Line2D]:
+    """Return the entries of a legend of joints."""
+    return [Line2D([], [], label=f"Joint {i + 1}", **joint_look(i)) for i in joints]
+
+
+def curve(axes: Axes, time: Floats, values: Floats, **look: Any) -> Line2D:
+    """Draw one thinned curve."""
+    return axes.plot(*thin(time, values), **look)[0]
+
+
+def thin(time: Floats, values: Floats, buckets: int = 1000) -> tuple[Floats, Floats]:
+    """Keep the first, the last, and of each of `buckets` equal stretches the smallest and the largest value.
+
+    So no peak is lost, and a curve of many points looks the same at the resolution of the picture.
+    Up to ``2 * buckets`` points all are kept.
+    """
+    m = len(values)
+    if m <= 2 * buckets:
+        return time, values
+    keep = [0, m - 1]
+    finite_low, finite_high = np.where(np.isnan(values), [[np.inf], [-np.inf]], values)
+    edges = np.linspace(0, m, buckets + 1).astype(int)
+    for first, last in zip(edges[:-1], edges[1:], strict=True):
+        keep.append(first + int(np.argmin(finite_low[first:last])))
+        keep.append(first + int(np.argmax(finite_high[first:last])))
+    rows = np.unique(keep)
+    return time[rows], values[rows]
+
+
+def save(figure: Figure, path: Path) -> Path:
+    """Write a figure as PNG; the same figure gives the same bytes. The folder is made if it is missing.
+
+    Raises
+    ------
+    UsageError, VdfmuError
+        The file cannot be written.
+    """
+    stream = io.BytesIO()
+    with matplotlib.style.context(["default", _RC]):
+        figure.savefig(stream, format="png", dpi=DPI, metadata={"Software": None})
+    temporary = path.with_name(f".{path.name}.{os.getpid()}.part")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        temporary.write_bytes(stream.getvalue())
+        os.replace(temporary, path)
+    except OSError as error:
+        temporary.unlink(missing_ok=True)
+        kind = UsageError if isinstance(error, (FileNotFoundError, PermissionError)) else VdfmuError
+        raise kind(f"cannot write {path}: {error.strerror or error}") from None
+    return path

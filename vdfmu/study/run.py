@@ -1,0 +1,246 @@
+"""The main job: build what is stale, pack, co-simulate, solve the references, compare, write tables and figures."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+import os
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+from vdfmu import __version__
+from vdfmu.cosim import Interrupted, LogMessage, Results, simulate
+from vdfmu.cosim.reference import REFERENCE_OF, reference
+from vdfmu.errors import CosimError, UsageError, VdfmuError
+from vdfmu.fmu import build_fmus
+from vdfmu.fmu.content import Content
+from vdfmu.kernel.functions import cache_folder
+from vdfmu.model import Robot, Scenario, load_robot, load_scenario
+from vdfmu.model.check import check_step
+from vdfmu.model.read import Problems
+from vdfmu.report.plots import contrast_figures, tracking_figures, two_joint_figures
+from vdfmu.ssp.parameters import system_values
+from vdfmu.ssp.write import write_ssp
+from vdfmu.study.contrast import contrast
+from vdfmu.study.summary import compare, sampling_warnings, tracking_errors
+
+__all__ = ["cached_fmus", "prepare", "run"]
+
+Progress = Callable[[str, int, int], None]
+"""Called with the stage, the number of finished steps and their total."""
+
+_OUTPUTS = ("results.csv", "summary.json", "system.ssp", "*.png")
+
+
+def prepare(
+    scenario: Scenario | str | os.PathLike[str],
+    *,
+    robot: Robot | str | os.PathLike[str] | None = None,
+    step: float | None = None,
+    stop: float | None = None,
+    master: str | None = None,
+) -> Scenario:
+    """Load a scenario and replace what the options name, with the checks of a scenario file.
+
+    Raises
+    ------
+    UsageError, ModelError
+        For an unknown name, a bad file or options that do not fit together.
+    """
+    if isinstance(robot, (str, os.PathLike)):
+        robot = load_robot(robot)
+    if not isinstance(scenario, Scenario):
+        scenario = load_scenario(scenario, robot)
+    elif robot is not None:
+        raise UsageError("robot: give it with the name or path of a scenario, not with a loaded one.")
+    changes = {"step": step, "stop": stop, "master": master}
+    scenario = dataclasses.replace(scenario, **{k: v for k, v in changes.items() if v is not None})
+    if scenario.master not in REFERENCE_OF:
+        raise UsageError(f"master: expected {' or '.join(REFERENCE_OF)}, got {scenario.master!r}.")
+    check_options(scenario.stop, scenario.step)
+    return scenario
+
+
+def cached_fmus(robot: Robot) -> dict[str, Path]:
+    """FMUs of a robot in the cache, built if they are not there: their folder is named by their content."""
+    folder = cache_folder() / "fmus" / Content("plant", robot, {}).guid.strip("{}")
+    return build_fmus(robot, folder)
+
+
+def run(
+    scenario: Scenario | str | os.PathLike[str],
+    *,
+    robot: Robot | str | os.PathLike[str] | None = None,
+    step: float | None = None,
+    stop: float | None = None,
+    master: str | None = None,
+    out: str | os.PathLike[str] | None = None,
+    reference: bool = True,
+    settings: Mapping[str, Any] | None = None,
+    progress: Progress | None = None,
+    log: Callable[[LogMessage], None] | None = None,
+) -> Results:
+    """Run a scenario and write ``results.csv``, ``summary.json`` and figures.
+
+    Parameters
+    ----------
+    scenario : Scenario, str or path
+        Loaded, or the name of a shipped one, or a file.
+    robot : Robot, str or path, optional
+        Robot in place of the scenario's.
+    step, stop : float, optional [s]
+        Communication step and end of the run.
+    master : "gauss-seidel" or "jacobi", optional
+    out : path, optional
+        Folder for the files; default ``results/<scenario>``. Files of an earlier run in it are replaced.
+    reference : bool, optional
+        Whether to solve the references and compare, which takes longer than the run itself.
+    settings : mapping of str to value, optional
+        Parameters, ``{"controller.K_p[1]": 3000}``; without an index for all joints.
+    progress : callable, optional
+        Called with stage, done, total.
+    log : callable, optional
+        Receives the messages of the units.
+
+    Returns
+    -------
+    Results
+        Recorded signals; `summary` is what ``summary.json`` holds.
+
+    Raises
+    ------
+    UsageError, ModelError, SspError
+        Before the run, for what is wrong with scenario, robot, options or system.
+    CosimError, vdfmu.cosim.Interrupted
+        A unit failed, or the user stopped the run. The rows so far are in ``results.csv``.
+    """
+    scenario = prepare(scenario, robot=robot, step=step, stop=stop, master=master)
+    folder = Path(out) if out is not None else Path("results") / scenario.name
+    _make_empty(folder)
+    report = progress or (lambda stage, done, total: None)
+    if scenario.kind == "contrast":
+        if settings:
+            raise UsageError(f"scenario {scenario.name} has no units, so there is nothing to set: {', '.join(settings)}.")
+        return _run_contrast(scenario, folder)
+
+    text_settings = {key: str(value) for key, value in (settings or {}).items()}
+    values = system_values(scenario, text_settings)
+    warnings = sampling_warnings(values, scenario.robot, scenario.step)
+    report("build", 0, 1)
+    package = write_ssp(scenario, cached_fmus(scenario.robot), folder / "system.ssp", values)
+    report("build", 1, 1)
+    summary = _head(scenario) | {"backend": "python", "settings": text_settings, "warnings": warnings}
+    try:
+        results = simulate(
+            package,
+            start=0.0,
+            stop=scenario.stop,
+            step=scenario.step,
+            algorithm=scenario.master,
+            progress=lambda done, total: report("co-simulation", done, total),
+            log=log,
+        )
+    except (CosimError, Interrupted) as error:
+        _keep(error, folder, summary)
+        raise
+    wall = results.summary["wall_s"]
+    summary |= results.summary | {"real_time_factor": scenario.stop / wall}
+    summary |= tracking_errors(results, scenario.robot)
+    summary["paper"] = dict(scenario.paper)
+    results.summary = summary
+    _write(results, folder)
+    if reference:
+        summary["reference"] = _references(scenario, values, results, report)
+        _write_summary(summary, folder)
+    draw = two_joint_figures if scenario.name == "two_joint" else tracking_figures
+    draw(results, scenario, folder)
+    return results
+
+
+def _run_contrast(scenario: Scenario, folder: Path) -> Results:
+    study = contrast(scenario)
+    results = study.results()
+    results.summary = _head(scenario) | study.summary(dict(scenario.paper))
+    _write(results, folder)
+    contrast_figures(study, folder)
+    return results
+
+
+def _references(
+    scenario: Scenario, values: Mapping[str, Mapping[str, Any]], results: Results, report: Progress
+) -> dict[str, Any]:
+    """Solve the sampled reference of the algorithm and the continuous one, and compare."""
+    compared: dict[str, Any] = {}
+    for key, name in (("sampled", REFERENCE_OF[scenario.master]), ("continuous", "continuous")):
+        stage = f"{name} reference"
+        report(stage, 0, 1)
+        solution = reference(
+            name,
+            scenario.robot,
+            values,
+            step=scenario.step,
+            stop=scenario.stop,
+            progress=lambda done, total, stage=stage: report(stage, done, total),
+        )
+        report(stage, 1, 1)
+        compared[key] = compare(results, solution, scenario.robot)
+    return compared
+
+
+def _head(scenario: Scenario) -> dict[str, Any]:
+    return {
+        "scenario": scenario.name,
+        "kind": scenario.kind,
+        "robot": scenario.robot.name,
+        "joints": scenario.robot.n,
+        "vdfmu": __version__,
+        "master": scenario.master,
+        "step": scenario.step,
+        "stop": scenario.stop,
+        "tolerance": scenario.tolerance,
+    }
+
+
+def check_options(stop: float, step: float) -> None:
+    """Raise if `stop` and `step` are no positive times, or the stop no multiple of the step."""
+    for name, value in (("step", step), ("stop", stop)):
+        if not 0.0 < value < math.inf:
+            raise UsageError(f"{name}: expected a positive finite time, got {value:g} s.")
+    problems = Problems("options")
+    check_step(problems, stop, step)
+    if problems.lines:
+        raise UsageError(" ".join(problems.lines))
+
+
+def _make_empty(folder: Path) -> None:
+    """Make the folder of the results, without the files of an earlier run."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        for pattern in _OUTPUTS:
+            for old in folder.glob(pattern):
+                old.unlink()
+    except OSError as error:
+        raise UsageError(f"{folder}: cannot hold the results: {error}. Choose another folder with --out.") from error
+
+
+def _write(results: Results, folder: Path) -> None:
+    results.to_csv(folder / "results.csv")
+    _write_summary(results.summary, folder)
+
+
+def _write_summary(summary: Mapping[str, Any], folder: Path) -> None:
+    path = folder / "summary.json"
+    try:
+        path.write_text(json.dumps(summary, indent=2) + "\n", encoding="utf-8")
+    except OSError as error:
+        raise VdfmuError(f"{path}: cannot be written: {error}. Free space or choose another folder.") from error
+
+
+def _keep(error: CosimError | Interrupted, folder: Path, summary: dict[str, Any]) -> None:
+    """Write the rows that a failed run recorded, and why it ended."""
+    results = error.results
+    if results is not None:
+        results.summary = summary | results.summary | {"error": str(error)}
+        _write(results, folder)

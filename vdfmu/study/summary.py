@@ -1,0 +1,66 @@
+"""Numbers of a run: tracking and compensation errors, differences to the references, warnings."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from vdfmu.cosim.reference import Reference
+from vdfmu.cosim.results import Results
+from vdfmu.fmu.units import unit_of
+from vdfmu.model import Robot
+
+__all__ = ["compare", "sampling_warnings", "tracking_errors"]
+
+_SAMPLING_LIMIT = 0.5
+
+
+def tracking_errors(results: Results, robot: Robot) -> dict[str, Any]:
+    """Position errors in deg (mm for prismatic joints) and torque compensation errors link-side in N m (N).
+
+    The compensation error is the control torque minus the feedforward torque that the controller added to, as the
+    paper's Fig. 11(b): ``ell (tau - tau_m)``.
+    """
+    revolute = np.array([t == "revolute" for t in robot.joint_types])
+    error = (results.array("trajectory.q_d") - results.array("plant.q")) * np.where(revolute, 180.0 / np.pi, 1e3)
+    compensation = robot.ell * (results.array("controller.tau") - results.array("controller.tau_m"))
+    return {
+        "position_units": ["deg" if r else "mm" for r in revolute],
+        "torque_units": [unit_of("torque", t) for t in robot.joint_types],
+        "rms_position_error_deg": np.sqrt(np.mean(error**2, axis=0)).tolist(),
+        "max_position_error_deg": np.max(np.abs(error), axis=0).tolist(),
+        "rms_torque_compensation_error_nm": np.sqrt(np.mean(compensation**2, axis=0)).tolist(),
+    }
+
+
+def compare(results: Results, reference: Reference, robot: Robot) -> dict[str, Any]:
+    """Largest absolute differences of link positions [rad or m] and control torques, link-side [N m or N]."""
+    position = np.abs(results.array("plant.q") - reference.q)
+    torque = np.abs(robot.ell * (results.array("controller.tau") - reference.tau))
+    return {
+        "name": reference.name,
+        "max_position_difference_rad": float(position.max()),
+        "max_torque_difference_nm": float(torque.max()),
+        "at_s": float(results.time[position.max(axis=1).argmax()]),
+    }
+
+
+def sampling_warnings(values: Mapping[str, Mapping[str, Any]], robot: Robot, step: float) -> list[str]:
+    """Warnings on gains that the sampled loop does not stand."""
+    controller, plant = values["controller"], values["plant"]
+    warnings: list[str] = []
+    for i in range(1, robot.n + 1):
+        number = controller[f"K_v[{i}]"] * step / (controller[f"ell[{i}]"] * plant[f"I_m[{i}]"])
+        if number > _SAMPLING_LIMIT:
+            warnings.append(
+                f"Joint {i}: K_v*step/(ell*I_m) = {number:.2g} is above {_SAMPLING_LIMIT}: the sampled loop may be "
+                f"unstable. Lower controller.K_v[{i}] or the step."
+            )
+    if controller["velocity"]:
+        warnings.append(
+            "controller.velocity = q_dot: the derivative acts across the spring (non-collocated) and is unstable at the "
+            "usual gains. kappa_dot is the default."
+        )
+    return warnings
