@@ -32,7 +32,7 @@ def random_rotation(random: np.random.Generator) -> np.ndarray:
 
 
 def random_inertia(random: np.random.Generator, size: float) -> np.ndarray:
-    """Return the inertia [kg.m2] of a cloud of points of 1 kg in all within about `size` [m]; its products are not 0."""
+    """Return the inertia [kg.m2] of 1 kg of points within about `size` [m], with products of inertia."""
     points = random.normal(scale=size, size=(8, 3))
     points -= points.mean(axis=0)
     return sum(np.dot(p, p) * np.eye(3) - np.outer(p, p) for p in points) / 8
@@ -41,8 +41,8 @@ def random_inertia(random: np.random.Generator, size: float) -> np.ndarray:
 def make_general_chain() -> Robot:
     """Return a chain with everything that the shipped robots leave out.
 
-    Revolute and prismatic joints in any order, skewed axes, offsets and centres of mass in all directions, full
-    inertias, gravity in no axis, tool offset, kinematic error, split friction.
+    Revolute and prismatic joints in any order, skewed axes, offsets and centres of mass in all directions,
+    full inertias, gravity in no axis, tool offset, kinematic error, split friction.
     """
     random = np.random.default_rng(20240501)
     types = ("revolute", "prismatic", "revolute", "revolute", "prismatic")

@@ -36,11 +36,16 @@ errors = Console(stderr=True, highlight=False)
 
 ScenarioArgument = Annotated[str, typer.Argument(help="Name of a shipped scenario, or path of a TOML file.")]
 RobotOption = Annotated[
-    str | None, typer.Option("--robot", help="Robot in place of the scenario's: a name or the path of a TOML file.")
+    str | None,
+    typer.Option("--robot", help="Robot in place of the scenario's: a name or the path of a TOML file."),
 ]
 SetOption = Annotated[
     list[str] | None,
-    typer.Option("--set", metavar="UNIT.PARAMETER=VALUE", help="Set a parameter; without an index, for all joints. Repeatable."),
+    typer.Option(
+        "--set",
+        metavar="UNIT.PARAMETER=VALUE",
+        help="Set a parameter; without an index, for all joints. Repeatable.",
+    ),
 ]
 
 
@@ -61,7 +66,9 @@ def run(
     stop: Annotated[float | None, typer.Option(help="End of the run in seconds.")] = None,
     master: Annotated[str | None, typer.Option(help="gauss-seidel or jacobi.")] = None,
     out: Annotated[Path | None, typer.Option(help="Folder of the results; default results/SCENARIO.")] = None,
-    no_reference: Annotated[bool, typer.Option("--no-reference", help="Do not solve the references.")] = False,
+    no_reference: Annotated[
+        bool, typer.Option("--no-reference", help="Do not solve the references.")
+    ] = False,
     settings: SetOption = None,
 ) -> None:
     """Run a scenario: build what is stale, co-simulate, solve the references, compare, write tables and figures."""
@@ -85,7 +92,9 @@ def run(
     for warning in summary.get("warnings", []):
         errors.print(f"[yellow]warning:[/yellow] {escape(warning)}")
     console.print(tables.run_panel(summary))
-    console.print(tables.contrast_table(summary) if summary["kind"] == "contrast" else tables.tracking_table(summary))
+    console.print(
+        tables.contrast_table(summary) if summary["kind"] == "contrast" else tables.tracking_table(summary)
+    )
     if "reference" in summary:
         console.print(tables.reference_table(summary))
     folder = out if out is not None else Path("results") / summary["scenario"]
@@ -104,7 +113,9 @@ def build(
     from vdfmu.ssp.parameters import system_values
 
     chosen = load_scenario(scenario, robot)
-    for path in build_fmus(chosen.robot, out, start_values=system_values(chosen, _settings(settings))).values():
+    for path in build_fmus(
+        chosen.robot, out, start_values=system_values(chosen, _settings(settings))
+    ).values():
         console.print(escape(str(path)))
 
 
@@ -137,7 +148,11 @@ def check(
     problems = check_fmu(file, run=not no_run)
     for problem in problems:
         console.print(f"[red]problem:[/red] {escape(problem)}")
-    console.print(f"{escape(str(file))}: {len(problems)} problem(s)" if problems else f"{escape(str(file))}: no problems")
+    console.print(
+        f"{escape(str(file))}: {len(problems)} problem(s)"
+        if problems
+        else f"{escape(str(file))}: no problems"
+    )
     if problems:
         raise typer.Exit(1)
 
@@ -145,7 +160,10 @@ def check(
 @models_app.command("list", epilog="Example: [bold]vdfmu models list[/bold]")
 def list_models() -> None:
     """List the robots and scenarios that travel with the package."""
-    for title, names, load in (("Robots", robot_names(), load_robot), ("Scenarios", scenario_names(), load_scenario)):
+    for title, names, load in (
+        ("Robots", robot_names(), load_robot),
+        ("Scenarios", scenario_names(), load_scenario),
+    ):
         table = Table(title=title, title_justify="left", show_header=False, box=None)
         for name in names:
             table.add_row(name, load(name).description)
@@ -160,7 +178,9 @@ def show_model(
     from vdfmu.data import data_path
 
     if name in scenario_names():
-        console.print((data_path("models") / "scenarios" / f"{name}.toml").read_text(encoding="utf-8"), markup=False)
+        console.print(
+            (data_path("models") / "scenarios" / f"{name}.toml").read_text(encoding="utf-8"), markup=False
+        )
         return
     robot = load_robot(name)
     console.print(f"[bold]{escape(robot.name)}[/bold]: {escape(robot.description)}")

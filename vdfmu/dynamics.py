@@ -48,7 +48,7 @@ def inverse_dynamics(
     --------
     >>> robot = vdfmu.load_robot("manipulator_6dof")
     >>> vdfmu.inverse_dynamics(robot, [0] * 6, [0] * 6, [0] * 6).round(3)
-    array([ 0.   , 24.721, ...
+    array([ 0.   , 31.884, 13.049,  0.   ,  2.943,  0.   ])
     """
     n = robot.n
     wrench = np.zeros(6) if F_e is None else F_e

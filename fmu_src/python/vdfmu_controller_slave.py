@@ -1,14 +1,14 @@
 """PD controller as a co-simulation slave: what it computes is in the installed package vdfmu."""
 
 try:
-    from vdfmu.fmu.slave import UnitSlave
+    from vdfmu.fmu.slave import ControllerSlave
+    from vdfmu.fmu.wrapper import hold_globals
 except ImportError as error:
     raise ImportError(
-        "This FMU needs the package vdfmu in the Python that imports it (pip install vdfmu): " + str(error)
+        "this FMU needs the package vdfmu in the Python that imports it (pip install vdfmu): "
+        + str(error).replace("%", " percent")  # importers use the message as a format of printf
     ) from error
 
+__all__ = ["ControllerSlave"]
 
-class VdfmuControllerSlave(UnitSlave):
-    """Slave of the unit controller."""
-
-    unit = "controller"
+hold_globals(globals())

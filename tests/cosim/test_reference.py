@@ -24,6 +24,7 @@ class Case:
         self.package = write_ssp(self.scenario, fmus, folder / f"{name}.ssp", self.values)
 
     def differences(self, algorithm, name, step, stop):
+        """Return the largest position and torque differences of a run to a reference."""
         results = simulate(self.package, step=step, stop=stop, algorithm=algorithm)
         solution = reference(name, self.robot, self.values, step=step, stop=stop)
         position = np.abs(results.array("plant.q") - solution.q).max()
@@ -102,5 +103,7 @@ def test_first_order_in_the_communication_step_against_the_continuous_reference(
 
 def test_an_unknown_reference_is_refused():
     scenario = load_scenario("planar_tracking")
-    with pytest.raises(UsageError, match="no reference 'exact'; there are sampled, sampled-delayed and continuous"):
+    with pytest.raises(
+        UsageError, match="no reference 'exact'; there are sampled, sampled-delayed and continuous"
+    ):
         reference("exact", scenario.robot, system_values(scenario), step=1e-3, stop=0.1)

@@ -53,7 +53,9 @@ def test_reading_back_gives_the_values_in_their_units(scenario, fmus, tmp_path):
 
 
 def test_the_system_passes_the_check_before_a_run(scenario, fmus, tmp_path):
-    checked = check_system(load_ssp(write_ssp(scenario, fmus, tmp_path / "system.ssp")), algorithm="gauss-seidel")
+    checked = check_system(
+        load_ssp(write_ssp(scenario, fmus, tmp_path / "system.ssp")), algorithm="gauss-seidel"
+    )
     order = list(checked.schedule.units)
     assert order.index("feedforward") < order.index("controller") < order.index("plant")
     # the only inputs left open are the components of the external wrench
@@ -84,11 +86,15 @@ def test_plant_factors_reach_the_plant_alone():
     factors = load_scenario("two_joint").plant_factors
     assert values["feedforward"]["mass[1]"] == nominal.mass[0]
     # one multiplication: equal to rounding of the product
-    assert values["plant"]["mass[1]"] == pytest.approx(nominal.mass[0] * float(np.ravel(factors["mass"])[0]), rel=1e-15)
+    assert values["plant"]["mass[1]"] == pytest.approx(
+        nominal.mass[0] * float(np.ravel(factors["mass"])[0]), rel=1e-15
+    )
 
 
 def test_a_setting_without_an_index_sets_all_joints(scenario):
-    assert override(scenario, {"controller.K_p": "3000"}) == {"controller": {"K_p[1]": 3000.0, "K_p[2]": 3000.0}}
+    assert override(scenario, {"controller.K_p": "3000"}) == {
+        "controller": {"K_p[1]": 3000.0, "K_p[2]": 3000.0}
+    }
     assert override(scenario, {"controller.K_p[2]": "10"}) == {"controller": {"K_p[2]": 10.0}}
     assert override(scenario, {"feedforward.mode": "vdc"}) == {"feedforward": {"mode": 1}}
     assert override(scenario, {"plant.equilibrium": "false"}) == {"plant": {"equilibrium": False}}
@@ -97,7 +103,11 @@ def test_a_setting_without_an_index_sets_all_joints(scenario):
 @pytest.mark.parametrize(
     ("key", "value", "words"),
     [
-        ("motor.K_p", "1", r"motor\.K_p: expected unit\.parameter=value with a unit of trajectory, feedforward"),
+        (
+            "motor.K_p",
+            "1",
+            r"motor\.K_p: expected unit\.parameter=value with a unit of trajectory, feedforward",
+        ),
         ("controller.K_q", "1", r"controller has no variable 'K_q'\. There are: .*K_p"),
         ("controller.K_p[3]", "1", r"controller has no variable 'K_p\[3\]'\. There are: K_p\[1\], K_p\[2\]"),
         ("plant.q", "1", r"plant\.q: q\[1\] is an output of plant; only parameters can be set"),

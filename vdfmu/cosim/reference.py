@@ -73,7 +73,9 @@ class _Loop:
         for name in ("q_start", "q_end"):
             self._trajectory.args[name][:] = group("trajectory", name)
         mode = values["feedforward"]["mode"]
-        self._feedforward = kernel.function("feedforward_vdc" if mode else "feedforward_inverse", p=p("feedforward"))
+        self._feedforward = kernel.function(
+            "feedforward_vdc" if mode else "feedforward_inverse", p=p("feedforward")
+        )
         if mode:
             for name in ("Lambda", "K_V", "k_vq", "k_vkappa"):
                 self._feedforward.args[name][:] = group("feedforward", name)
@@ -147,7 +149,9 @@ def reference(
         return continuous_reference(robot, values, step=step, stop=stop)
     if name not in ("sampled", "sampled-delayed"):
         raise UsageError(f"no reference {name!r}; there are sampled, sampled-delayed and continuous.")
-    return sampled_reference(robot, values, step=step, stop=stop, delayed=name == "sampled-delayed", progress=progress)
+    return sampled_reference(
+        robot, values, step=step, stop=stop, delayed=name == "sampled-delayed", progress=progress
+    )
 
 
 def sampled_reference(
@@ -159,13 +163,13 @@ def sampled_reference(
     delayed: bool = False,
     progress: Callable[[int, int], None] | None = None,
 ) -> Reference:
-    """Sampled controller, zero-order hold; between the samples scipy's DOP853 solves the plant.
+    """Solve the sampled loop: zero-order hold, and scipy's DOP853 for the plant between the samples.
 
     Parameters and result as in :func:`reference`.
     """
     loop = _Loop(robot, values)
     m = round(stop / step)
-    t = step * np.arange(m + 1)
+    t: Floats = step * np.arange(m + 1, dtype=np.float64)
     x = np.empty((m + 1, 4 * loop.n))
     tau, tau_m = np.empty((m + 1, loop.n)), np.empty((m + 1, loop.n))
     x[0] = loop.x_0
@@ -189,7 +193,7 @@ def _advance(loop: _Loop, t_0: float, t_1: float, x: Floats, tau: Floats, h: flo
     )
     while solver.status == "running":
         message = solver.step()
-        if solver.status == "failed":
+        if message is not None and solver.status != "finished":
             raise VdfmuError(f"The reference failed at t = {solver.t:.9g} s: {message}")
         h = max(solver.h_abs, 1e-6)
     return solver.y, h
@@ -198,13 +202,13 @@ def _advance(loop: _Loop, t_0: float, t_1: float, x: Floats, tau: Floats, h: flo
 def continuous_reference(
     robot: Robot, values: Mapping[str, Mapping[str, Any]], *, step: float, stop: float
 ) -> Reference:
-    """Closed loop without sampling, by scipy's LSODA. The communication points are where the solution is read.
+    """Solve the loop without sampling by scipy's LSODA; it is read at the communication points.
 
     Parameters and result as in :func:`reference`.
     """
     loop = _Loop(robot, values)
     m = round(stop / step)
-    t = step * np.arange(m + 1)
+    t: Floats = step * np.arange(m + 1, dtype=np.float64)
 
     def closed_loop(time: float, x: Floats) -> Floats:
         tau_m = loop.feedforward(time, x)

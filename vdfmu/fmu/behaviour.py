@@ -1,11 +1,12 @@
 """What each unit computes: kernel functions on the unit's own memory, with no FMI in sight.
 
-All values of a unit lie in one float array, in the order of the variable table. The kernel functions read and write
-slices of it in place, so that a step copies nothing.
+All values of a unit lie in one float array, in the order of the variable table. The kernel functions read and
+write slices of it in place, so that a step copies nothing.
 """
 
 from __future__ import annotations
 
+import re
 from typing import Any
 
 import numpy as np
@@ -17,7 +18,7 @@ from vdfmu.kernel import Integrator, Kernel
 from vdfmu.kernel.structure import parameters, set_parameters
 from vdfmu.model import check_robot
 
-__all__ = ["BEHAVIOURS", "Behaviour"]
+__all__ = ["BEHAVIOURS", "Behaviour", "robot_problems"]
 
 Floats = npt.NDArray[np.float64]
 
@@ -43,13 +44,12 @@ class Behaviour:
         return self.memory[self.table.groups[group]]
 
     def views(self, *groups: str) -> dict[str, Floats]:
-        """Views of several groups, by name."""
+        """View several groups, by name."""
         return {group: self.values(group) for group in groups}
 
     def robot_parameters(self) -> Floats:
         """View of the run-time parameters of the robot, in the kernel's order."""
-        references = [self.table.reference[p.name] for p in parameters(self.table.robot)]
-        return self.memory[references[0] : references[-1] + 1]
+        return _robot_parameters(self.table, self.memory)
 
     def check(self) -> list[str]:
         """Problems of the parameter values together; those of each alone are checked when they are set."""
@@ -62,7 +62,10 @@ class Behaviour:
         """Calculate the outputs at time `t` [s] from inputs, parameters and state."""
 
     def step(self, t: float, duration: float) -> None:
-        """Move from `t` to `t + duration` [s]. Units without a state calculate their outputs from the inputs at `t`."""
+        """Move from `t` to `t + duration` [s].
+
+        A unit without a state calculates its outputs from the inputs at `t`.
+        """
         self.outputs(t)
 
     def state(self) -> Any:
@@ -73,13 +76,29 @@ class Behaviour:
         """Take a state of :meth:`state` back."""
 
 
-def _robot_problems(behaviour: Behaviour) -> list[str]:
-    robot = set_parameters(behaviour.table.robot, behaviour.robot_parameters())
+def _robot_parameters(table: Interface, memory: Floats) -> Floats:
+    references = [table.reference[p.name] for p in parameters(table.robot)]
+    return memory[references[0] : references[-1] + 1]
+
+
+def robot_problems(table: Interface, memory: Floats) -> list[str]:
+    """Tell what is not physical in the robot parameters of a unit's memory, with FMI names."""
+    robot = set_parameters(table.robot, _robot_parameters(table, memory))
     try:
-        check_robot(robot, "parameters")
+        check_robot(robot, _ROBOT)
     except ModelError as error:
-        return error.problems
+        return [_FILE_KEY.sub(_fmi_name, problem) for problem in error.problems]
     return []
+
+
+_ROBOT = "robot"
+_FILE_KEY = re.compile(rf"^{_ROBOT}: (?:joints\[(\d+)\]\.)?(?:\w+\.)?(\w+)")
+
+
+def _fmi_name(key: re.Match[str]) -> str:
+    """Turn ``robot: joints[2].friction.f_s`` into ``f_s[2]``."""
+    joint, field = key.groups()
+    return f"{field}[{joint}]" if joint else field
 
 
 class TrajectoryBehaviour(Behaviour):
@@ -114,7 +133,7 @@ class FeedforwardBehaviour(Behaviour):
         self._mode = self.values("mode")
 
     def check(self) -> list[str]:
-        return _robot_problems(self)
+        return robot_problems(self.table, self.memory)
 
     def outputs(self, t: float) -> None:
         self._functions[int(self._mode[0])].run()
@@ -127,7 +146,8 @@ class ControllerBehaviour(Behaviour):
         super().__init__(table, memory, kernel)
         buffers = self.views("K_p", "K_v", "ell", "tau_max", "q_d", "q_d_dot", "q", "tau_m", "tau", "tau_e")
         self._functions = tuple(
-            kernel.function("pd_control", **buffers, velocity=self.values(source)) for source in ("kappa_dot", "q_dot")
+            kernel.function("pd_control", **buffers, velocity=self.values(source))
+            for source in ("kappa_dot", "q_dot")
         )
         self._velocity = self.values("velocity")
 
@@ -148,7 +168,7 @@ class PlantBehaviour(Behaviour):
         self._equilibrium = kernel.function("equilibrium_torque", p=buffers["p"])
 
     def check(self) -> list[str]:
-        return _robot_problems(self)
+        return robot_problems(self.table, self.memory)
 
     def start(self, t: float, tolerance: float | None) -> None:
         self._integrator.tolerance = float(self.values("tolerance")[0]) if tolerance is None else tolerance

@@ -3,23 +3,31 @@
 from __future__ import annotations
 
 import os
+import re
 import sys
 import tempfile
 import zipfile
+import zlib
 from collections.abc import Mapping, Sequence
+from html import escape
 from pathlib import Path
 
 from pythonfmu import FmuBuilder
 
 from vdfmu.data import data_path
 from vdfmu.errors import FmuError, UsageError
+from vdfmu.fmu.behaviour import robot_problems
 from vdfmu.fmu.content import CONTENT_FILE, Content
-from vdfmu.fmu.interface import MODEL_NAMES, UNIT_NAMES
-from vdfmu.model import Robot
+from vdfmu.fmu.interface import MODEL_NAMES, UNIT_NAMES, start_values
+from vdfmu.model import Robot, check_robot
 
 __all__ = ["build_fmus", "pack_zip"]
 
 _EPOCH = (1980, 1, 1, 0, 0, 0)
+_GUID = re.compile(rb'<fmiModelDescription[^>]* guid="([^"]*)"')
+# pythonfmu puts a copy of itself into every FMU. A process that loads an FMU first would take that copy for
+# the package; it lacks the binaries that a later build needs. The slaves use the installed one.
+_LEFT_OUT = "resources/pythonfmu/"
 
 
 def build_fmus(
@@ -29,9 +37,9 @@ def build_fmus(
     units: Sequence[str] = UNIT_NAMES,
     start_values: Mapping[str, Mapping[str, float]] | None = None,
 ) -> dict[str, Path]:
-    """Build the FMUs of a robot: ``Trajectory.fmu``, ``Feedforward.fmu``, ``PDController.fmu`` and ``Plant.fmu``.
+    """Build the FMUs of a robot: Trajectory.fmu, Feedforward.fmu, PDController.fmu and Plant.fmu.
 
-    The same sources, robot and start values give the same bytes. An FMU that is up to date already is left alone.
+    The same sources, robot and start values give the same bytes. An FMU that is up to date is left alone.
 
     Parameters
     ----------
@@ -51,27 +59,42 @@ def build_fmus(
     Raises
     ------
     UsageError
-        If a unit or variable does not exist.
+        If a unit or variable does not exist, or a start value is not allowed.
+    ModelError
+        If the robot is not physical.
     FmuError
         If a file cannot be written.
     """
     unknown = [unit for unit in (*units, *(start_values or {})) if unit not in MODEL_NAMES]
     if unknown:
         raise UsageError(f"There is no unit {unknown[0]!r}. There are: {', '.join(UNIT_NAMES)}.")
+    check_robot(robot)
     out = Path(out_dir)
+    contents = [Content(unit, robot, dict((start_values or {}).get(unit, {}))) for unit in units]
+    for content in contents:
+        _check(content)
     built: dict[str, Path] = {}
-    for unit in units:
-        content = Content(unit, robot, dict((start_values or {}).get(unit, {})))
-        content.table()  # raises for unknown variables
+    for content in contents:
         path = out / f"{content.model_name}.fmu"
         try:
             out.mkdir(parents=True, exist_ok=True)
             if _guid_of(path) != content.guid:
                 _build(content, path)
         except OSError as error:
-            raise FmuError(f"{path}: cannot be written: {error}. Choose another folder or free space.") from error
-        built[unit] = path
+            raise FmuError(
+                f"{path}: cannot be written: {error}. Choose another folder or free space."
+            ) from error
+        built[content.unit] = path
     return built
+
+
+def _check(content: Content) -> None:
+    """Raise for start values with which the unit could not start."""
+    table = content.table()
+    if content.unit in ("feedforward", "plant"):
+        problems = robot_problems(table, start_values(table))
+        if problems:
+            raise UsageError(f"start values of {content.unit}: {' '.join(problems)}")
 
 
 def _build(content: Content, path: Path) -> None:
@@ -85,7 +108,8 @@ def _build(content: Content, path: Path) -> None:
         finally:
             sys.path[:] = search_path
         with zipfile.ZipFile(raw) as archive:
-            members = {name: archive.read(name) for name in archive.namelist()}
+            names = [name for name in archive.namelist() if not name.startswith(_LEFT_OUT)]
+            members = {name: archive.read(name) for name in names}
     members["documentation/index.html"] = _documentation(content).encode()
     pack_zip(path, members)
 
@@ -101,6 +125,7 @@ def pack_zip(path: Path, members: Mapping[str, bytes]) -> None:
                 entry.create_system = 3
                 entry.external_attr = 0o644 << 16
                 archive.writestr(entry, members[name])
+        os.chmod(temporary, 0o644)  # a temporary file is its owner's alone
         os.replace(temporary, path)
     except BaseException:
         Path(temporary).unlink(missing_ok=True)
@@ -111,23 +136,24 @@ def _guid_of(path: Path) -> str | None:
     """GUID of an FMU on disk; None if there is none that can be read."""
     try:
         with zipfile.ZipFile(path) as archive:
-            head = archive.read("modelDescription.xml")[:2000].decode()
-        return head.split('guid="', 1)[1].split('"', 1)[0]
-    except (OSError, KeyError, IndexError, ValueError, zipfile.BadZipFile):
+            found = _GUID.search(archive.read("modelDescription.xml"))
+    except (OSError, KeyError, ValueError, zipfile.BadZipFile, zlib.error):
         return None
+    return found[1].decode() if found else None
 
 
 def _documentation(content: Content) -> str:
     """Short page inside the FMU: what it is, what it needs, its variables."""
-    rows = "\n".join(
-        f"<tr><td>{v.name}</td><td>{v.causality}</td><td>{v.unit or ''}</td><td>{v.description}</td></tr>"
-        for v in content.table()
-    )
     table = content.table()
+    rows = "\n".join(
+        f"<tr><td>{v.name}</td><td>{v.causality}</td><td>{v.unit or ''}</td>"
+        f"<td>{escape(v.description)}</td></tr>"
+        for v in table
+    )
     return (
         "<!DOCTYPE html>\n<html lang='en'><head><meta charset='utf-8'>"
         f"<title>{content.model_name}</title></head><body>\n<h1>{content.model_name}</h1>\n"
-        f"<p>{table.description}. Robot: {content.robot.name}.</p>\n"
+        f"<p>{table.description}. Robot: {escape(content.robot.name)}.</p>\n"
         f"<p>This FMU runs in a Python that has vdfmu {content.version} installed.</p>\n"
         f"<table><tr><th>variable</th><th>causality</th><th>unit</th><th>description</th></tr>\n{rows}\n</table>\n"
         "</body></html>\n"

@@ -11,7 +11,7 @@ from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
-from pythonfmu import __version__ as PYTHONFMU_VERSION
+import pythonfmu as pythonfmu_package
 
 from vdfmu import __version__
 from vdfmu.data import data_path
@@ -29,7 +29,7 @@ _CAST = {"Real": float, "Integer": int, "Boolean": bool}
 
 @lru_cache
 def installed_digest() -> str:
-    """Digest of all that decides what the FMUs compute: sources of vdfmu, scripts of the slaves, CasADi's version."""
+    """Digest of all that decides what FMUs compute: vdfmu's sources, the scripts, CasADi's version."""
     digest = sha256(source_digest(*_SOURCES).encode())
     for script in sorted((data_path("fmu_src") / "python").glob("*.py")):
         digest.update(script.read_bytes().replace(b"\r\n", b"\n"))
@@ -57,7 +57,7 @@ class Content:
     start_values: Mapping[str, float]
     version: str = __version__
     digest: str = dataclasses.field(default_factory=installed_digest)
-    pythonfmu: str = PYTHONFMU_VERSION
+    pythonfmu: str = pythonfmu_package.__version__
 
     @property
     def model_name(self) -> str:
@@ -75,7 +75,7 @@ class Content:
         Raises
         ------
         UsageError
-            If a start value has no variable, or one that is an output, or is out of its limits; lists all of them.
+            If a start value has no variable, belongs to an output or is out of its limits; names all of them.
         """
         table = interface(self.unit, self.robot)
         start: dict[str, Any] = {}
@@ -112,7 +112,7 @@ class Content:
         Raises
         ------
         FmuError
-            If it cannot be read, belongs to another unit, or the installed vdfmu is not the one that built the FMU.
+            If it cannot be used, belongs to another unit, or another vdfmu than the installed one built it.
         """
         file = f"resources/{CONTENT_FILE}"
         try:
@@ -122,11 +122,12 @@ class Content:
                 raise FmuError(f"{file} belongs to unit {found!r}, expected {unit!r}. Build the FMU again.")
             _check_version(f"{MODEL_NAMES[unit]}.fmu", version, digest)
             robot = robot_from_dict(data["robot"], file)
-            content = Content(unit, robot, dict(data["start_values"]), version, digest, str(data["pythonfmu"]))
+            values, tool = dict(data["start_values"]), str(data["pythonfmu"])
+            content = Content(unit, robot, values, version, digest, tool)
             content.table()
         except FmuError:
             raise
-        except (OSError, LookupError, TypeError, ValueError, VdfmuError) as error:
+        except (OSError, LookupError, AttributeError, TypeError, ValueError, VdfmuError) as error:
             what = str(error) if isinstance(error, VdfmuError) else f"{type(error).__name__}: {error}"
             raise FmuError(f"{file} cannot be used: {what}. Build the FMU again.") from None
         return content
@@ -142,6 +143,6 @@ def _check_version(fmu: str, version: str, digest: str) -> None:
         )
     if digest != here:
         raise FmuError(
-            f"{fmu} was built with vdfmu {version} of other sources or with another CasADi (digest {digest[:8]}, "
-            f"here {here[:8]}). Build the FMU again with `vdfmu build`."
+            f"{fmu} was built with vdfmu {version} of other sources or with another CasADi (digest "
+            f"{digest[:8]}, here {here[:8]}). Build the FMU again with `vdfmu build`."
         )

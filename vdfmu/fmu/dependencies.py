@@ -1,7 +1,7 @@
 """Which inputs and parameters each output depends on, read off the traced functions.
 
-An entry of a Jacobian that is not zero by structure is a dependency, so the declaration follows the equations and the
-robot's geometry. Written here is only how the variables of a unit feed its functions.
+An entry of a Jacobian that is not zero by structure is a dependency, so the declaration follows the equations
+and the robot's geometry. Written here is only how the variables of a unit feed its functions.
 """
 
 from __future__ import annotations

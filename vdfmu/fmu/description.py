@@ -12,7 +12,7 @@ __all__ = ["DEFAULT_EXPERIMENT", "LOG_CATEGORIES", "model_description"]
 
 DEFAULT_EXPERIMENT = {"startTime": "0", "stopTime": "10", "tolerance": "1e-07", "stepSize": "0.001"}
 LOG_CATEGORIES = {
-    "logEvents": "Start of the simulation, rollback and reset.",
+    "logEvents": "Start of the simulation.",
     "logStatusWarning": "Log messages with fmi2Warning status.",
     "logStatusDiscard": "Log messages with fmi2Discard status.",
     "logStatusError": "Log messages with fmi2Error status.",
@@ -91,7 +91,8 @@ def _add_units(root: Element, table: Interface) -> None:
     definitions = SubElement(root, "UnitDefinitions")
     for name in sorted({v.unit for v in table if v.unit}):
         unit = SubElement(definitions, "Unit", {"name": name})
-        SubElement(unit, "BaseUnit", {base: str(exponent) for base, exponent in UNITS[name].exponents.items()})
+        exponents = {base: str(exponent) for base, exponent in UNITS[name].exponents.items()}
+        SubElement(unit, "BaseUnit", exponents)
         for display, factor in UNITS[name].display.items():
             SubElement(unit, "DisplayUnit", {"name": display, "factor": number(factor)})
 
@@ -126,5 +127,6 @@ def _add_variable(parent: Element, variable: Variable, reference: int) -> None:
     if variable.maximum is not None:
         attributes["max"] = text(variable.maximum)
     if variable.start is not None:
-        attributes["start"] = str(variable.start).lower() if variable.type == "Boolean" else text(variable.start)
+        start = variable.start
+        attributes["start"] = str(start).lower() if variable.type == "Boolean" else text(start)
     SubElement(scalar, variable.type, attributes)

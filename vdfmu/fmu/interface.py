@@ -110,5 +110,5 @@ def interface(unit: str, robot: Robot) -> Interface:
 
 
 def start_values(table: Interface) -> np.ndarray:
-    """Start values of all variables in the order of the value references; outputs are 0 until they are calculated."""
+    """Start values in the order of the value references; outputs are 0 until they are calculated."""
     return np.array([0.0 if v.start is None else float(v.start) for v in table])

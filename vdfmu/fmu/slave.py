@@ -1,8 +1,8 @@
 """The pythonfmu slave that all four units share: phases, values, state, errors.
 
-pythonfmu's own getters and setters call one Python function a variable; here a whole call is one slice of the unit's
-memory. An exception is the only way in which a Python slave can make a call fail, and its text is all that a user
-sees: it says unit, call, time, what was expected, what came and the way out.
+pythonfmu's own getters and setters call one Python function a variable; here a whole call is one slice of
+the unit's memory. An exception is the only way in which a Python slave can make a call fail, and its text is
+all that a user sees: it says unit, call, time, what was expected, what came and the way out.
 """
 
 from __future__ import annotations
@@ -18,7 +18,6 @@ from xml.etree.ElementTree import Element
 import numpy as np
 import numpy.typing as npt
 from pythonfmu import Fmi2Slave
-from pythonfmu import __version__ as PYTHONFMU_VERSION
 from pythonfmu.enums import Fmi2Status
 
 from vdfmu.errors import FmuError, VdfmuError
@@ -51,8 +50,8 @@ def _call(name: str) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
                 return method(self, *args)
             except BaseException as error:
                 hold_for_ever(self)
-                where = f"{self.instance_name}: {name}" + (f" at t = {self.time:.9g} s" if self.phase == "step" else "")
-                raise refusal(f"{where} failed: {_words(error)}") from None
+                time = f" at t = {self.time:.9g} s" if self.phase == "step" else ""
+                raise refusal(f"{self.instance_name}: {name}{time} failed: {_words(error)}") from None
 
         return guarded
 
@@ -80,7 +79,7 @@ class UnitSlave(Fmi2Slave):
         try:
             self._load(Path(kwargs["resources"]))
         except BaseException as error:
-            hold_all_for_ever(type(self))
+            hold_all_for_ever()
             raise refusal(f"{self.instance_name}: instantiate failed: {_words(error)}") from None
         hold(self)
 
@@ -102,12 +101,16 @@ class UnitSlave(Fmi2Slave):
         self._sets: dict[tuple[str, tuple[int, ...]], tuple[Place, list[Variable], bool]] = {}
 
     def to_xml(self, model_options: dict[str, str] | None = None) -> Element:
-        """Model description from the variable table; pythonfmu's own lacks units, dependencies and InitialUnknowns."""
+        """Model description from the variable table, with units, dependencies and InitialUnknowns."""
         content = self._content
-        return model_description(content.table(), content.guid, f"pythonfmu {PYTHONFMU_VERSION}")
+        return model_description(content.table(), content.guid, f"pythonfmu {content.pythonfmu}")
 
     def log(
-        self, msg: str, status: Fmi2Status = Fmi2Status.ok, category: str | None = None, debug: bool | None = None
+        self,
+        msg: str,
+        status: Fmi2Status = Fmi2Status.ok,
+        category: str | None = None,
+        debug: bool | None = None,
     ) -> None:
         """Send a message to the importer's logger."""
         super().log(plain(msg), status, category)
@@ -236,7 +239,9 @@ class UnitSlave(Fmi2Slave):
         if place is None:
             for variable in self._resolve(kind, vrs):
                 if variable.causality == "output" and self.phase == "instantiated":
-                    raise FmuError(f"{variable.name} is an output and has no value before enterInitializationMode.")
+                    raise FmuError(
+                        f"{variable.name} is an output: it has no value before enterInitializationMode."
+                    )
             place = self._gets[key] = _place(vrs)
         if self._stale and self.phase == "initialization":
             self._refresh()
@@ -267,7 +272,8 @@ class UnitSlave(Fmi2Slave):
         found: list[Variable] = []
         for vr in vrs:
             if not 0 <= vr < len(self._variables):
-                raise FmuError(f"there is no value reference {vr}; they go from 0 to {len(self._variables) - 1}.")
+                last = len(self._variables) - 1
+                raise FmuError(f"there is no value reference {vr}; they go from 0 to {last}.")
             variable = self._variables[vr]
             if variable.type != kind:
                 raise FmuError(
@@ -324,19 +330,24 @@ class UnitSlave(Fmi2Slave):
         self._stale, self._unchecked = stale, True
         self._enter(phase)
 
-    @classmethod
-    def _fmu_state_to_bytes(cls, state: Any) -> bytes:
-        return json.dumps(state).encode()
+    @staticmethod
+    def _fmu_state_to_bytes(state: Any) -> bytes:
+        try:
+            return json.dumps(state).encode()
+        except (TypeError, ValueError) as error:
+            hold_all_for_ever()
+            raise refusal(
+                f"serializeFMUstate failed: this is not a state of a vdfmu unit: {error}."
+            ) from None
 
-    @classmethod
-    def _fmu_state_from_bytes(cls, state: bytes) -> Any:
+    @staticmethod
+    def _fmu_state_from_bytes(state: bytes) -> Any:
         try:
             return json.loads(state.decode())
         except ValueError:
-            hold_all_for_ever(cls)
+            hold_all_for_ever()
             raise refusal(
-                f"{cls.unit}: deSerializeFMUstate failed: expected the bytes of a serialized state, got {len(state)} "
-                "other bytes."
+                f"deSerializeFMUstate failed: expected the bytes of a state, got {len(state)} other bytes."
             ) from None
 
 

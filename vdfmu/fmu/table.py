@@ -1,7 +1,7 @@
 """THE variable table: every variable of the four units, once.
 
-The slaves, the model descriptions, the SSP and the documentation are made from it. FMI names are structured and count
-from 1; Python indices count from 0; `Variable.name` is where the two meet.
+The slaves, the model descriptions, the SSP and the documentation are made from it. FMI names are structured
+and count from 1; Python indices count from 0; `Variable.name` is where the two meet.
 """
 
 from __future__ import annotations
@@ -69,6 +69,10 @@ class Variable:
 
     def problem(self, value: Any) -> str | None:
         """Tell what is wrong with a value, as ``expected .., got ..``; None if nothing."""
+        try:
+            value = float(value)
+        except (TypeError, ValueError):
+            return f"expected a number, got {value!r}"
         unit = f" {self.unit}" if self.unit and self.unit != "1" else ""
         low, high = self.minimum, self.maximum
         if self.choices:
@@ -76,9 +80,9 @@ class Variable:
                 return None
             expected = " or ".join(f"{i} ({name})" for i, name in enumerate(self.choices))
         elif not math.isfinite(value):
-            expected = f"a finite number{unit and ' of unit' + unit}"
+            expected = "a finite number"
         elif low is not None and value < low:
-            expected = f"a positive number{unit and ' of unit' + unit}" if low == POSITIVE else f"at least {low:g}{unit}"
+            expected = "a number above 0" if low == POSITIVE else f"at least {low:g}{unit}"
         elif high is not None and value > high:
             expected = f"at most {high:g}{unit}"
         else:
@@ -176,12 +180,12 @@ def _scalar(
     minimum: float | None = None,
     maximum: float | None = None,
 ) -> Variable:
-    """Fixed parameter without an index."""
+    """Make a fixed parameter without an index."""
     return Variable(group, (), "Real", "parameter", "fixed", unit, start, minimum, maximum, text)
 
 
 def _choice(group: str, choices: tuple[str, ...], text: str) -> Variable:
-    """Fixed integer parameter whose values have names; it starts with the first."""
+    """Make a fixed integer parameter whose values have names; it starts with the first."""
     last = len(choices) - 1
     return Variable(group, (), "Integer", "parameter", "fixed", None, 0, 0, last, text, choices)
 
@@ -196,10 +200,9 @@ def _robot_parameters(robot: Robot) -> list[Variable]:
     for p in parameters(robot):
         quantity, minimum, text = _ROBOT[p.field]
         joint_type = "revolute" if p.field in _OF_ROBOT else robot.joint_types[p.index[0]]
-        if p.field in _OF_ROBOT or len(p.index) > 1:
-            text = f"{text} {','.join(str(i + 1) for i in p.index)}"
-        else:
-            text = f"Joint {p.index[0] + 1}: {text}"
+        counted = ",".join(str(i + 1) for i in p.index)
+        one_a_joint = p.field not in _OF_ROBOT and len(p.index) == 1
+        text = f"Joint {counted}: {text}" if one_a_joint else f"{text} {counted}"
         unit = unit_of(quantity, joint_type)
         start = float(getattr(robot, p.field)[p.index])
         found.append(
@@ -252,16 +255,19 @@ def _plant(robot: Robot) -> list[Variable]:
     wrench = [
         Variable(
             "F_e", (k,), "Real", "input", "continuous", "N" if k < 3 else "N.m", 0.0, None, None,
-            f"{'Force' if k < 3 else 'Moment'} that the arm exerts on its surroundings in {{O}}, axis {k % 3 + 1}",
+            f"{'Force' if k < 3 else 'Moment'} of the arm on its surroundings in {{O}}, axis {k % 3 + 1}",
         )
         for k in range(6)
     ]  # fmt: skip
     R_O = "Rotation matrix of the end effector in {I}"
     equilibrium = (
-        "Start the springs with the torque that holds the arm, and the rotors with the velocity of their links; "
-        "otherwise from kappa_dot_0 and tau_s_0"
+        "Start the springs with the torque that holds the arm, and the rotors with the velocity of their "
+        "links; otherwise from kappa_dot_0 and tau_s_0"
     )
-    tolerance = "Tolerance of the solver, relative and absolute in SI units; a tolerance of the experiment replaces it"
+    tolerance = (
+        "Tolerance of the solver, relative and absolute in SI units; a tolerance of the experiment "
+        "replaces it"
+    )
     return [
         *_inputs(robot, _TAU),
         *wrench,
@@ -273,9 +279,7 @@ def _plant(robot: Robot) -> list[Variable]:
         _output("E_spring", (), "J", "Elastic energy of the drives"),
         *_fixed(robot, "q_0", "position", "start position of the link"),
         *_fixed(robot, "q_dot_0", "velocity", "start velocity of the link"),
-        Variable(
-            "equilibrium", (), "Boolean", "parameter", "fixed", None, True, None, None, equilibrium
-        ),
+        Variable("equilibrium", (), "Boolean", "parameter", "fixed", None, True, None, None, equilibrium),
         *_fixed(robot, "kappa_dot_0", "velocity", "start velocity of the rotor, without equilibrium"),
         *_fixed(robot, "tau_s_0", "torque", "start spring torque, link-side, without equilibrium"),
         _scalar("tolerance", "1", 1e-7, tolerance, 1e-12, 1e-1),

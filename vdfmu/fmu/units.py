@@ -78,7 +78,10 @@ _QUANTITIES = {
 
 
 def unit_of(quantity: str, joint_type: str) -> str:
-    """Unit of a joint's quantity: ``unit_of("torque", "prismatic")`` is ``"N"``; a unit's name stands for itself."""
+    """Return the unit of a joint's quantity: ``unit_of("torque", "prismatic")`` is ``"N"``.
+
+    A unit's name stands for itself.
+    """
     if quantity in UNITS:
         return quantity
     return _QUANTITIES[quantity][joint_type == "prismatic"]

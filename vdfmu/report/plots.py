@@ -1,16 +1,16 @@
 """The pictures of a run: the paper's figures 7, 8, 10, 11, 13 and 14 from our data, torques link-side.
 
 Every picture has a function that returns the matplotlib figure (``draw_...``) and is written by one of
-:func:`contrast_figures`, :func:`tracking_figures`, :func:`two_joint_figures`. Angles are in deg, torques in N.m; a
-prismatic joint has mm and N. Joints of different units never share an axis.
+:func:`contrast_figures`, :func:`tracking_figures`, :func:`two_joint_figures`. Angles are in deg, torques in
+N.m; a prismatic joint has mm and N. Joints of different units never share an axis.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, NamedTuple, Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -21,6 +21,8 @@ from numpy.typing import NDArray
 from vdfmu.cosim.results import Results
 from vdfmu.model import Robot, Scenario
 from vdfmu.report import style
+from vdfmu.report.captions import contrast_caption, paper_table, run_caption
+from vdfmu.report.joints import Group, group_joints, panel_letter, unit_of_joint
 
 __all__ = [
     "Contrast",
@@ -37,6 +39,10 @@ __all__ = [
 ]
 
 Floats = NDArray[np.float64]
+
+_BACK: dict[str, Any] = {"color": style.COLORS[5], "linewidth": 3.2}
+_ON_TOP: dict[str, Any] = {"color": "#000000", "linewidth": 1.1, "linestyle": (0, (5, 3))}
+_DARK, _LIGHT = "#444444", "#BBBBBB"
 
 
 class Contrast(Protocol):
@@ -68,24 +74,7 @@ class Contrast(Protocol):
         ...
 
 
-class _Unit(NamedTuple):
-    """How the values of one type of joint are shown: units, and the factor from rad or m."""
-
-    joint_type: str
-    position: str
-    factor: float
-    torque: str
-    small_torque: str
-    noun: str
-
-
-_UNITS = (
-    _Unit("revolute", "deg", 180.0 / math.pi, "N.m", "N.mm", "torque"),
-    _Unit("prismatic", "mm", 1e3, "N", "mN", "force"),
-)
-
-
-_Group = tuple[_Unit, list[int]]
+# --- what is written -------------------------------------------------------------------------------------
 
 
 def contrast_figures(contrast: Contrast, folder: Path | str, scenario: Scenario | None = None) -> list[Path]:
@@ -113,10 +102,10 @@ def tracking_figures(results: Results, scenario: Scenario, folder: Path | str) -
     figure_11.png. Otherwise they are torques.png and errors.png.
     """
     folder = Path(folder)
-    names = ("figure_10.png", "figure_11.png") if _table(scenario) == 4 else ("torques.png", "errors.png")
+    ours = ("figure_10.png", "figure_11.png") if paper_table(scenario) == 4 else ("torques.png", "errors.png")
     return [
-        style.save(draw_torques(results, scenario), folder / names[0]),
-        style.save(draw_errors(results, scenario), folder / names[1]),
+        style.save(draw_torques(results, scenario), folder / ours[0]),
+        style.save(draw_errors(results, scenario), folder / ours[1]),
     ]
 
 
@@ -132,11 +121,14 @@ def two_joint_figures(results: Results, scenario: Scenario, folder: Path | str) 
 def run_figures(results: Results, scenario: Scenario, folder: Path | str) -> list[Path]:
     """Write the pictures of a co-simulation.
 
-    Which ones follows from ``scenario.paper["source"]``: `two_joint_figures` for Table 5, `tracking_figures` for
-    Table 4 and for a scenario that compares with nothing.
+    Which ones follows from ``scenario.paper["source"]``: `two_joint_figures` for Table 5, `tracking_figures`
+    for Table 4 and for a scenario that compares with nothing.
     """
-    draw = two_joint_figures if _table(scenario) == 5 else tracking_figures
+    draw = two_joint_figures if paper_table(scenario) == 5 else tracking_figures
     return draw(results, scenario, folder)
+
+
+# --- figures ---------------------------------------------------------------------------------------------
 
 
 @style.styled
@@ -144,11 +136,13 @@ def draw_contrast_torques(contrast: Contrast, scenario: Scenario | None = None) 
     """Figure 7: torques of the rigid arm by both formulations, one panel a joint."""
     figure, panels = _joint_panels(
         "Joint torques by virtual decomposition and by Newton-Euler",
-        _contrast_caption(contrast, scenario, "Figure 7"),
+        contrast_caption(contrast.robot, contrast.time, scenario, 7),
         contrast.robot.n,
         _pair("virtual decomposition", "Newton-Euler"),
     )
-    _draw_pairs(panels, contrast.robot, contrast.time, contrast.tau_vd, contrast.tau_ne)
+    for i, axes in enumerate(panels):
+        title = f"{panel_letter(i)} Joint {i + 1}"
+        _over_each_other(axes, title, contrast.robot, i, contrast.time, contrast.tau_vd, contrast.tau_ne)
     return figure
 
 
@@ -156,71 +150,78 @@ def draw_contrast_torques(contrast: Contrast, scenario: Scenario | None = None) 
 def draw_contrast_differences(contrast: Contrast, scenario: Scenario | None = None) -> Figure:
     """Figure 8: (a) VD minus Newton-Euler, (b) g = 9.81 minus g = 9.80, (c) RMS of (b) beside Table 3.
 
-    The panels (a) show absolute values on a logarithmic axis; a difference of exactly 0 has no point there.
+    The panels (a) show absolute values on a logarithmic axis of at most nine decades; a difference of 0 has
+    no point there.
     """
     robot, time = contrast.robot, contrast.time
     rounding = 1e3 * (contrast.tau_vd - contrast.tau_ne)
     gravity = 1e3 * (contrast.tau_vd - contrast.tau_g980)
     paper = [] if scenario is None else scenario.paper.get("rms_torque_difference_nmm", [])
-    groups = _groups(robot, range(robot.n))
+    groups = group_joints(robot, range(robot.n))
     figure = style.new_figure(
-        "Differences of the joint torques", _contrast_caption(contrast, scenario, "Figure 8"), height=8.6
+        "Differences of the joint torques",
+        contrast_caption(robot, time, scenario, 8),
+        height=8.6,
+        width=style.WIDTH + 2.0 * (len(groups) - 1),
     )
     grid: NDArray[Any] = figure.subplots(3, len(groups), squeeze=False)
-    for column, (unit, joints) in enumerate(groups):
+    for column, (unit, joints, suffix) in enumerate(groups):
         noise, constant, rms = grid[:, column]
-        kind = f", {unit.joint_type}" if len(groups) > 1 else ""
         if rounding[:, joints].any():
             noise.set_yscale("log")
         for i in joints:
             size = np.abs(rounding[:, i])
             rows = size > 0.0
-            color = style.joint_look(i)["color"]
-            noise.plot(time[rows], size[rows], linestyle="none", marker=".", markersize=3.0, color=color)
+            dots = {"linestyle": "none", "marker": ".", "markersize": 3.0}
+            noise.plot(time[rows], size[rows], **{**style.joint_look(i), **dots})
             style.curve(constant, time, gravity[:, i], **style.joint_look(i))
-        _rms_bars(rms, gravity, joints, [] if unit.joint_type == "prismatic" else paper)
+        beside = [] if unit.joint_type == "prismatic" else paper
+        _rms_bars(rms, gravity, joints, beside)
         style.dress(
-            noise, f"(a) VD minus Newton-Euler: rounding{kind}", "|Difference|", unit.small_torque, time
+            noise, f"(a) VD minus Newton-Euler: rounding{suffix}", "|difference|", unit.small_torque, time
         )
-        style.dress(
-            constant, f"(b) g = 9.81 minus g = 9.80 m/s\u00b2{kind}", "Difference", unit.small_torque, time
-        )
-        beside = " beside Table 3 of the paper" if paper else ""
-        style.dress(rms, f"(c) RMS of (b){beside}{kind}", "RMS", unit.small_torque)
+        style.dress(constant, f"(b) g = 9.81 minus g = 9.80{suffix}", "Difference", unit.small_torque, time)
+        title = "(c) RMS of (b) beside Table 3" if beside else "(c) RMS of (b)"
+        style.dress(rms, f"{title}{suffix}", "RMS", unit.small_torque)
         style.label_time([noise], 1)
         style.label_time([constant], 1)
-    style.legend_beside(grid[1, -1], style.joint_handles(range(robot.n)))
+    style.legend_beside(grid[0, -1], style.joint_handles(range(robot.n)))
     return figure
 
 
 @style.styled
 def draw_torques(results: Results, scenario: Scenario) -> Figure:
     """Figure 10: control torque and feedforward torque, link-side, one panel a joint."""
+    robot = scenario.robot
     figure, panels = _joint_panels(
         "Control and feedforward torques, link side",
-        _caption(results, scenario, "Figure 10" if _table(scenario) == 4 else ""),
-        scenario.robot.n,
+        run_caption(results, scenario, {4: 10}),
+        robot.n,
         _torque_pair(),
     )
-    _draw_pairs(panels, scenario.robot, results.time, *_torques(results, scenario.robot))
+    tau, tau_m = _torques(results, robot)
+    for i, axes in enumerate(panels):
+        _over_each_other(axes, f"{panel_letter(i)} Joint {i + 1}", robot, i, results.time, tau, tau_m)
     return figure
 
 
 @style.styled
 def draw_errors(results: Results, scenario: Scenario) -> Figure:
     """Figure 11: (a) position tracking errors, (b) torque compensation errors, link-side."""
-    groups = _groups(scenario.robot, range(scenario.robot.n))
+    robot = scenario.robot
+    groups = group_joints(robot, range(robot.n))
     figure = style.new_figure(
         "Position tracking and torque compensation errors",
-        _caption(results, scenario, "Figure 11" if _table(scenario) == 4 else ""),
+        run_caption(results, scenario, {4: 11}),
         height=6.4,
+        width=style.WIDTH + 2.0 * (len(groups) - 1),
     )
     grid: NDArray[Any] = figure.subplots(2, len(groups), squeeze=False)
     for column, group in enumerate(groups):
-        _position_errors(grid[0, column], "(a)", results, group, len(groups))
-        _compensation_errors(grid[1, column], "(b)", results, scenario.robot, group, len(groups))
+        _position_errors(grid[0, column], results, group)
+        _compensation_errors(grid[1, column], results, robot, group)
     style.label_time(grid.ravel().tolist(), len(groups))
-    style.legend_beside(grid[0, -1], style.joint_handles(range(scenario.robot.n)))
+    style.legend_beside(grid[0, -1], style.joint_handles(range(robot.n)))
     return figure
 
 
@@ -228,74 +229,67 @@ def draw_errors(results: Results, scenario: Scenario) -> Figure:
 def draw_moving_positions(results: Results, scenario: Scenario) -> Figure:
     """Figure 13: (a) desired and actual positions of the joints that move, (b) their tracking errors."""
     moving = _moving(scenario)
-    groups = _groups(scenario.robot, moving)
+    groups = group_joints(scenario.robot, moving)
     figure = style.new_figure(
         "Joint positions and their tracking errors",
-        _caption(results, scenario, "Figure 13" if _table(scenario) == 5 else ""),
+        run_caption(results, scenario, {5: 13}),
         height=6.4,
+        width=style.WIDTH + 2.0 * (len(groups) - 1),
     )
     grid: NDArray[Any] = figure.subplots(2, len(groups), squeeze=False)
     q_d, q = results.array("trajectory.q_d"), results.array("plant.q")
     for column, group in enumerate(groups):
-        unit, joints = group
         axes: Axes = grid[0, column]
-        for i in joints:
-            style.curve(
-                axes, results.time, unit.factor * q[:, i], **{**style.joint_look(i), "linewidth": 3.2}
-            )
-            style.curve(axes, results.time, unit.factor * q_d[:, i], **_ON_TOP)
-        kind = f", {unit.joint_type}" if len(groups) > 1 else ""
-        style.dress(axes, f"(a) Desired and actual positions{kind}", "Position", unit.position, results.time)
-        _position_errors(grid[1, column], "(b)", results, group, len(groups))
+        unit, time = group.unit, results.time
+        for i in group.joints:
+            style.curve(axes, time, unit.factor * q[:, i], **{**style.joint_look(i), "linewidth": 3.2})
+            style.curve(axes, time, unit.factor * q_d[:, i], **_ON_TOP)
+        title = f"(a) Desired and actual positions{group.suffix}"
+        style.dress(axes, title, "Position", unit.position, time)
+        _position_errors(grid[1, column], results, group, "(b)")
     style.label_time(grid.ravel().tolist(), len(groups))
-    style.legend_beside(
-        grid[0, -1], [*style.joint_handles(moving), Line2D([], [], label="desired", **_ON_TOP)]
-    )
+    desired = Line2D([], [], label="desired", **_ON_TOP)
+    style.legend_beside(grid[0, -1], [*style.joint_handles(moving), desired])
     return figure
 
 
 @style.styled
 def draw_moving_torques(results: Results, scenario: Scenario) -> Figure:
-    """Figure 14: (a) control and feedforward torques of the joints that move, (b) compensation errors."""
+    """Figure 14: (a) control and feedforward torques of the joints that move, (b) compensation errors.
+
+    Each joint has a panel (a) of its own: in one panel the smaller torques would be flat lines.
+    """
     robot, moving = scenario.robot, _moving(scenario)
-    groups = _groups(robot, moving)
+    groups = group_joints(robot, moving)
     rows, columns = style.grid_of(len(moving))
     figure = style.new_figure(
         "Joint torques, link side, and their compensation errors",
-        _caption(results, scenario, "Figure 14" if _table(scenario) == 5 else ""),
+        run_caption(results, scenario, {5: 14}),
         height=1.4 + 2.5 * (rows + 1),
+        width=style.WIDTH + 2.0 * (len(groups) - 1),
         legend=_torque_pair(),
     )
     # fine enough that a panel a joint and a panel a unit both span whole cells
     grid = figure.add_gridspec(rows + 1, columns * len(groups))
-    panels: list[Axes] = []
-    for place in range(len(moving)):
-        row, column = divmod(place, columns)
-        panels.append(figure.add_subplot(grid[row, column * len(groups) : (column + 1) * len(groups)]))
     tau, tau_m = _torques(results, robot)
-    _draw_pairs(panels, robot, results.time, tau, tau_m, moving, "(a)")
-    below: list[Axes] = []
+    upper: list[Axes] = []
+    for place, i in enumerate(moving):
+        row, column = divmod(place, columns)
+        axes = figure.add_subplot(grid[row, column * len(groups) : (column + 1) * len(groups)])
+        _over_each_other(axes, f"(a) Joint {i + 1}", robot, i, results.time, tau, tau_m)
+        upper.append(axes)
+    lower: list[Axes] = []
     for column, group in enumerate(groups):
-        below.append(figure.add_subplot(grid[rows, column * columns : (column + 1) * columns]))
-        _compensation_errors(below[-1], "(b)", results, robot, group, len(groups))
-    style.label_time(panels, columns)
-    style.label_time(below, len(below))
-    style.legend_beside(below[-1], style.joint_handles(moving))
+        axes = figure.add_subplot(grid[rows, column * columns : (column + 1) * columns])
+        _compensation_errors(axes, results, robot, group)
+        lower.append(axes)
+    style.label_time(upper, columns)
+    style.label_time(lower, len(groups))
+    style.legend_beside(lower[-1], style.joint_handles(moving))
     return figure
 
 
-_BACK: dict[str, Any] = {"color": style.COLORS[5], "linewidth": 3.2}
-_DARK, _LIGHT = "#444444", "#BBBBBB"
-_ON_TOP: dict[str, Any] = {"color": style.FRONT, "linewidth": 1.1, "linestyle": (0, (5, 3))}
-
-
-def _pair(back: str, on_top: str) -> list[Line2D]:
-    """Entries of a legend of two curves that may lie on each other: a broad one and a dashed one over it."""
-    return [Line2D([], [], label=back, **_BACK), Line2D([], [], label=on_top, **_ON_TOP)]
-
-
-def _torque_pair() -> list[Line2D]:
-    return _pair(r"control $\ell\,\tau$", r"feedforward $\ell\,\tau_m$")
+# --- panels ----------------------------------------------------------------------------------------------
 
 
 def _joint_panels(title: str, caption: str, n: int, legend: Sequence[Line2D]) -> tuple[Figure, list[Axes]]:
@@ -311,45 +305,67 @@ def _joint_panels(title: str, caption: str, n: int, legend: Sequence[Line2D]) ->
     return figure, panels[:n]
 
 
-def _draw_pairs(
-    panels: Sequence[Axes],
-    robot: Robot,
-    time: Floats,
-    back: Floats,
-    on_top: Floats,
-    joints: Sequence[int] | None = None,
-    letter: str = "",
+def _pair(back: str, on_top: str) -> list[Line2D]:
+    """Entries of a legend of two curves that may lie on each other: a broad one and a dashed one over it."""
+    return [Line2D([], [], label=back, **_BACK), Line2D([], [], label=on_top, **_ON_TOP)]
+
+
+def _torque_pair() -> list[Line2D]:
+    return _pair(r"control $\ell\,\tau$", r"feedforward $\ell\,\tau_m$")
+
+
+def _over_each_other(
+    axes: Axes, title: str, robot: Robot, i: int, time: Floats, back: Floats, on_top: Floats
 ) -> None:
-    """Draw two torques (m, n) of each joint over each other, one panel a joint."""
-    for place, (axes, i) in enumerate(zip(panels, range(robot.n) if joints is None else joints, strict=True)):
-        unit = _unit(robot, i)
-        style.curve(axes, time, back[:, i], **_BACK)
-        style.curve(axes, time, on_top[:, i], **_ON_TOP)
-        title = f"{letter or _letter(place)} Joint {i + 1}"
-        style.dress(axes, title, unit.noun.capitalize(), unit.torque, time)
+    """Draw two torques (m, n) of joint `i` over each other."""
+    unit = unit_of_joint(robot, i)
+    style.curve(axes, time, back[:, i], **_BACK)
+    style.curve(axes, time, on_top[:, i], **_ON_TOP)
+    style.dress(axes, title, unit.noun.capitalize(), unit.torque, time)
 
 
-def _position_errors(axes: Axes, letter: str, results: Results, group: _Group, groups: int) -> None:
+def _position_errors(axes: Axes, results: Results, group: Group, letter: str = "(a)") -> None:
     """Draw desired minus actual link positions of the joints of one unit."""
-    unit, joints = group
-    e = unit.factor * (results.array("trajectory.q_d") - results.array("plant.q"))
-    for i in joints:
-        style.curve(axes, results.time, e[:, i], **style.joint_look(i))
-    kind = f", {unit.joint_type}" if groups > 1 else ""
-    style.dress(axes, f"{letter} Position tracking errors{kind}", "$q_d - q$", unit.position, results.time)
+    error = group.unit.factor * (results.array("trajectory.q_d") - results.array("plant.q"))
+    for i in group.joints:
+        style.curve(axes, results.time, error[:, i], **style.joint_look(i))
+    title = f"{letter} Position tracking errors{group.suffix}"
+    style.dress(axes, title, "$q_d - q$", group.unit.position, results.time)
 
 
-def _compensation_errors(
-    axes: Axes, letter: str, results: Results, robot: Robot, group: _Group, groups: int
-) -> None:
+def _compensation_errors(axes: Axes, results: Results, robot: Robot, group: Group) -> None:
     """Draw control minus feedforward torque, link-side, of the joints of one unit."""
-    unit, joints = group
     tau, tau_m = _torques(results, robot)
-    for i in joints:
+    for i in group.joints:
         style.curve(axes, results.time, tau[:, i] - tau_m[:, i], **style.joint_look(i))
-    kind = f", {unit.joint_type}" if groups > 1 else ""
-    title = f"{letter} {unit.noun.capitalize()} compensation errors{kind}"
-    style.dress(axes, title, r"$\ell\,(\tau - \tau_m)$", unit.torque, results.time)
+    title = f"(b) {group.unit.noun.capitalize()} compensation errors{group.suffix}"
+    style.dress(axes, title, r"$\ell\,(\tau - \tau_m)$", group.unit.torque, results.time)
+
+
+def _rms_bars(axes: Axes, values: Floats, joints: Sequence[int], paper: Sequence[float]) -> None:
+    """Draw the RMS of each joint's column of `values`, and beside it the paper's number if there is one."""
+    ours = np.sqrt(np.mean(values[:, joints] ** 2, axis=0)).tolist()
+    series = [("RMS of (b)", ours, _DARK)]
+    if paper:
+        series.append(("Table 3", [paper[i] if i < len(paper) else math.nan for i in joints], _LIGHT))
+    width = 0.8 / len(series)
+    handles: list[Line2D] = []
+    for k, (label, heights, color) in enumerate(series):
+        places = np.arange(len(joints)) + (k - 0.5 * (len(series) - 1)) * width
+        bars = axes.bar(places, heights, width=0.92 * width, color=color)
+        texts = ["" if math.isnan(h) else f"{h:.1f}" for h in heights]
+        axes.bar_label(bars, texts, padding=1.5, fontsize=9.0)
+        handles.append(Line2D([], [], linestyle="none", marker="s", markersize=9.0, color=color, label=label))
+    axes.set_xticks(range(len(joints)), [f"Joint {i + 1}" for i in joints])
+    axes.grid(visible=False, axis="x")
+    axes.margins(y=0.14)
+    beside = max(0.5, 0.5 * (4 - len(joints)))  # no broader than a bar of four
+    axes.set_xlim(-beside, len(joints) - 1 + beside)
+    if paper:
+        style.legend_beside(axes, handles)
+
+
+# --- data ------------------------------------------------------------------------------------------------
 
 
 def _torques(results: Results, robot: Robot) -> tuple[Floats, Floats]:
@@ -357,78 +373,8 @@ def _torques(results: Results, robot: Robot) -> tuple[Floats, Floats]:
     return robot.ell * results.array("controller.tau"), robot.ell * results.array("controller.tau_m")
 
 
-def _rms_bars(axes: Axes, values: Floats, joints: Sequence[int], paper: Sequence[float]) -> None:
-    """Draw the RMS of each joint's column of `values`, and beside it the paper's number if there is one."""
-    ours = np.sqrt(np.mean(values[:, joints] ** 2, axis=0)).tolist()
-    series = [("this gravity difference", ours, _DARK)]
-    if paper:
-        series.append(("Table 3", [paper[i] if i < len(paper) else math.nan for i in joints], _LIGHT))
-    width = 0.8 / len(series)
-    for k, (label, heights, color) in enumerate(series):
-        places = np.arange(len(joints)) + (k - 0.5 * (len(series) - 1)) * width
-        bars = axes.bar(places, heights, width=0.92 * width, color=color, label=label)
-        texts = ["" if math.isnan(h) else f"{h:.1f}" for h in heights]
-        axes.bar_label(bars, texts, padding=1.5, fontsize=9.0)
-    axes.set_xticks(range(len(joints)), [f"Joint {i + 1}" for i in joints])
-    axes.grid(visible=False, axis="x")
-    axes.margins(x=0.02, y=0.14)
-    if paper:
-        style.legend_beside(axes, axes.containers)
-
-
 def _moving(scenario: Scenario) -> list[int]:
     """Joints whose desired position changes; all if none does."""
     trajectory = scenario.trajectory
     moving = np.flatnonzero(trajectory.q_end != trajectory.q_start).tolist()
     return moving or list(range(scenario.robot.n))
-
-
-def _unit(robot: Robot, i: int) -> _Unit:
-    return _UNITS[1] if robot.joint_types[i] == "prismatic" else _UNITS[0]
-
-
-def _groups(robot: Robot, joints: Sequence[int]) -> list[_Group]:
-    """Joints by unit, in the order of `_UNITS`; units that no joint has are left out."""
-    groups = [(unit, [i for i in joints if _unit(robot, i) is unit]) for unit in _UNITS]
-    return [(unit, members) for unit, members in groups if members]
-
-
-def _letter(place: int) -> str:
-    """Return (a), (b), ... (z), (aa), ... for the places from 0."""
-    text = ""
-    place += 1
-    while place:
-        place, digit = divmod(place - 1, 26)
-        text = chr(ord("a") + digit) + text
-    return f"({text})"
-
-
-def _table(scenario: Scenario) -> int:
-    """Return the number of the table of the paper that a scenario compares with; 0 for none."""
-    source = str(scenario.paper.get("source", ""))
-    return next((table for table in (3, 4, 5) if source.startswith(f"Table {table}")), 0)
-
-
-def _caption(results: Results, scenario: Scenario, figure: str) -> str:
-    """Which run a picture shows. What the run says of itself goes before what the scenario asked for."""
-    facts: Mapping[str, Any] = results.summary
-    master = facts.get("master") or facts.get("algorithm") or scenario.master
-    step = 1e3 * float(facts.get("step") or scenario.step)
-    lines = [
-        f"{f'{figure} of the paper. ' if figure else ''}Scenario {scenario.name}, robot {scenario.robot.name}, "
-        f"master {master}, step {step:g} ms, feedforward {scenario.feedforward.mode}."
-    ]
-    if scenario.plant_factors:
-        factors = [
-            f"{key} x {float(np.ravel(factor)[0]):g}" if np.ptp(factor) == 0.0 else f"{key} joint by joint"
-            for key, factor in scenario.plant_factors.items()
-        ]
-        lines.append(f"The plant differs from the feedforward's model: {', '.join(factors)}.")
-    return "\n".join(lines)
-
-
-def _contrast_caption(contrast: Contrast, scenario: Scenario | None, figure: str) -> str:
-    name = "contrast" if scenario is None else scenario.name
-    points = len(contrast.time)
-    step = f", step {1e3 * (contrast.time[-1] - contrast.time[0]) / (points - 1):g} ms" if points > 1 else ""
-    return f"{figure} of the paper. Scenario {name}, robot {contrast.robot.name}, {points} points{step}, rigid links."

@@ -36,13 +36,11 @@ WIDTH = 8.0
 COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 """Okabe and Ito (2008), safe for colour-blind readers; their yellow is left out, too faint on white."""
 
-FRONT = "#000000"
-"""Colour of a dashed curve that lies on top of a coloured one."""
-
 _DASHES = ("-", "--", "-.", ":")
 _GREY = "#555555"
 _MARGIN = 0.1
-_CAPTION_CHARACTERS = 14.5  # that fit into an inch
+_PLAIN = range(-2, 4)  # decades that an axis shows without a power of ten
+_CAPTION_CHARACTERS = 15.0  # that fit into an inch
 _RC: dict[str, Any] = {
     "font.family": "DejaVu Sans",  # comes with matplotlib
     "font.size": 10.0,
@@ -93,8 +91,8 @@ def new_figure(
 ) -> Figure:
     """Return a figure of `width` by `height` [in] with empty space for panels.
 
-    Title and, in a line of its own, a legend stand above that space, the caption below. Nothing there moves with
-    the panels, and the legend hides no data.
+    Title and, in a line of its own, a legend stand above that space, the caption below: neither hides
+    data.
     """
     figure = Figure(figsize=(width, height), dpi=DPI, layout="constrained")
     FigureCanvasAgg(figure)
@@ -105,7 +103,7 @@ def new_figure(
         figure.legend(
             handles=list(legend),
             loc="upper left",
-            bbox_to_anchor=(0.0, 1.0 - above / height),
+            bbox_to_anchor=(left, 1.0 - above / height),
             ncols=len(legend),
             borderaxespad=0.0,
             borderpad=0.2,
@@ -128,18 +126,25 @@ def new_figure(
 def dress(axes: Axes, title: str, quantity: str, unit: str, time: Floats | None = None) -> None:
     """Give a panel with its curves a title, a y label with unit and, over time, the limits of its x axis.
 
-    Very small or large values get a power of ten in the label, never a separate factor above the axis.
+    Very small or large values get a power of ten in the label, never a separate factor above the axis. Values
+    that are constant but for rounding are drawn from 0. A logarithmic axis shows whole decades, at most nine.
     """
     axes.set_title(title)
-    if axes.get_yscale() == "linear":
-        largest = float(np.max(np.abs(axes.dataLim.intervaly)))
+    low, high = axes.dataLim.intervaly
+    largest = float(max(abs(low), abs(high)))
+    if axes.get_yscale() == "log":
+        axes.set_ylim(
+            10.0 ** math.floor(math.log10(max(low, 1e-8 * largest))), 10.0 ** math.ceil(math.log10(high))
+        )
+    else:
+        if high - low < 1e-6 * largest < math.inf:
+            axes.set_ylim(min(0.0, 1.1 * low), max(0.0, 1.1 * high))
         exponent = math.floor(math.log10(largest)) if 0.0 < largest < math.inf else 0
-        if exponent in (-2, -1, 0, 1, 2, 3):
-            exponent = 0
-        else:
-            unit = rf"$10^{{{exponent}}}$ {unit}"
         formatter = ScalarFormatter(useOffset=False)
-        formatter.set_powerlimits((exponent, exponent))
+        formatter.set_scientific(exponent not in _PLAIN)
+        if exponent not in _PLAIN:
+            formatter.set_powerlimits((exponent, exponent))
+            unit = rf"$10^{{{exponent}}}$ {unit}"
         axes.yaxis.set_major_formatter(formatter)
         axes.yaxis.get_offset_text().set_visible(False)
     axes.set_ylabel(f"{quantity} [{unit}]")
@@ -154,7 +159,7 @@ def label_time(panels: Sequence[Axes], columns: int) -> None:
 
 
 def grid_of(count: int) -> tuple[int, int]:
-    """Return rows and columns for `count` panels: at most two columns up to eight panels, then about a square."""
+    """Return rows and columns for `count` panels: one or two columns up to eight panels, then a square."""
     columns = math.ceil(math.sqrt(count)) if count > 8 else 1 if count in (1, 3) else 2
     return math.ceil(count / columns), columns
 

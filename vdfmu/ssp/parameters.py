@@ -17,10 +17,12 @@ Values = dict[str, Any]
 
 
 def robot_parameters(unit: str, scenario: Scenario) -> Values:
-    """Parameters of a unit that describe the robot. The plant's are those of the scenario's plant, the others nominal."""
+    """Return the parameters of a unit that describe the robot: the scenario's plant for the plant, else nominal."""
     robot = scenario.plant_robot if unit == "plant" else scenario.robot
     known = interface(unit, scenario.robot).reference
-    return {p.name: float(getattr(robot, p.field)[p.index]) for p in parameters(scenario.robot) if p.name in known}
+    return {
+        p.name: float(getattr(robot, p.field)[p.index]) for p in parameters(scenario.robot) if p.name in known
+    }
 
 
 def scenario_parameters(unit: str, scenario: Scenario) -> Values:
@@ -38,7 +40,9 @@ def scenario_parameters(unit: str, scenario: Scenario) -> Values:
         groups = {"K_p": gains.K_p, "K_v": gains.K_v, "tau_max": limit, "velocity": gains.velocity}
     else:
         groups = {"q_0": scenario.trajectory.q_start, "tolerance": scenario.tolerance}
-    return {v.name: _cast(table, v.name, np.asarray(groups[v.group])[v.index]) for v in table if v.group in groups}
+    return {
+        v.name: _cast(table, v.name, np.asarray(groups[v.group])[v.index]) for v in table if v.group in groups
+    }
 
 
 def system_values(scenario: Scenario, settings: dict[str, str] | None = None) -> dict[str, Values]:
@@ -74,7 +78,9 @@ def override(scenario: Scenario, settings: dict[str, str]) -> dict[str, Values]:
         for found in names:
             variable = table.find(found)
             if variable.causality != "parameter":
-                raise UsageError(f"{key}: {found} is an {variable.causality} of {unit}; only parameters can be set.")
+                raise UsageError(
+                    f"{key}: {found} is an {variable.causality} of {unit}; only parameters can be set."
+                )
             values.setdefault(unit, {})[found] = _cast(table, found, text)
     return values
 
@@ -95,7 +101,11 @@ def _cast(table: Interface, name: str, value: Any) -> Any:
     try:
         number = float(text)
     except ValueError:
-        expected = f"one of {', '.join(variable.choices)}" if variable.choices else f"a number{unit and ' in' + unit}"
+        expected = (
+            f"one of {', '.join(variable.choices)}"
+            if variable.choices
+            else f"a number{unit and ' in' + unit}"
+        )
         raise UsageError(f"{where}: expected {expected}, got {text!r}.") from None
     low = -np.inf if variable.minimum is None else variable.minimum
     high = np.inf if variable.maximum is None else variable.maximum

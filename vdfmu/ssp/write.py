@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from lxml import etree
+from lxml import etree  # pyright: ignore[reportAttributeAccessIssue]  # lxml ships no stubs
 
 from vdfmu.data import data_path
 from vdfmu.errors import SspError
@@ -119,7 +119,9 @@ def parameter_set(name: str, unit: str, scenario: Scenario, values: Mapping[str,
     used: set[str] = set()
     for key, value in values.items():
         variable = table.find(key)
-        element = _add(_add(parameters, "ssv:Parameter", name=key), f"ssv:{variable.type}", value=_text(variable, value))
+        element = _add(
+            _add(parameters, "ssv:Parameter", name=key), f"ssv:{variable.type}", value=_text(variable, value)
+        )
         if variable.unit:
             element.set("unit", variable.unit)
             used.add(variable.unit)

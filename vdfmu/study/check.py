@@ -38,7 +38,9 @@ def check_fmu(path: str | os.PathLike[str], run: bool = True) -> list[str]:
     except Exception as error:  # fmpy raises bare exceptions for files that are no zip or hold no FMU
         return [f"{path.name} is no FMU that can be read: {error}"]
     if fmpy.platform not in platforms and fmpy.platform_tuple not in platforms:
-        problems.append(f"no binary for this platform, {fmpy.platform}; there are: {', '.join(platforms) or 'none'}")
+        problems.append(
+            f"no binary for this platform, {fmpy.platform}; there are: {', '.join(platforms) or 'none'}"
+        )
     elif run and not problems:
         problems += _smoke_run(path)
     return problems
@@ -52,10 +54,15 @@ def _smoke_run(path: Path) -> list[str]:
             messages.append(message.decode(errors="replace"))
 
     experiment = fmpy.read_model_description(str(path)).defaultExperiment
-    step = float(experiment.stepSize) if experiment is not None and experiment.stepSize else 1e-3
+    step = float(experiment.stepSize) if experiment and experiment.stepSize else 1e-3
     try:
         fmpy.simulate_fmu(
-            str(path), stop_time=_STEPS * step, output_interval=step, logger=logger, debug_logging=True, use_remoting=False
+            str(path),
+            stop_time=_STEPS * step,
+            output_interval=step,
+            logger=logger,
+            debug_logging=True,
+            remote_platform=None,  # pyright: ignore[reportArgumentType]  # None: never another process
         )
     except Exception as error:  # whatever a foreign unit does, it is reported
         return [f"{_STEPS} steps of {step:g} s failed: {'; '.join([*messages, str(error)])}"]

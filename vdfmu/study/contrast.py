@@ -50,7 +50,12 @@ class Contrast(NamedTuple):
         """Torques as recorded signals ``vd.tau[1]``, ``newton_euler.tau[1]``, ``newton_euler_g980.tau[1]``."""
         groups = {"vd": self.tau_vd, "newton_euler": self.tau_ne, "newton_euler_g980": self.tau_g980}
         signals = [
-            Signal(f"{group}.tau[{i + 1}]", "real", unit_of("torque", self.robot.joint_types[i]), k * self.robot.n + i)
+            Signal(
+                f"{group}.tau[{i + 1}]",
+                "real",
+                unit_of("torque", self.robot.joint_types[i]),
+                k * self.robot.n + i,
+            )
             for k, group in enumerate(groups)
             for i in range(self.robot.n)
         ]
@@ -64,9 +69,11 @@ def contrast(scenario: Scenario) -> Contrast:
     that a gravity constant of 9.80 m/s2 makes.
     """
     robot, motion = scenario.robot, scenario.trajectory
-    time = scenario.step * np.arange(round(scenario.stop / scenario.step) + 1)
+    time: Floats = scenario.step * np.arange(round(scenario.stop / scenario.step) + 1, dtype=np.float64)
     desired = [desired_motion(float(t), motion.q_start, motion.q_end, motion.T, motion.t_start) for t in time]
-    q, q_dot, q_ddot = (np.array([getattr(d, name) for d in desired]) for name in ("q_d", "q_d_dot", "q_d_ddot"))
+    q, q_dot, q_ddot = (
+        np.array([getattr(d, name) for d in desired]) for name in ("q_d", "q_d_dot", "q_d_ddot")
+    )
     rounded = robot.with_parameters(gravity=_ROUNDED_GRAVITY * robot.gravity)
 
     def torques(name: str, arm: Robot) -> Floats:
@@ -74,7 +81,11 @@ def contrast(scenario: Scenario) -> Contrast:
         return Kernel(arm).rows(name, (q, q_dot, q_ddot, np.zeros(6)), (n, n, n, 6))
 
     return Contrast(
-        robot, time, torques("inverse_dynamics", robot), torques("newton_euler", robot), torques("newton_euler", rounded)
+        robot,
+        time,
+        torques("inverse_dynamics", robot),
+        torques("newton_euler", robot),
+        torques("newton_euler", rounded),
     )
 
 

@@ -118,16 +118,19 @@ def run(
     """
     scenario = prepare(scenario, robot=robot, step=step, stop=stop, master=master)
     folder = Path(out) if out is not None else Path("results") / scenario.name
-    _make_empty(folder)
     report = progress or (lambda stage, done, total: None)
     if scenario.kind == "contrast":
         if settings:
-            raise UsageError(f"scenario {scenario.name} has no units, so there is nothing to set: {', '.join(settings)}.")
+            raise UsageError(
+                f"scenario {scenario.name} has no units, so there is nothing to set: {', '.join(settings)}."
+            )
+        _make_empty(folder)
         return _run_contrast(scenario, folder)
 
     text_settings = {key: str(value) for key, value in (settings or {}).items()}
     values = system_values(scenario, text_settings)
     warnings = sampling_warnings(values, scenario.robot, scenario.step)
+    _make_empty(folder)
     report("build", 0, 1)
     package = write_ssp(scenario, cached_fmus(scenario.robot), folder / "system.ssp", values)
     report("build", 1, 1)
@@ -222,7 +225,9 @@ def _make_empty(folder: Path) -> None:
             for old in folder.glob(pattern):
                 old.unlink()
     except OSError as error:
-        raise UsageError(f"{folder}: cannot hold the results: {error}. Choose another folder with --out.") from error
+        raise UsageError(
+            f"{folder}: cannot hold the results: {error}. Choose another folder with --out."
+        ) from error
 
 
 def _write(results: Results, folder: Path) -> None:
@@ -235,7 +240,9 @@ def _write_summary(summary: Mapping[str, Any], folder: Path) -> None:
     try:
         path.write_text(json.dumps(summary, indent=2) + "\n", encoding="utf-8")
     except OSError as error:
-        raise VdfmuError(f"{path}: cannot be written: {error}. Free space or choose another folder.") from error
+        raise VdfmuError(
+            f"{path}: cannot be written: {error}. Free space or choose another folder."
+        ) from error
 
 
 def _keep(error: CosimError | Interrupted, folder: Path, summary: dict[str, Any]) -> None:

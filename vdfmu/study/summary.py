@@ -24,7 +24,9 @@ def tracking_errors(results: Results, robot: Robot) -> dict[str, Any]:
     paper's Fig. 11(b): ``ell (tau - tau_m)``.
     """
     revolute = np.array([t == "revolute" for t in robot.joint_types])
-    error = (results.array("trajectory.q_d") - results.array("plant.q")) * np.where(revolute, 180.0 / np.pi, 1e3)
+    error = (results.array("trajectory.q_d") - results.array("plant.q")) * np.where(
+        revolute, 180.0 / np.pi, 1e3
+    )
     compensation = robot.ell * (results.array("controller.tau") - results.array("controller.tau_m"))
     return {
         "position_units": ["deg" if r else "mm" for r in revolute],
@@ -60,7 +62,7 @@ def sampling_warnings(values: Mapping[str, Mapping[str, Any]], robot: Robot, ste
             )
     if controller["velocity"]:
         warnings.append(
-            "controller.velocity = q_dot: the derivative acts across the spring (non-collocated) and is unstable at the "
-            "usual gains. kappa_dot is the default."
+            "controller.velocity = q_dot: the derivative acts across the spring (non-collocated) and is "
+            "unstable at the usual gains. kappa_dot is the default."
         )
     return warnings

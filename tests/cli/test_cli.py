@@ -1,0 +1,141 @@
+"""The command line as a user meets it, in a process of its own."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+import zipfile
+
+import pytest
+
+
+def vdfmu(*arguments, cwd, **options):
+    return subprocess.run(
+        [sys.executable, "-m", "vdfmu.cli", *map(str, arguments)],
+        cwd=cwd, capture_output=True, text=True, timeout=300, check=False, **options,
+    )  # fmt: skip
+
+
+def test_run_writes_its_files_and_shows_the_errors(tmp_path):
+    done = vdfmu("run", "planar_tracking", "--stop", "0.1", "--set", "controller.K_p[1]=2500", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    folder = tmp_path / "results" / "planar_tracking"
+    assert {"results.csv", "summary.json", "system.ssp"} <= {p.name for p in folder.iterdir()}
+    summary = json.loads((folder / "summary.json").read_text())
+    assert summary["settings"] == {"controller.K_p[1]": "2500"}
+    assert "planar_tracking" in done.stdout
+    assert "sampled" in done.stdout
+
+
+def test_build_ssp_check_models_work_together(tmp_path):
+    built = vdfmu("build", "planar_tracking", "--out", "fmus", cwd=tmp_path)
+    assert built.returncode == 0, built.stderr
+    fmus = sorted(p.name for p in (tmp_path / "fmus").iterdir())
+    assert fmus == ["Feedforward.fmu", "PDController.fmu", "Plant.fmu", "Trajectory.fmu"]
+    for name in fmus:
+        checked = vdfmu("check", tmp_path / "fmus" / name, cwd=tmp_path)
+        assert checked.returncode == 0, checked.stdout
+        assert "no problems" in checked.stdout
+    packed = vdfmu("ssp", "planar_tracking", "--out", "planar.ssp", cwd=tmp_path)
+    assert packed.returncode == 0, packed.stderr
+    with zipfile.ZipFile(tmp_path / "planar.ssp") as archive:
+        assert "SystemStructure.ssd" in archive.namelist()
+
+
+def test_models_are_listed_and_shown(tmp_path):
+    listed = vdfmu("models", "list", cwd=tmp_path)
+    for name in ("manipulator_6dof", "planar_2dof", "slider_3dof", "contrast", "tracking", "two_joint"):
+        assert name in listed.stdout
+    shown = vdfmu("models", "show", "manipulator_6dof", cwd=tmp_path, env={**os.environ, "COLUMNS": "200"})
+    assert "28433" in shown.stdout
+    assert "Table 1" in shown.stdout
+
+
+def test_check_lists_the_problems_of_a_broken_fmu(tmp_path):
+    vdfmu("build", "planar_tracking", "--out", "fmus", cwd=tmp_path)
+    good = tmp_path / "fmus" / "Plant.fmu"
+    bad = tmp_path / "bad.fmu"
+    with zipfile.ZipFile(good) as source, zipfile.ZipFile(bad, "w") as target:
+        for name in source.namelist():
+            data = source.read(name)
+            if name == "modelDescription.xml":
+                data = data.replace(b'unit="rad/s"', b'unit="rad/h"')
+            target.writestr(name, data)
+    done = vdfmu("check", bad, cwd=tmp_path)
+    assert done.returncode == 1
+    assert "rad/h" in done.stdout
+    (tmp_path / "text.fmu").write_text("no zip")
+    done = vdfmu("check", tmp_path / "text.fmu", cwd=tmp_path)
+    assert done.returncode == 1
+    assert "no FMU that can be read" in done.stdout
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["run", "trackng"], "trackng"),
+        (["run", "planar_tracking", "--set", "controller.K_p"], "expected UNIT.PARAMETER=VALUE"),
+        (["run", "planar_tracking", "--set", "controller.K_q=1"], "controller has no variable 'K_q'"),
+        (["run", "planar_tracking", "--master", "euler"], "expected gauss-seidel or jacobi"),
+        (["run", "planar_tracking", "--step", "fast"], "fast"),
+        (["run", "contrast", "--set", "controller.K_p=1"], "has no units"),
+        (["check", "missing.fmu"], "there is no such file"),
+        (["models", "show", "robot.toml"], "robot.toml"),
+    ],
+)
+def test_wrong_usage_ends_with_code_2_and_the_way_out(tmp_path, arguments, words):
+    done = vdfmu(*arguments, cwd=tmp_path)
+    assert done.returncode == 2
+    assert words in " ".join(done.stderr.split())
+    assert "Traceback" not in done.stderr
+
+
+def test_a_broken_robot_file_reports_every_problem_at_once(tmp_path):
+    import vdfmu as package
+    from vdfmu.data import data_path
+
+    text = (data_path("models") / "robots" / "planar_2dof.toml").read_text()
+    broken = text.replace("mass = ", "mass = -", 1).replace("eps = ", "epsilon = ", 1)
+    (tmp_path / "broken.toml").write_text(broken)
+    done = vdfmu("run", "planar_tracking", "--robot", "broken.toml", cwd=tmp_path)
+    assert done.returncode == 2
+    message = " ".join(done.stderr.split())
+    assert "joints[1].link.mass" in message
+    assert "epsilon" in message
+    assert package.__version__
+
+
+def test_a_unit_that_fails_ends_with_code_1_and_its_words(tmp_path):
+    done = vdfmu("run", "planar_tracking", "--set", "controller.K_p=1e9", cwd=tmp_path)
+    assert done.returncode == 1
+    assert "plant: doStep at t =" in done.stderr
+    assert (tmp_path / "results" / "planar_tracking" / "results.csv").exists()
+
+
+def test_ctrl_c_keeps_the_rows_so_far(tmp_path):
+    process = subprocess.Popen(
+        [sys.executable, "-m", "vdfmu.cli", "run", "tracking", "--stop", "1000"],
+        cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+    )  # fmt: skip
+    package = tmp_path / "results" / "tracking" / "system.ssp"
+    deadline = time.monotonic() + 120
+    while not package.exists() and time.monotonic() < deadline:
+        time.sleep(0.1)
+    time.sleep(3.0)  # into the stepping loop; a stop before it would leave no rows, and the test would fail
+    process.send_signal(signal.SIGINT)
+    _, errors = process.communicate(timeout=120)
+    assert process.returncode == 130
+    assert "interrupted at t =" in errors
+    assert len((tmp_path / "results" / "tracking" / "results.csv").read_text().splitlines()) > 3
+
+
+@pytest.mark.parametrize(
+    "command", [["run"], ["build"], ["ssp"], ["check"], ["models", "list"], ["models", "show"]]
+)
+def test_help_of_every_command_has_an_example(tmp_path, command):
+    done = vdfmu(*command, "--help", cwd=tmp_path)
+    assert done.returncode == 0
+    assert f"vdfmu {' '.join(command)}" in " ".join(done.stdout.split())
+    assert "Example" in done.stdout

@@ -1,0 +1,55 @@
+"""The wheel works alone: built, installed into an empty environment, run from an empty folder."""
+
+import json
+import subprocess
+import sys
+import venv
+from pathlib import Path
+
+import pytest
+
+import vdfmu
+
+ROOT = Path(vdfmu.__file__).resolve().parents[1]
+
+
+@pytest.mark.slow
+def test_the_wheel_alone_gives_the_same_tracking_run(tmp_path):
+    subprocess.run(
+        [
+            sys.executable,
+            "-m",
+            "pip",
+            "wheel",
+            "--quiet",
+            "--no-deps",
+            "--wheel-dir",
+            tmp_path / "dist",
+            ROOT,
+        ],
+        check=True,
+    )
+    (wheel,) = (tmp_path / "dist").glob("vdfmu-*.whl")
+    venv.create(tmp_path / "env", with_pip=True)
+    folder = "Scripts" if sys.platform == "win32" else "bin"
+    python = tmp_path / "env" / folder / "python"
+    install = [python, "-m", "pip", "install", "--quiet", "--disable-pip-version-check"]
+    subprocess.run([*install, "-c", ROOT / "constraints.txt", wheel], check=True)
+
+    empty = tmp_path / "empty"
+    empty.mkdir()
+    command = [python.parent / "vdfmu", "run", "tracking", "--no-reference"]
+    done = subprocess.run(command, cwd=empty, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    installed = json.loads((empty / "results" / "tracking" / "summary.json").read_text())
+    here = vdfmu.run("tracking", out=tmp_path / "here", reference=False).summary
+    for key in ("rms_position_error_deg", "max_position_error_deg", "rms_torque_compensation_error_nm"):
+        assert installed[key] == here[key]  # the same arithmetic: equal to the last bit
+
+    # a user's own file given by path wins over a shipped one of the same name
+    shipped = (ROOT / "models" / "scenarios" / "planar_tracking.toml").read_text()
+    (empty / "planar_tracking.toml").write_text(shipped.replace("planar_tracking", "my_own"))
+    command = [python.parent / "vdfmu", "run", "planar_tracking.toml", "--no-reference", "--stop", "0.1"]
+    done = subprocess.run(command, cwd=empty, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert (empty / "results" / "my_own" / "summary.json").exists()

@@ -1,0 +1,263 @@
+"""Traced functions against the numpy equations they come from, for every name and every robot."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from vdfmu.equations.feedforward import Gains, feedforward_inverse, feedforward_vdc
+from vdfmu.equations.forward_dynamics import forward_dynamics
+from vdfmu.equations.inverse_dynamics import inverse_dynamics
+from vdfmu.equations.jet import derivative, jets
+from vdfmu.equations.newton_euler import newton_euler
+from vdfmu.equations.pd import pd_control
+from vdfmu.equations.plant import equilibrium_torque, plant_derivative, plant_outputs
+from vdfmu.equations.trajectory import Desired, desired_motion
+from vdfmu.kernel import Kernel, parameters
+from vdfmu.kernel.rodas import GAMMA, A, C
+from vdfmu.kernel.structure import set_parameters, structure_key, values
+from vdfmu.kernel.trace import FUNCTIONS
+from vdfmu.model import Robot, load_robot
+
+
+@pytest.fixture(
+    scope="module", params=["manipulator_6dof", "planar_2dof", "slider_3dof", "general", "single"]
+)
+def traced_robot(request, general):
+    """Return each shipped robot, the general chain, and an arm of one joint."""
+    if request.param == "general":
+        return general
+    if request.param == "single":
+        return first_joint(general)
+    return load_robot(request.param)
+
+
+def first_joint(robot: Robot) -> Robot:
+    """Return the arm that ends after the first joint."""
+    arrays = {
+        f.name: getattr(robot, f.name)[:1]
+        for f in dataclasses.fields(robot)
+        if isinstance(getattr(robot, f.name), np.ndarray) and f.name not in ("gravity", "tool_offset")
+    }
+    return dataclasses.replace(robot, name="single", joint_types=robot.joint_types[:1], **arrays)
+
+
+def plant_jacobian(robot, x, tau, F_e):
+    """Return the Jacobian of the plant's right-hand side by jets, column by column: exact to rounding."""
+    columns = [derivative(plant_derivative(robot, jets(x, row, 0.0), tau, F_e), 1) for row in np.eye(len(x))]
+    return np.array(columns, dtype=float).T
+
+
+def plant_step(robot, x, tau, F_e, h, tolerance):
+    """Return one step of the plant by the stage equations of Hairer and Wanner, with numpy's solver."""
+    J = plant_jacobian(robot, x, tau, F_e)
+    W = np.eye(len(x)) / (h * GAMMA) - J
+    u: list[np.ndarray] = []
+    for a, c in zip(A, C, strict=True):
+        x_i = x + sum((k * v for k, v in zip(a, u, strict=True)), np.zeros(len(x)))
+        drift = sum((k * v for k, v in zip(c, u, strict=True)), np.zeros(len(x))) / h
+        u.append(np.linalg.solve(W, plant_derivative(robot, x_i, tau, F_e) + drift))
+    x_new = x_i + u[-1]
+    ratio = u[-1] / (tolerance * (1.0 + np.maximum(np.abs(x), np.abs(x_new))))
+    return {"x_new": x_new, "norm": np.sqrt(np.mean(ratio**2)), "ratio": ratio}
+
+
+def case(name, robot, state):
+    """Return arguments by name and the numpy equations' results by name."""
+    n = robot.n
+    motion = desired_motion(3.0, state.q - 1.0, state.q + 1.0, 10.0)
+    desired = motion._asdict()
+    gains = dict(zip(Gains._fields, np.random.default_rng(70).uniform(0.1, 5.0, (4, n)), strict=True))
+    q, q_dot, q_ddot, tau, F_e = state.q, state.q_dot, state.q_ddot, state.tau, state.F_e
+    x = state.x
+    match name:
+        case "inverse_dynamics" | "newton_euler":
+            method = inverse_dynamics if name == "inverse_dynamics" else newton_euler
+            return dict(q=q, q_dot=q_dot, q_ddot=q_ddot, F_e=F_e), dict(
+                tau=method(robot, q, q_dot, q_ddot, F_e)
+            )
+        case "forward_dynamics":
+            return dict(q=q, q_dot=q_dot, tau=state.tau_s, F_e=F_e), dict(
+                q_ddot=forward_dynamics(robot, q, q_dot, state.tau_s, F_e)
+            )
+        case "plant_derivative":
+            return dict(x=x, tau=tau, F_e=F_e), dict(x_dot=plant_derivative(robot, x, tau, F_e))
+        case "plant_jacobian":
+            return dict(x=x, tau=tau, F_e=F_e), dict(J=plant_jacobian(robot, x, tau, F_e))
+        case "plant_step":
+            h, tolerance = 1e-4, 1e-6
+            return dict(x=x, tau=tau, F_e=F_e, h=h, tolerance=tolerance), plant_step(
+                robot, x, tau, F_e, h, tolerance
+            )
+        case "plant_outputs":
+            return dict(x=x), plant_outputs(robot, x)._asdict()
+        case "equilibrium_torque":
+            return dict(q=q), dict(tau_s=equilibrium_torque(robot, q))
+        case "feedforward_inverse":
+            return desired, feedforward_inverse(robot, motion)._asdict()
+        case "feedforward_vdc":
+            measured = dict(q=q, q_dot=q_dot, kappa_dot=state.kappa_dot)
+            torques = feedforward_vdc(robot, Gains(**gains), motion, **measured)
+            return desired | measured | gains, torques._asdict()
+        case "trajectory":
+            times = dict(t=3.0, T=10.0, t_start=0.5)
+            ends = dict(q_start=q, q_end=q + 1.0)
+            return times | ends, desired_motion(3.0, q, q + 1.0, 10.0, 0.5)._asdict()
+        case "pd_control":
+            inputs = dict(
+                K_p=gains["Lambda"] * 100,
+                K_v=gains["K_V"],
+                ell=robot.ell,
+                tau_max=np.full(n, 1.0),
+                q_d=q + 0.1,
+                q_d_dot=q_dot,
+                q=q,
+                velocity=state.kappa_dot,
+                tau_m=tau,
+            )
+            return inputs, pd_control(**inputs)._asdict()
+    raise AssertionError(f"no case for {name}: add one")
+
+
+def call(function, arguments, p):
+    """Fill the buffers by name, run, and return copies of the results by name."""
+    assert set(function.args) - {"p"} == set(arguments)
+    for key, value in arguments.items():
+        function.args[key][:] = value
+    if "p" in function.args:
+        function.args["p"][:] = p
+    function.run()
+    return {key: value.copy() for key, value in function.results.items()}
+
+
+@pytest.mark.parametrize("name", list(FUNCTIONS))
+def test_traced_function_equals_the_numpy_equations(traced_robot, draw, kernel_of, name):
+    kernel = kernel_of(traced_robot)
+    function = kernel.function(name)
+    for state in draw(traced_robot, 3, seed=71):
+        arguments, expected = case(name, traced_robot, state)
+        results = call(function, arguments, kernel.p)
+        assert set(results) == set(expected)
+        # The same operations, in an order that CasADi may change: 1e-12 of the largest entry is some 5000
+        # roundings. A step solves a linear system of condition up to 1e4 besides, and its error is a
+        # difference of stages.
+        bound = 1e-9 if name == "plant_step" else 1e-12
+        for key, value in expected.items():
+            value = np.asarray(value, dtype=float).ravel(order="F")
+            scale = np.abs(value).max()
+            if name == "plant_step" and key != "x_new":
+                scale = max(scale, np.abs(expected["ratio"]).max(), 1e-16 / 1e-6 / bound)
+            np.testing.assert_allclose(results[key], value, rtol=0, atol=bound * scale, err_msg=key)
+
+
+@pytest.mark.parametrize("name", [name for name in FUNCTIONS if name not in ("trajectory", "pd_control")])
+def test_parameters_at_run_time_equal_the_equations_of_the_changed_robot(traced_robot, draw, kernel_of, name):
+    kernel = kernel_of(traced_robot)
+    random = np.random.default_rng(72)
+    p = kernel.p * random.uniform(0.9, 1.1, len(kernel.p))
+    changed = set_parameters(traced_robot, p)
+    np.testing.assert_array_equal(values(changed), p)
+    assert structure_key(changed) == structure_key(traced_robot)
+    state = draw(traced_robot, 1, seed=73)[0]
+    arguments, expected = case(name, changed, state)
+    results = call(kernel.function(name), arguments, p)
+    _, before = case(name, traced_robot, state)
+    moved = False
+    for key, value in expected.items():
+        value = np.asarray(value, dtype=float).ravel(order="F")
+        # As above.
+        bound = 1e-9 if name == "plant_step" else 1e-12
+        scale = max(
+            np.abs(value).max(), 1e-16 / 1e-6 / bound if name == "plant_step" and key != "x_new" else 0.0
+        )
+        np.testing.assert_allclose(results[key], value, rtol=0, atol=bound * scale, err_msg=key)
+        moved |= np.abs(value - np.asarray(before[key], dtype=float).ravel(order="F")).max() > 1e-6 * scale
+    assert moved
+
+
+@pytest.mark.parametrize("t", [-1.0, 0.0, 0.25, 0.5, 3.0, 10.5, 11.0])
+def test_traced_trajectory_holds_before_and_after(planar, kernel_of, t):
+    function = kernel_of(planar).function("trajectory")
+    q_start, q_end = np.array([0.1, 0.2]), np.array([1.0, -1.0])
+    results = call(function, dict(t=t, T=10.0, t_start=0.5, q_start=q_start, q_end=q_end), None)
+    for key, value in desired_motion(t, q_start, q_end, 10.0, 0.5)._asdict().items():
+        # A few roundings of (2 pi)^3.
+        np.testing.assert_allclose(results[key], value, rtol=0, atol=1e-13)
+
+
+@pytest.mark.parametrize("infinite", [True, False])
+def test_traced_limit_of_the_motor_torque(planar, kernel_of, infinite):
+    function = kernel_of(planar).function("pd_control")
+    limit = np.inf if infinite else 0.5
+    zero, one = np.zeros(2), np.ones(2)
+    inputs = dict(
+        K_p=zero, K_v=zero, ell=one, tau_max=limit * one, q_d=zero, q_d_dot=zero, q=zero, velocity=zero
+    )
+    for torque in (-3.0, -0.4, 0.0, 0.4, 3.0):
+        results = call(function, inputs | dict(tau_m=torque), None)
+        np.testing.assert_array_equal(results["tau"], np.clip(torque, -limit, limit) * one)
+
+
+def test_plant_jacobian_agrees_with_central_differences(traced_robot, draw, kernel_of):
+    robot = traced_robot.with_parameters(eps=0.5)  # a friction step as wide as the differences can resolve
+    kernel = kernel_of(robot)
+    derivative_of = kernel.function("plant_derivative")
+    for state in draw(robot, 2, seed=74):
+        m = 4 * robot.n
+        J = kernel.function("plant_jacobian")(state.x, state.tau, state.F_e, kernel.p).reshape(
+            m, m, order="F"
+        )
+        h = 1e-5
+        for j in range(m):
+            step = h * np.eye(m)[j]
+            high, low = (
+                derivative_of(state.x + s * step, state.tau, state.F_e, kernel.p).copy() for s in (1, -1)
+            )
+            # Rounding 1e-16 / 1e-5 of the rates, truncation h^2/6 f''': third derivatives exceed the first by
+            # at most 1 / v_s^2 = 1e3, and by (2 ell)^2 = 4e4 (1.4e6 for a slide) in the kinematic error's
+            # phase. h^2 of that.
+            scale = 1e-10 * np.abs(derivative_of.results["x_dot"]).max() + 1e-4 * np.abs(J[:, j]).max()
+            np.testing.assert_allclose(J[:, j], (high - low) / (2 * h), rtol=0, atol=scale)
+
+
+def test_every_number_is_a_parameter_or_a_structural_constant(traced_robot):
+    names = [p.name for p in parameters(traced_robot)]
+    assert len(set(names)) == len(names)
+    for i in range(1, traced_robot.n + 1):
+        for field in ("mass", "ell", "I_m", "K_f0", "c_f", "K_w0", "c_w", "f_c", "f_s", "f_v", "v_s", "eps"):
+            assert f"{field}[{i}]" in names
+        for k in (1, 2, 3):
+            assert f"inertia[{i},{k},{k}]" in names
+            # A zero is folded, and so may not be offered.
+            assert (f"centroid[{i},{k}]" in names) == (traced_robot.centroid[i - 1, k - 1] != 0.0)
+            assert (f"offset[{i},{k}]" in names) == (traced_robot.offset[i - 1, k - 1] != 0.0)
+        assert (f"f_ck[{i}]" in names) == (traced_robot.friction == "split")
+        assert (f"theta_err_phase[{i}]" in names) == (traced_robot.theta_err_amplitude[i - 1] != 0.0)
+
+
+def test_structure_decides_the_key_and_values_do_not(arm):
+    key = structure_key(arm)
+    assert structure_key(arm.with_parameters(mass=9.0, ell=50.0)) == key
+    turned = arm.rotation.copy()
+    turned[1] = np.eye(3)
+    others = [
+        arm.with_parameters(tool_offset=[0.1, 0.0, 0.0]),
+        arm.with_parameters(theta_err_amplitude=1e-4),
+        arm.with_parameters(rotation=turned),
+        dataclasses.replace(arm, friction="split"),
+        dataclasses.replace(arm, joint_types=("prismatic", *arm.joint_types[1:])),
+    ]
+    assert len({key, *map(structure_key, others)}) == 6
+
+
+def test_kernel_without_cache_traces_the_same(planar, draw):
+    state = draw(planar, 1, seed=75)[0]
+    kernel = Kernel(planar, cache=None)
+    tau = kernel.rows("inverse_dynamics", [state.q, state.q_dot, state.q_ddot, state.F_e], [2, 2, 2, 6])
+    # As above.
+    expected = inverse_dynamics(planar, state.q, state.q_dot, state.q_ddot, state.F_e)
+    np.testing.assert_allclose(tau, expected, rtol=0, atol=1e-12 * np.abs(expected).max())
+
+
+def test_desired_fields_are_the_inputs_of_the_feedforward(planar, kernel_of):
+    assert tuple(kernel_of(planar).function("feedforward_inverse").args) == (*Desired._fields, "p")

@@ -1,0 +1,112 @@
+"""The notation page against the code: names exist, units and shapes agree, nothing is missing."""
+
+import dataclasses
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import vdfmu.equations
+from vdfmu.fmu.interface import UNIT_NAMES, interface
+from vdfmu.model import Robot, load_robot
+from vdfmu.model.scenario import Controller, Feedforward, Scenario, Trajectory
+
+DOCS = Path(__file__).resolve().parents[2] / "docs"
+COLUMNS = ("symbol", "code", "fmi", "unit", "shape", "equation", "meaning")
+
+
+def read_rows():
+    text = (DOCS / "notation.md").read_text(encoding="utf-8")
+    rows = []
+    for line in text.splitlines():
+        if line.startswith("| ") and not line.startswith(("| ---", "| symbol")):
+            cells = [cell.strip().strip("`") for cell in line.strip("|").split("|")]
+            assert len(cells) == len(COLUMNS), line
+            rows.append(dict(zip(COLUMNS, cells, strict=True)))
+    return rows
+
+
+ROWS = read_rows()
+FMI_ROWS = [row for row in ROWS if row["fmi"]]
+
+
+def with_everything(robot: Robot) -> Robot:
+    """Return a robot whose interface has every group: friction of the rotor, kinematic error, all offsets."""
+    return dataclasses.replace(robot, friction="split").with_parameters(
+        theta_err_amplitude=1e-6, tool_offset=[0.1, 0.2, 0.3], offset=0.1, centroid=0.1, inertia=robot.inertia + 1e-5,
+        gravity=[1.0, 2.0, 9.0],
+    )  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def groups():
+    """Return group to [(variables with revolute joints), (variables with a prismatic joint 2)]."""
+    found = {}
+    for k, name in enumerate(("manipulator_6dof", "slider_3dof")):
+        robot = with_everything(load_robot(name))
+        for unit in UNIT_NAMES:
+            for variable in interface(unit, robot):
+                found.setdefault(variable.group, ([], []))[k].append((robot, variable))
+    return found
+
+
+@pytest.fixture(scope="module")
+def identifiers():
+    folder = Path(vdfmu.equations.__file__).parent
+    words = set()
+    for path in folder.glob("*.py"):
+        words |= set(re.findall(r"[A-Za-z_]\w*", path.read_text(encoding="utf-8")))
+    for model in (Robot, Scenario, Trajectory, Feedforward, Controller):
+        words |= {f.name for f in dataclasses.fields(model)}
+    return words
+
+
+def test_page_has_rows():
+    assert len(ROWS) > 60 and len(FMI_ROWS) > 40
+
+
+@pytest.mark.parametrize("row", [row for row in ROWS if row["code"]], ids=lambda row: row["code"])
+def test_code_name_exists(row, identifiers):
+    assert row["code"] in identifiers
+
+
+@pytest.mark.parametrize("row", FMI_ROWS, ids=lambda row: row["fmi"])
+def test_fmi_name_unit_and_shape_agree_with_the_variable_table(row, groups):
+    assert row["fmi"] in groups
+    revolute, slider = groups[row["fmi"]]
+    per_joint = row["shape"].startswith("n")
+    expected = re.fullmatch(r"([^\[]*?)(?: \[(.*)\])?", row["unit"])
+    unit, prismatic = expected[1], expected[2] or expected[1]
+    assert ", ".join(dict.fromkeys(v.unit for _, v in revolute if v.unit)) == unit
+    for robot, v in slider:
+        slides = per_joint and robot.joint_types[v.index[0]] == "prismatic"
+        assert v.unit is None or v.unit in (prismatic if slides else unit).split(", ")
+    n = revolute[0][0].n
+    sizes = tuple(n if part == "n" else int(part) for part in row["shape"].split(", "))
+    seen = {v.index for _, v in revolute}
+    if sizes == (1,):
+        assert seen == {()}
+    else:
+        # Of an inertia, which is symmetric, the interface has the upper triangle.
+        indices = {i for i in np.ndindex(sizes) if row["fmi"] != "inertia" or i[1] <= i[2]}
+        assert seen == indices
+
+
+def test_every_group_of_the_interface_is_on_the_page(groups):
+    assert set(groups) == {row["fmi"] for row in FMI_ROWS}
+
+
+def test_no_fmi_name_is_on_the_page_twice():
+    names = [row["fmi"] for row in FMI_ROWS]
+    assert len(names) == len(set(names))
+
+
+def test_robot_fields_have_rows_with_their_shape():
+    arm = load_robot("manipulator_6dof")
+    codes = {row["code"]: row for row in ROWS}
+    for field in dataclasses.fields(Robot):
+        value = getattr(arm, field.name)
+        if isinstance(value, np.ndarray):
+            sizes = tuple(arm.n if part == "n" else int(part) for part in codes[field.name]["shape"].split(", "))
+            assert sizes == value.shape

@@ -1,0 +1,209 @@
+"""The FMUs of the shipped robots, and a unit as a user of plain fmpy has it."""
+
+from __future__ import annotations
+
+import re
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import fmpy
+import numpy as np
+import pytest
+from fmpy.fmi1 import FMICallException
+from fmpy.fmi2 import (
+    FMU2Slave,
+    fmi2CallbackAllocateMemoryTYPE,
+    fmi2CallbackFreeMemoryTYPE,
+    fmi2CallbackFunctions,
+    fmi2CallbackLoggerTYPE,
+)
+
+from vdfmu.fmu import UNIT_NAMES, build_fmus
+from vdfmu.model import Robot, load_robot, robot_names
+
+
+class Unit:
+    """One instance of an FMU, driven through fmpy, with the messages that its user sees.
+
+    A name without index stands for the whole group, in the order of the value references.
+    """
+
+    def __init__(self, folder: Path, instance: str = "unit") -> None:
+        self.description = fmpy.read_model_description(folder, validate=False)
+        self.messages: list[str] = []
+        self.statuses: list[int] = []
+        callbacks = fmi2CallbackFunctions()
+        callbacks.logger = fmi2CallbackLoggerTYPE(self._receive)
+        callbacks.allocateMemory = fmi2CallbackAllocateMemoryTYPE(fmpy.calloc)
+        callbacks.freeMemory = fmi2CallbackFreeMemoryTYPE(fmpy.free)
+        self.fmu = FMU2Slave(
+            guid=self.description.guid,
+            modelIdentifier=self.description.coSimulation.modelIdentifier,
+            unzipDirectory=str(folder),
+            instanceName=instance,
+        )
+        self.fmu.instantiate(callbacks=callbacks, loggingOn=True)
+        self.time = 0.0
+
+    def _receive(self, _: Any, instance: bytes, status: int, category: bytes, text: bytes) -> None:
+        self.statuses.append(status)
+        self.messages.append(text.decode())
+
+    def variables(self, name: str) -> list[Any]:
+        """Variables of a name, or of a group."""
+        found = [v for v in self.description.modelVariables if name in (v.name, v.name.split("[")[0])]
+        assert found, name
+        return found
+
+    def references(self, name: str) -> list[int]:
+        return [v.valueReference for v in self.variables(name)]
+
+    def set(self, **values: Any) -> Unit:
+        """Set groups: ``set(q_0=[0.1, 0.2], equilibrium=False)``; use :meth:`set_one` for ``mass[1]``."""
+        for name, value in values.items():
+            self.set_one(name, value)
+        return self
+
+    def set_one(self, name: str, value: Any) -> Unit:
+        variables = self.variables(name)
+        array = np.broadcast_to(value, len(variables)).tolist()
+        call = getattr(self.fmu, "set" + variables[0].type)
+        call([v.valueReference for v in variables], array)
+        return self
+
+    def get(self, name: str) -> np.ndarray:
+        variables = self.variables(name)
+        call = getattr(self.fmu, "get" + variables[0].type)
+        return np.array(call([v.valueReference for v in variables]))
+
+    def outputs(self) -> np.ndarray:
+        """All outputs in order."""
+        return np.array(
+            self.fmu.getReal(
+                [v.valueReference for v in self.description.modelVariables if v.causality == "output"]
+            )
+        )
+
+    def start(self, time: float = 0.0, tolerance: float | None = None, **values: Any) -> Unit:
+        """Set values and take the unit through initialization."""
+        self.setup(time, tolerance)
+        self.set(**values)
+        self.fmu.enterInitializationMode()
+        self.fmu.exitInitializationMode()
+        return self
+
+    def setup(self, time: float = 0.0, tolerance: float | None = None) -> Unit:
+        self.time = time
+        self.fmu.setupExperiment(tolerance=tolerance, startTime=time)
+        return self
+
+    def step(self, size: float = 1e-3, **inputs: Any) -> Unit:
+        """Set inputs and make a step from where the last one ended."""
+        self.set(**inputs)
+        self.fmu.doStep(self.time, size)
+        self.time += size
+        return self
+
+    @contextmanager
+    def refuses(self, words: str) -> Iterator[None]:
+        """Expect that a call fails and that the last message matches `words`."""
+        with pytest.raises(FMICallException):
+            yield
+        assert re.search(words, self.messages[-1]), self.messages[-1]
+
+
+@pytest.fixture(scope="session")
+def robots() -> dict[str, Robot]:
+    """The shipped robots by name."""
+    return {name: load_robot(name) for name in robot_names()}
+
+
+@pytest.fixture(scope="session")
+def planar(robots: dict[str, Robot]) -> Robot:
+    """The small robot that most tests use."""
+    return robots["planar_2dof"]
+
+
+@pytest.fixture(scope="session")
+def fmus(robots: dict[str, Robot], tmp_path_factory: pytest.TempPathFactory) -> dict[str, dict[str, Path]]:
+    """FMUs by robot and unit."""
+    return {name: build_fmus(robot, tmp_path_factory.mktemp(name)) for name, robot in robots.items()}
+
+
+@pytest.fixture(scope="session")
+def folders(
+    fmus: dict[str, dict[str, Path]], tmp_path_factory: pytest.TempPathFactory
+) -> dict[str, dict[str, Path]]:
+    """The same, unpacked."""
+    found: dict[str, dict[str, Path]] = {}
+    for robot, units in fmus.items():
+        for unit, path in units.items():
+            folder = tmp_path_factory.mktemp(f"{robot}_{unit}")
+            fmpy.extract(path, folder)
+            found.setdefault(robot, {})[unit] = folder
+    return found
+
+
+@pytest.fixture
+def open_unit(folders: dict[str, dict[str, Path]]) -> Iterator[Callable[..., Unit]]:
+    """Instantiate a unit, of the planar robot if none is named; freed at the end of the test."""
+    opened: list[Unit] = []
+
+    def open_one(unit: str, robot: str = "planar_2dof", instance: str = "unit") -> Unit:
+        opened.append(Unit(folders[robot][unit], instance))
+        return opened[-1]
+
+    yield open_one
+    for unit in opened:
+        unit.fmu.freeInstance()
+
+
+@pytest.fixture
+def copy_of(folders: dict[str, dict[str, Path]], tmp_path: Path) -> Callable[[str], Path]:
+    """Copy the unpacked FMU of a unit of the planar robot, free to change."""
+
+    def copy(unit: str) -> Path:
+        return Path(shutil.copytree(folders["planar_2dof"][unit], tmp_path / unit))
+
+    return copy
+
+
+@pytest.fixture
+def run_python() -> Callable[..., str]:
+    """Run a script in a Python of its own; return what it prints. Fails if the process crashes."""
+
+    def run(script: str, *arguments: Any, cwd: Path | None = None, **environment: str) -> str:
+        import os
+
+        done = subprocess.run(
+            [sys.executable, "-X", "faulthandler", "-c", script, *map(str, arguments)],
+            capture_output=True,
+            text=True,
+            cwd=cwd,
+            env={**os.environ, **environment},
+            timeout=120,
+        )
+        assert done.returncode == 0, f"exit code {done.returncode}\n{done.stdout}\n{done.stderr}"
+        return done.stdout
+
+    return run
+
+
+@pytest.fixture(params=UNIT_NAMES)
+def unit_name(request: pytest.FixtureRequest) -> str:
+    """Each of the four units."""
+    return request.param
+
+
+@pytest.fixture(params=("planar_2dof", "slider_3dof", "manipulator_6dof"))
+def robot_name(request: pytest.FixtureRequest) -> str:
+    """Each of the shipped robots."""
+    return request.param
+
+
+Names = Sequence[str]

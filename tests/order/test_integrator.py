@@ -1,0 +1,182 @@
+"""Error control of the integrator: error against tolerance, failure, and continuation from a copy."""
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from vdfmu.equations.plant import equilibrium_torque
+from vdfmu.errors import KernelError
+from vdfmu.kernel import Integrator
+from vdfmu.kernel.integrator import MINIMUM_STEP, state_name
+
+
+def start_of(robot):
+    """Return a state that swings: at rest links, rotors that turn, springs away from equilibrium."""
+    n = robot.n
+    q = np.linspace(0.3, 0.9, n)
+    return np.concatenate([q, np.full(n, 0.5), np.full(n, 0.4), 0.7 * equilibrium_torque(robot, q)])
+
+
+def integrator_of(kernel, tolerance=1e-9):
+    integrator = Integrator(kernel)
+    integrator.x[:] = start_of(kernel.robot)
+    integrator.tau[:] = 0.05
+    integrator.F_e[:] = [1.0, -2.0, 0.5, 0.1, 0.0, -0.2]
+    integrator.tolerance = tolerance
+    return integrator
+
+
+DURATION = 0.05
+
+
+def reference(kernel, duration=DURATION):
+    """Return the state by scipy's Radau with the traced right-hand side and Jacobian."""
+    n = kernel.robot.n
+    f, jacobian = kernel.function("plant_derivative"), kernel.function("plant_jacobian")
+    held = integrator_of(kernel)
+
+    def rate(_, x):
+        return f(x, held.tau, held.F_e, kernel.p)
+
+    def rate_jacobian(_, x):
+        return jacobian(x, held.tau, held.F_e, kernel.p).reshape(4 * n, 4 * n, order="F")
+
+    solution = solve_ivp(
+        rate, (0.0, duration), held.x.copy(), method="Radau", jac=rate_jacobian, rtol=1e-12, atol=1e-12
+    )
+    assert solution.success
+    return solution.y[:, -1]
+
+
+@pytest.mark.parametrize("friction", ["shipped", "smooth"])
+def test_error_is_proportional_to_the_tolerance(planar, kernel_of, friction):
+    robot = planar if friction == "shipped" else planar.with_parameters(f_c=0.0, f_s=0.0)
+    kernel = kernel_of(robot)
+    exact = reference(kernel)
+    tolerances = np.array([1e-5, 1e-6, 1e-7, 1e-8, 1e-9])
+    errors = []
+    for tolerance in tolerances:
+        integrator = integrator_of(kernel, tolerance)
+        integrator.advance(0.0, DURATION)
+        errors.append(np.abs((integrator.x - exact) / (1.0 + np.abs(exact))).max())
+    # Step h ~ tolerance^(1/4) from an error estimate of h^4, global error of order 4: proportional. The steps
+    # of single tolerances scatter, by a factor of 3 or so over 4 decades: 0.15 in the exponent.
+    slope = np.polyfit(np.log10(tolerances), np.log10(errors), 1)[0]
+    assert slope == pytest.approx(1.0, abs=0.15)
+    # Local errors add over some hundred steps, and are damped: at most 100 times the tolerance.
+    assert (np.array(errors) < 100.0 * tolerances).all()
+
+
+def test_error_is_within_the_tolerance_for_every_robot(robot, kernel_of):
+    kernel = kernel_of(robot.with_parameters(eps=0.05))
+    integrator = integrator_of(kernel, 1e-8)
+    integrator.advance(0.0, 0.02)
+    exact = reference(kernel, 0.02)
+    # As above.
+    assert np.abs((integrator.x - exact) / (1.0 + np.abs(exact))).max() < 100.0 * 1e-8
+
+
+def test_many_communication_steps_give_the_same_as_one(planar, kernel_of):
+    kernel = kernel_of(planar)
+    once, often = (integrator_of(kernel, 1e-9) for _ in range(2))
+    once.advance(0.0, DURATION)
+    for k in range(50):
+        often.advance(k * 1e-3, 1e-3)
+    # Two solutions within 100 times the tolerance.
+    scale = 1.0 + np.abs(once.x)
+    assert (np.abs(once.x - often.x) / scale).max() < 1e-7
+    assert often.steps >= 50 and once.steps > 0
+
+
+def test_continuation_from_a_copy_of_state_and_step_is_bit_identical(robot, kernel_of):
+    kernel = kernel_of(robot)
+    first = integrator_of(kernel, 1e-7)
+    first.advance(0.0, 0.01)
+    x, h = first.x.copy(), first.h
+    first.advance(0.01, 0.01)
+    second = integrator_of(kernel, 1e-7)
+    second.advance(0.0, 0.003)  # another past
+    second.x[:], second.h = x, h
+    second.advance(0.01, 0.01)
+    np.testing.assert_array_equal(second.x, first.x)
+    assert second.h == first.h
+    # And the step matters: another one gives other roundings at least.
+    third = integrator_of(kernel, 1e-7)
+    third.x[:], third.h = x, 0.37 * h
+    third.advance(0.01, 0.01)
+    assert (third.x != first.x).any()
+
+
+def test_zero_duration_changes_nothing(planar, kernel_of):
+    integrator = integrator_of(kernel_of(planar))
+    x, h = integrator.x.copy(), integrator.h
+    integrator.advance(1.0, 0.0)
+    np.testing.assert_array_equal(integrator.x, x)
+    assert integrator.h == h and integrator.steps == 0
+
+
+def test_short_communication_step_does_not_shrink_the_internal_one(planar, kernel_of):
+    integrator = integrator_of(kernel_of(planar), 1e-6)
+    integrator.advance(0.0, 0.02)
+    h = integrator.h
+    assert h > 1e-6
+    integrator.advance(0.02, 1e-7)
+    assert integrator.h >= h
+
+
+def fails(integrator, message):
+    """Assert that advance fails with the message and leaves state and step as they were."""
+    x, h = integrator.x.copy(), integrator.h
+    with pytest.raises(KernelError, match=message):
+        integrator.advance(0.25, 0.01)
+    np.testing.assert_array_equal(integrator.x, x)
+    assert integrator.h == h
+
+
+def test_tolerance_that_cannot_be_met_names_time_and_state(planar, kernel_of):
+    integrator = integrator_of(kernel_of(planar), 1e-300)
+    fails(
+        integrator,
+        r"at t = 0\.25 s the local error of state (q|q_dot|kappa_dot|tau_s)\[[12]\] is .* times the "
+        r"tolerance 1e-300, and the internal step reached its minimum 1e-12 s\. Lower the input torque, loosen",
+    )
+    assert integrator.rejected > 0
+    # The same integrator goes on once it can.
+    integrator.tolerance = 1e-6
+    integrator.advance(0.25, 0.001)
+    assert np.isfinite(integrator.x).all()
+
+
+@pytest.mark.parametrize(("field", "i"), [("tau", 1), ("F_e", 0)])
+@pytest.mark.parametrize("value", [1e308, np.inf, np.nan])
+def test_input_too_large_names_time_and_state(planar, kernel_of, field, i, value):
+    integrator = integrator_of(kernel_of(planar))
+    getattr(integrator, field)[i] = value
+    fails(integrator, r"at t = 0\.25 s (state|the local error of state) (q|q_dot|kappa_dot|tau_s)\[[12]\]")
+
+
+def test_state_that_is_not_finite_is_named(planar, kernel_of):
+    integrator = integrator_of(kernel_of(planar))
+    integrator.x[3] = np.nan
+    x = integrator.x.copy()
+    with pytest.raises(KernelError, match=r"at t = 0 s state \S+ is not finite"):
+        integrator.advance(0.0, 0.001)
+    np.testing.assert_array_equal(integrator.x, x)
+
+
+def test_failure_in_the_middle_names_its_time(planar, kernel_of):
+    # A torque that grows the speed without bound: the state leaves the numbers at some time after the start.
+    kernel = kernel_of(planar.with_parameters(f_v=-1e4))
+    integrator = integrator_of(kernel, 1e-3)
+    x, h = integrator.x.copy(), integrator.h
+    with pytest.raises(KernelError, match=r"at t = ") as error:
+        integrator.advance(2.0, 100.0)
+    assert 2.0 < float(str(error.value).split("at t = ")[1].split()[0]) < 102.0
+    np.testing.assert_array_equal(integrator.x, x)
+    assert integrator.h == h
+
+
+def test_state_names_are_those_of_the_interface():
+    names = [state_name(i, 3) for i in range(12)]
+    assert names == [f"{kind}[{i}]" for kind in ("q", "q_dot", "kappa_dot", "tau_s") for i in (1, 2, 3)]
+    assert MINIMUM_STEP == 1e-12
