@@ -17,6 +17,7 @@ from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedCo
 from rich.table import Table
 
 from vdfmu import __version__
+from vdfmu.cosim import Interrupted, LogMessage
 from vdfmu.errors import ModelError, SspError, UsageError, VdfmuError
 from vdfmu.model import load_robot, load_scenario, robot_names, scenario_names
 
@@ -76,18 +77,22 @@ def run(
     from vdfmu.study.run import run as run_study
 
     with _Bars() as bars:
-        results = run_study(
-            scenario,
-            robot=robot,
-            step=step,
-            stop=stop,
-            master=master,
-            out=out,
-            reference=not no_reference,
-            settings=_settings(settings),
-            progress=bars.update,
-            log=bars.log,
-        )
+        try:
+            results = run_study(
+                scenario,
+                robot=robot,
+                step=step,
+                stop=stop,
+                master=master,
+                out=out,
+                reference=not no_reference,
+                settings=_settings(settings),
+                progress=bars.update,
+                log=bars.log,
+            )
+        except Interrupted as stopped:  # typer would end the program without a word
+            bars.say(f"stopped: {stopped}; the rows so far are kept")
+            raise typer.Exit(130) from None
     summary = results.summary
     for warning in summary.get("warnings", []):
         errors.print(f"[yellow]warning:[/yellow] {escape(warning)}")
@@ -98,7 +103,7 @@ def run(
     if "reference" in summary:
         console.print(tables.reference_table(summary))
     folder = out if out is not None else Path("results") / summary["scenario"]
-    console.print(f"Written to {escape(str(folder))}: {', '.join(sorted(p.name for p in folder.iterdir()))}")
+    _say(f"Written to {folder}: {', '.join(sorted(p.name for p in folder.iterdir()))}")
 
 
 @app.command(epilog="Example: [bold]vdfmu build tracking --out fmus[/bold]")
@@ -116,7 +121,7 @@ def build(
     for path in build_fmus(
         chosen.robot, out, start_values=system_values(chosen, _settings(settings))
     ).values():
-        console.print(escape(str(path)))
+        _say(str(path))
 
 
 @app.command(epilog="Example: [bold]vdfmu ssp two_joint --out two_joint.ssp[/bold]")
@@ -134,7 +139,7 @@ def ssp(
     chosen = load_scenario(scenario, robot)
     path = out if out is not None else Path(f"{chosen.name}.ssp")
     values = system_values(chosen, _settings(settings))
-    console.print(escape(str(write_ssp(chosen, cached_fmus(chosen.robot), path, values))))
+    _say(str(write_ssp(chosen, cached_fmus(chosen.robot), path, values)))
 
 
 @app.command(epilog="Example: [bold]vdfmu check fmus/Plant.fmu[/bold]")
@@ -147,12 +152,8 @@ def check(
 
     problems = check_fmu(file, run=not no_run)
     for problem in problems:
-        console.print(f"[red]problem:[/red] {escape(problem)}")
-    console.print(
-        f"{escape(str(file))}: {len(problems)} problem(s)"
-        if problems
-        else f"{escape(str(file))}: no problems"
-    )
+        _say(f"problem: {problem}")
+    _say(f"{file}: {len(problems)} problem(s)" if problems else f"{file}: no problems")
     if problems:
         raise typer.Exit(1)
 
@@ -210,6 +211,11 @@ def _number(value: Any) -> str:
     return " ".join(_number(v) for v in value) if getattr(value, "ndim", 0) == 1 else f"{value:g}"
 
 
+def _say(text: str) -> None:
+    """Print a line that may hold a path: unbroken, so that it can be copied or read by a program."""
+    console.print(text, markup=False, soft_wrap=True)
+
+
 def _settings(items: list[str] | None) -> dict[str, str]:
     settings: dict[str, str] = {}
     for item in items or []:
@@ -230,6 +236,7 @@ class _Bars:
             disable=not errors.is_terminal,
         )  # fmt: skip
         self._tasks: dict[str, TaskID] = {}
+        self._notes: dict[str, list[str]] = {}
 
     def __enter__(self) -> _Bars:
         self._progress.start()
@@ -237,15 +244,23 @@ class _Bars:
 
     def __exit__(self, *_: object) -> None:
         self._progress.stop()
+        for what, names in self._notes.items():
+            self.say(f"note: {', '.join(names)}: {what}")
 
     def update(self, stage: str, done: int, total: int) -> None:
         if stage not in self._tasks:
             self._tasks[stage] = self._progress.add_task(stage)
         self._progress.update(self._tasks[stage], completed=done, total=total)
 
-    def log(self, message: Any) -> None:
-        if message.status > 0:  # warnings and worse; what units merely tell is in Results.messages
-            self._progress.console.print(f"{message.unit}: {message.text}", markup=False)
+    def say(self, text: str) -> None:
+        self._progress.console.print(text, markup=False, soft_wrap=True)
+
+    def log(self, message: LogMessage) -> None:
+        if message.status == "note":
+            name, _, what = message.text.partition(": ")
+            self._notes.setdefault(what, []).append(name)
+        elif message.status != "ok":  # what units merely tell is in Results.messages
+            self.say(f"{message.unit}: {message.text}")
 
 
 def main() -> None:

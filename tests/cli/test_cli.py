@@ -79,7 +79,7 @@ def test_check_lists_the_problems_of_a_broken_fmu(tmp_path):
         (["run", "planar_tracking", "--set", "controller.K_p"], "expected UNIT.PARAMETER=VALUE"),
         (["run", "planar_tracking", "--set", "controller.K_q=1"], "controller has no variable 'K_q'"),
         (["run", "planar_tracking", "--master", "euler"], "expected gauss-seidel or jacobi"),
-        (["run", "planar_tracking", "--step", "fast"], "fast"),
+        (["run", "planar_tracking", "--step", "fast"], "Invalid value for '--step'"),
         (["run", "contrast", "--set", "controller.K_p=1"], "has no units"),
         (["check", "missing.fmu"], "there is no such file"),
         (["models", "show", "robot.toml"], "robot.toml"),

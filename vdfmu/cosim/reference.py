@@ -193,7 +193,7 @@ def _advance(loop: _Loop, t_0: float, t_1: float, x: Floats, tau: Floats, h: flo
     )
     while solver.status == "running":
         message = solver.step()
-        if message is not None and solver.status != "finished":
+        if message is not None:
             raise VdfmuError(f"The reference failed at t = {solver.t:.9g} s: {message}")
         h = max(solver.h_abs, 1e-6)
     return solver.y, h

@@ -9,10 +9,10 @@ import numpy as np
 from vdfmu.equations.elimination import factorize, solve
 from vdfmu.equations.generic import zeros
 from vdfmu.equations.inverse_dynamics import inverse_dynamics, tool_transform
-from vdfmu.equations.kinematics import gravity_in_links, joint_transforms
+from vdfmu.equations.kinematics import gravity_in_links, joint_placements
 from vdfmu.equations.mapping import joint_space_mass_matrix
 from vdfmu.equations.rigid_body import coriolis_matrix, gravity_force, mass_matrix
-from vdfmu.equations.spatial import cross_motion, joint_axis
+from vdfmu.equations.spatial import cross_motion, force_transform, joint_axis, transform_mass_matrix
 
 __all__ = ["forward_dynamics", "forward_dynamics_by_mapping"]
 
@@ -40,7 +40,8 @@ def forward_dynamics(
     z = [joint_axis(joint_type) for joint_type in robot.joint_types]
 
     # pass 1, base to end effector: velocities (31), and the forces at zero joint acceleration (47)
-    U_AB = joint_transforms(robot, q)
+    placements = joint_placements(robot, q)
+    U_AB = [force_transform(R_AB, p_AB) for R_AB, p_AB in placements]
     g_B = gravity_in_links(robot, U_AB)
     V_B: list[np.ndarray] = []
     c_B: list[np.ndarray] = []  # part of V_B_dot that is quadratic in velocities
@@ -66,7 +67,7 @@ def forward_dynamics(
         if i > 0:
             M_a = M_A[i] - np.outer(M_z[i], M_z[i] / d[i])
             p_a = p_A[i] + M_a @ c_B[i] + M_z[i] * (u[i] / d[i])
-            M_A[i - 1] = M_A[i - 1] + U_AB[i] @ M_a @ U_AB[i].T
+            M_A[i - 1] = M_A[i - 1] + transform_mass_matrix(*placements[i], M_a)
             p_A[i - 1] = p_A[i - 1] + U_AB[i] @ p_a
 
     # pass 3, base to end effector: accelerations

@@ -38,8 +38,28 @@ def joint_rotation(robot: Any, i: int, q_i: Any) -> np.ndarray:
     return robot.rotation[i] @ rotation_z(q_i)
 
 
+def joint_placements(robot: Any, q: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Rotation and origin of every {B_i} in {B_(i-1)}, {B_0} = {I}, from Eq. (34)-(36).
+
+    Parameters
+    ----------
+    q : (n,) [rad or m] joint positions
+
+    Returns
+    -------
+    n times (R_AB (3, 3), p_AB (3,) [m])
+    """
+    placements = []
+    for i in range(robot.n):
+        p_AB = robot.offset[i]
+        if robot.joint_types[i] == "prismatic":
+            p_AB = p_AB + robot.rotation[i][:, 2] * q[i]
+        placements.append((joint_rotation(robot, i, q[i]), p_AB))
+    return placements
+
+
 def joint_transforms(robot: Any, q: np.ndarray) -> list[np.ndarray]:
-    """Force transformations U_AB from every {B_i} to {B_(i-1)}, {B_0} = {I}: the product that (31) forms.
+    """Force transformations U_AB from every {B_i} to {B_(i-1)}: the product that (31) forms.
 
     ``U_(B_(i-1) B_i) = U_(B_(i-1) T_i) @ U_(T_i B_i)``: first a pure translation, then the joint.
 
@@ -47,14 +67,7 @@ def joint_transforms(robot: Any, q: np.ndarray) -> list[np.ndarray]:
     ----------
     q : (n,) [rad or m] joint positions
     """
-    transforms = []
-    for i in range(robot.n):
-        R_TB = joint_rotation(robot, i, q[i])
-        p_TB = robot.offset[i]
-        if robot.joint_types[i] == "prismatic":
-            p_TB = p_TB + robot.rotation[i][:, 2] * q[i]
-        transforms.append(force_transform(R_TB, p_TB))
-    return transforms
+    return [force_transform(R_AB, p_AB) for R_AB, p_AB in joint_placements(robot, q)]
 
 
 def link_motion(robot: Any, q: np.ndarray, q_dot: np.ndarray, q_ddot: np.ndarray) -> Motion:
@@ -100,10 +113,7 @@ def end_effector_pose(robot: Any, q: np.ndarray) -> tuple[np.ndarray, np.ndarray
     R_O : (3, 3) rotation of {O} in {I}
     """
     p, R = np.zeros(3), np.eye(3)
-    for i in range(robot.n):
-        p_TB = robot.offset[i]
-        if robot.joint_types[i] == "prismatic":
-            p_TB = p_TB + robot.rotation[i][:, 2] * q[i]
-        p = p + R @ p_TB
-        R = R @ joint_rotation(robot, i, q[i])
+    for R_AB, p_AB in joint_placements(robot, q):
+        p = p + R @ p_AB
+        R = R @ R_AB
     return p + R @ robot.tool_offset, R

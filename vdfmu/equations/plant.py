@@ -11,7 +11,7 @@ from vdfmu.equations.forward_dynamics import forward_dynamics
 from vdfmu.equations.friction import joint_friction
 from vdfmu.equations.harmonic_drive import spring_energy
 from vdfmu.equations.inverse_dynamics import inverse_dynamics
-from vdfmu.equations.kinematics import end_effector_pose, link_motion
+from vdfmu.equations.kinematics import end_effector_pose, joint_placements, link_motion
 from vdfmu.equations.rigid_body import mass_matrix
 
 __all__ = ["Outputs", "State", "equilibrium_torque", "plant_derivative", "plant_outputs", "split_state"]
@@ -82,19 +82,12 @@ def plant_outputs(robot: Any, x: np.ndarray) -> Outputs:
     E_kin = 0.5 * (robot.I_m * robot.ell) @ (kappa_dot * kappa_dot)
     E_pot = 0.0
     p, R = np.zeros(3), np.eye(3)
-    for i in range(robot.n):
+    for i, (R_AB, p_AB) in enumerate(joint_placements(robot, q)):
         V_B = motion.V_B[i]
         E_kin = E_kin + 0.5 * (V_B @ (mass_matrix(robot.mass[i], robot.centroid[i], robot.inertia[i]) @ V_B))
-        U_AB = motion.U_AB[i]
-        p = p + R @ _translation(U_AB)
-        R = R @ U_AB[:3, :3]
+        p = p + R @ p_AB
+        R = R @ R_AB
         E_pot = E_pot + robot.mass[i] * (robot.gravity @ (p + R @ robot.centroid[i]))
     return Outputs(
         rotor_position(robot, q, tau_s), p_O, R_O, E_kin, E_pot, np.sum(spring_energy(robot, tau_s))
     )
-
-
-def _translation(U_AB: np.ndarray) -> np.ndarray:
-    """Vector p_AB of a force transformation (32): its lower left block is ``skew(p_AB) @ R_AB``."""
-    S = U_AB[3:, :3] @ U_AB[:3, :3].T
-    return np.array([S[2, 1], S[0, 2], S[1, 0]])

@@ -8,7 +8,15 @@ import numpy as np
 
 from vdfmu.equations.generic import zeros
 
-__all__ = ["cross_motion", "force_transform", "homogeneous_transform", "joint_axis", "rotation_z", "skew"]
+__all__ = [
+    "cross_motion",
+    "force_transform",
+    "homogeneous_transform",
+    "joint_axis",
+    "rotation_z",
+    "skew",
+    "transform_mass_matrix",
+]
 
 _AXES = {
     "revolute": np.array([0.0, 0.0, 0.0, 0.0, 0.0, 1.0]),
@@ -82,6 +90,29 @@ def force_transform(R_AB: np.ndarray, p_AB: np.ndarray) -> np.ndarray:
     U_AB[3:, :3] = skew(p_AB) @ R_AB
     U_AB[3:, 3:] = R_AB
     return U_AB
+
+
+def transform_mass_matrix(R_AB: np.ndarray, p_AB: np.ndarray, M_B: np.ndarray) -> np.ndarray:
+    """Mass matrix of a body or of an articulated body in {A}, ``M_A = U_AB @ M_B @ U_AB.T``, for symmetric `M_B`.
+
+    The product is formed block by block, first the rotation, then the translation, which takes half the operations.
+
+    Parameters
+    ----------
+    R_AB, p_AB : as in :func:`force_transform`
+    M_B : (6, 6), symmetric
+    """
+    P_AB = skew(p_AB)
+    linear, mixed, angular = (R_AB @ M_B[i, j] @ R_AB.T for i, j in _BLOCKS)
+    M_A = zeros((6, 6), R_AB, p_AB, M_B)
+    M_A[:3, :3] = linear
+    M_A[:3, 3:] = mixed - linear @ P_AB
+    M_A[3:, :3] = M_A[:3, 3:].T
+    M_A[3:, 3:] = angular + P_AB @ M_A[:3, 3:] + (P_AB @ mixed).T
+    return M_A
+
+
+_BLOCKS = ((slice(0, 3), slice(0, 3)), (slice(0, 3), slice(3, 6)), (slice(3, 6), slice(3, 6)))
 
 
 def cross_motion(V_B: np.ndarray) -> np.ndarray:

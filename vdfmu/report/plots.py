@@ -353,7 +353,7 @@ def _rms_bars(axes: Axes, values: Floats, joints: Sequence[int], paper: Sequence
     for k, (label, heights, color) in enumerate(series):
         places = np.arange(len(joints)) + (k - 0.5 * (len(series) - 1)) * width
         bars = axes.bar(places, heights, width=0.92 * width, color=color)
-        texts = ["" if math.isnan(h) else f"{h:.1f}" for h in heights]
+        texts = ["" if math.isnan(h) else f"{h:.1f}" if paper else f"{h:.2g}" for h in heights]
         axes.bar_label(bars, texts, padding=1.5, fontsize=9.0)
         handles.append(Line2D([], [], linestyle="none", marker="s", markersize=9.0, color=color, label=label))
     axes.set_xticks(range(len(joints)), [f"Joint {i + 1}" for i in joints])

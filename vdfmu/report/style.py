@@ -5,6 +5,7 @@ Figures are drawn with matplotlib's objects on an Agg canvas: no pyplot, no disp
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import io
 import math
@@ -40,7 +41,7 @@ _DASHES = ("-", "--", "-.", ":")
 _GREY = "#555555"
 _MARGIN = 0.1
 _PLAIN = range(-2, 4)  # decades that an axis shows without a power of ten
-_CAPTION_CHARACTERS = 15.0  # that fit into an inch
+_CAPTION_CHARACTERS = 15.6  # that fit into an inch
 _RC: dict[str, Any] = {
     "font.family": "DejaVu Sans",  # comes with matplotlib
     "font.size": 10.0,
@@ -116,7 +117,7 @@ def new_figure(
         for line in textwrap.wrap(text, round(_CAPTION_CHARACTERS * width))
     ]
     figure.text(
-        left, _MARGIN / height, "\n".join(lines), va="bottom", fontsize=8.5, color=_GREY, linespacing=1.3
+        left, _MARGIN / height, "\n".join(lines), va="bottom", fontsize=8.2, color=_GREY, linespacing=1.3
     )
     below = _MARGIN + 0.16 * len(lines) + 0.02
     figure.set_layout_engine("constrained", rect=(0.0, below / height, 1.0, 1.0 - (above + below) / height))
@@ -127,15 +128,15 @@ def dress(axes: Axes, title: str, quantity: str, unit: str, time: Floats | None 
     """Give a panel with its curves a title, a y label with unit and, over time, the limits of its x axis.
 
     Very small or large values get a power of ten in the label, never a separate factor above the axis. Values
-    that are constant but for rounding are drawn from 0. A logarithmic axis shows whole decades, at most nine.
+    that are constant but for rounding are drawn from 0. A logarithmic axis shows whole decades, three to nine.
     """
     axes.set_title(title)
     low, high = axes.dataLim.intervaly
     largest = float(max(abs(low), abs(high)))
     if axes.get_yscale() == "log":
-        axes.set_ylim(
-            10.0 ** math.floor(math.log10(max(low, 1e-8 * largest))), 10.0 ** math.ceil(math.log10(high))
-        )
+        top = math.ceil(math.log10(high))
+        bottom = math.floor(math.log10(max(low, 1e-8 * high)))
+        axes.set_ylim(10.0 ** min(bottom, top - 3), 10.0**top)
     else:
         if high - low < 1e-6 * largest < math.inf:
             axes.set_ylim(min(0.0, 1.1 * low), max(0.0, 1.1 * high))
@@ -227,7 +228,8 @@ def save(figure: Figure, path: Path) -> Path:
         temporary.write_bytes(stream.getvalue())
         os.replace(temporary, path)
     except OSError as error:
-        temporary.unlink(missing_ok=True)
+        with contextlib.suppress(OSError):
+            temporary.unlink()
         kind = UsageError if isinstance(error, (FileNotFoundError, PermissionError)) else VdfmuError
         raise kind(f"cannot write {path}: {error.strerror or error}") from None
     return path

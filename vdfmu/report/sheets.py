@@ -1,0 +1,174 @@
+"""The numbers of a run as rows of text: what the terminal and the documentation both show.
+
+A summary is what ``summary.json`` holds. Its lists run over the joints; those of ``paper`` may end earlier.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+__all__ = ["Sheet", "contrast_sheet", "facts", "reference_sheet", "tracking_sheet"]
+
+Summary = Mapping[str, Any]
+
+
+class Sheet(NamedTuple):
+    """A table as text.
+
+    Parameters
+    ----------
+    title : str
+    columns : tuple of str
+        Headings; a line break parts them where space is short.
+    rows : list of tuple of str
+    notes : list of str
+        Sentences below the table.
+    """
+
+    title: str
+    columns: tuple[str, ...]
+    rows: list[tuple[str, ...]]
+    notes: list[str]
+
+
+_TRACKING = (
+    ("Position\nRMS", "rms_position_error_deg", "position_units"),
+    ("Position\nmaximum", "max_position_error_deg", "position_units"),
+    ("Torque\nRMS", "rms_torque_compensation_error_nm", "torque_units"),
+)
+_DEFAULT_UNIT = {"position_units": "deg", "torque_units": "N.m"}
+_NONE = "-"
+
+
+def tracking_sheet(summary: Summary) -> Sheet:
+    """Position and torque compensation errors of each joint, beside the paper's and in per cent of them."""
+    paper: Summary = summary.get("paper") or {}
+    n = len(summary["rms_position_error_deg"])
+    columns = ["Joint"]
+    cells: list[list[str]] = [[str(i + 1) for i in range(n)]]
+    for heading, key, unit_key in _TRACKING:
+        units = _units(summary, unit_key, n)
+        label, values = _with_units(heading, summary[key], units)
+        columns.append(label)
+        cells.append(values)
+        if paper.get(key):
+            theirs: Sequence[float] = paper[key]
+            columns += ["paper", "%"]
+            cells.append([f"{theirs[i]:g}" if i < len(theirs) else _NONE for i in range(n)])
+            cells.append([_per_cent(ours, theirs, i) for i, ours in enumerate(summary[key])])
+    notes = ["Position: desired minus actual. Torque: control minus feedforward, link side."]
+    if paper:
+        notes.append(_source(paper))
+    return Sheet("Tracking and compensation errors", tuple(columns), _rows(cells), notes)
+
+
+def contrast_sheet(summary: Summary) -> Sheet:
+    """RMS of torques and of their differences for each joint, and Table 3 beside the g = 9.80 variant."""
+    paper: Summary = summary.get("paper") or {}
+    n = len(summary["rms_torque_nm"])
+    units = _units(summary, "torque_units", n)
+    small = ["mN" if unit == "N" else "N.mm" for unit in units]
+    columns = ["Joint"]
+    cells: list[list[str]] = [[str(i + 1) for i in range(n)]]
+    variant: Sequence[float] = summary["rms_torque_difference_nmm_g_980"]
+    for heading, values, unit in (
+        ("Torque", summary["rms_torque_nm"], units),
+        ("VD minus\nNewton-Euler", summary["rms_torque_difference_nmm"], small),
+        ("g = 9.81\nminus 9.80", variant, small),
+    ):
+        label, texts = _with_units(heading, values, unit)
+        columns.append(label)
+        cells.append(texts)
+    notes = ["RMS over the motion, rigid links, link side."]
+    if paper.get("rms_torque_difference_nmm"):
+        theirs: Sequence[float] = paper["rms_torque_difference_nmm"]
+        columns += ["paper", "%"]
+        cells.append([f"{theirs[i]:g}" if i < len(theirs) else _NONE for i in range(n)])
+        cells.append([_per_cent(ours, theirs, i) for i, ours in enumerate(variant)])
+        notes.append(f"{_source(paper)} Per cent: the g = 9.80 variant of it.")
+    return Sheet("Virtual decomposition against Newton-Euler", tuple(columns), _rows(cells), notes)
+
+
+def reference_sheet(summary: Summary) -> Sheet:
+    """Largest differences between the co-simulation and its references."""
+    n = len(summary.get("rms_position_error_deg", ()))
+    position = "rad or m" if "mm" in _units(summary, "position_units", n) else "rad"
+    torque = "N.m or N" if "N" in _units(summary, "torque_units", n) else "N.m"
+    compared: Summary = summary.get("reference") or {}
+    rows = [
+        (
+            str(entry.get("name", key)),
+            number(entry["max_position_difference_rad"]),
+            number(entry["max_torque_difference_nm"]),
+        )
+        for key, entry in compared.items()
+    ]
+    notes = ["Largest over all joints and communication points; torques link side."]
+    return Sheet(
+        "Difference to the references",
+        ("Reference", f"Position\n[{position}]", f"Torque\n[{torque}]"),
+        rows,
+        notes if rows else ["No reference was solved."],
+    )
+
+
+def facts(summary: Summary) -> list[tuple[str, str]]:
+    """Return name and text of what the run was: scenario, robot, units, master, step, duration."""
+    settings: Summary = summary.get("settings") or {}
+    lines = {
+        "Scenario": ("scenario", "{}"),
+        "Robot": ("robot", "{}"),
+        "Units": ("backend", "{} FMUs"),
+        "Master": ("master", "{}"),
+        "Step": ("step", "{:g} s"),
+        "Stop": ("stop", "{:g} s"),
+        "Tolerance": ("tolerance", "{:g}"),
+        "Steps": ("steps", "{}"),
+        "Wall time": ("wall_s", "{:.3g} s"),
+        "Real-time factor": ("real_time_factor", "{:.3g}"),
+    }
+    rigid = ("master", "tolerance") if summary.get("kind") == "contrast" else ()  # has no units to step
+    found = [
+        (name, form.format(summary[key]))
+        for name, (key, form) in lines.items()
+        if summary.get(key) is not None and key not in rigid
+    ]
+    if settings:
+        found.append(("Settings", ", ".join(f"{key} = {value}" for key, value in settings.items())))
+    return found
+
+
+def number(value: float) -> str:
+    """Return a number with three significant digits."""
+    return f"{value:.3g}"
+
+
+def _units(summary: Summary, key: str, n: int) -> list[str]:
+    return list(summary.get(key) or [_DEFAULT_UNIT[key]] * n)
+
+
+def _with_units(heading: str, values: Sequence[float], units: Sequence[str]) -> tuple[str, list[str]]:
+    """Put the unit into the heading if all joints share it, otherwise behind every number."""
+    if len(set(units)) == 1:
+        return f"{heading}\n[{units[0]}]", [number(value) for value in values]
+    return heading, [f"{number(value)} {unit}" for value, unit in zip(values, units, strict=True)]
+
+
+def _per_cent(ours: float, theirs: Sequence[float], i: int) -> str:
+    """Return `ours` in per cent of the paper's, two digits; nothing where the paper has none or prints 0."""
+    if i >= len(theirs) or theirs[i] == 0.0 or not math.isfinite(ours):
+        return _NONE
+    ratio = 100.0 * ours / theirs[i]
+    if ratio < 0.01:
+        return "<0.01"
+    return f"{ratio:.0f}" if ratio >= 10.0 else f"{ratio:.2g}"
+
+
+def _source(paper: Summary) -> str:
+    return f"Paper: {paper['source']}." if paper.get("source") else "Paper."
+
+
+def _rows(columns: Sequence[Sequence[str]]) -> list[tuple[str, ...]]:
+    return list(zip(*columns, strict=True))
