@@ -20,7 +20,7 @@ from vdfmu.kernel.functions import cache_folder
 from vdfmu.model import Robot, Scenario, load_robot, load_scenario
 from vdfmu.model.check import check_step
 from vdfmu.model.read import Problems
-from vdfmu.report.plots import contrast_figures, tracking_figures, two_joint_figures
+from vdfmu.report.plots import contrast_figures, run_figures
 from vdfmu.ssp.parameters import system_values
 from vdfmu.ssp.write import write_ssp
 from vdfmu.study.contrast import contrast
@@ -157,8 +157,7 @@ def run(
     if reference:
         summary["reference"] = _references(scenario, values, results, report)
         _write_summary(summary, folder)
-    draw = two_joint_figures if scenario.name == "two_joint" else tracking_figures
-    draw(results, scenario, folder)
+    run_figures(results, scenario, folder)
     return results
 
 
@@ -167,7 +166,7 @@ def _run_contrast(scenario: Scenario, folder: Path) -> Results:
     results = study.results()
     results.summary = _head(scenario) | study.summary(dict(scenario.paper))
     _write(results, folder)
-    contrast_figures(study, folder)
+    contrast_figures(study, folder, scenario)
     return results
 
 

@@ -1,0 +1,204 @@
+"""Tables show the numbers of the summary, whole, and the same ones on the terminal and in Markdown."""
+
+from __future__ import annotations
+
+import copy
+from typing import Any
+
+import pytest
+from rich.console import Console
+
+from vdfmu.report.sheets import contrast_sheet, facts, reference_sheet, tracking_sheet
+from vdfmu.report.tables import contrast_table, reference_table, run_panel, to_markdown, tracking_table
+
+TRACKING: dict[str, Any] = {
+    "scenario": "two_joint",
+    "robot": "manipulator_6dof",
+    "kind": "cosimulation",
+    "backend": "python",
+    "master": "gauss-seidel",
+    "step": 0.001,
+    "stop": 30.0,
+    "tolerance": 1e-7,
+    "steps": 30000,
+    "wall_s": 6.774,
+    "real_time_factor": 4.4287,
+    "position_units": ["deg"] * 3,
+    "torque_units": ["N.m"] * 3,
+    "rms_position_error_deg": [4.55149e-3, 1.22387e-2, 1.59958e-8],
+    "max_position_error_deg": [5.01096e-3, 1.36230e-2, 2.57374e-8],
+    "rms_torque_compensation_error_nm": [1.58905e-1, 4.27694e-1, 2.83864e-7],
+    "paper": {
+        "source": "Table 5, joints 1 and 2",
+        "rms_position_error_deg": [0.0456, 0.0227],
+        "max_position_error_deg": [0.2, 0.2],
+        "rms_torque_compensation_error_nm": [0.1173, 0.2981],
+    },
+    "reference": {
+        "sampled": {
+            "name": "sampled-delayed",
+            "max_position_difference_rad": 1.234e-8,
+            "max_torque_difference_nm": 5.678e-5,
+        },
+        "continuous": {
+            "name": "continuous",
+            "max_position_difference_rad": 3.2e-6,
+            "max_torque_difference_nm": 2.3e-2,
+        },
+    },
+    "warnings": ["Joint 1: K_v*step is [bold]above[/bold] 0.5."],
+    "settings": {"controller.K_p[1]": "1500"},
+}
+CONTRAST: dict[str, Any] = {
+    "scenario": "contrast",
+    "robot": "manipulator_6dof",
+    "kind": "contrast",
+    "master": "gauss-seidel",
+    "step": 0.001,
+    "stop": 10.0,
+    "rms_torque_nm": [0.0989357, 22.5791, 0.000482769],
+    "rms_torque_difference_nmm": [8.20452e-13, 5.03691e-12, 3.05426e-17],
+    "rms_torque_difference_nmm_g_980": [7.34592e-13, 22.9483, 0.0],
+    "paper": {"source": "Table 3", "rms_torque_difference_nmm": [0.2, 22.7, 0.0]},
+}
+
+
+def shown(renderable, width: int = 80) -> str:
+    console = Console(width=width, force_terminal=False)
+    with console.capture() as capture:
+        console.print(renderable)
+    return capture.get()
+
+
+def without(*keys: str) -> dict[str, Any]:
+    return {key: value for key, value in TRACKING.items() if key not in keys}
+
+
+def test_tracking_rows():
+    sheet = tracking_sheet(TRACKING)
+    assert sheet.columns[1] == "Position\nRMS\n[deg]"
+    # 100 * 4.55149e-3 / 0.0456 = 9.98, 100 * 5.01096e-3 / 0.2 = 2.51, 100 * 0.158905 / 0.1173 = 135.5
+    row = ("1", "0.00455", "0.0456", "10", "0.00501", "0.2", "2.5", "0.159", "0.1173", "135")
+    assert sheet.rows[0] == row
+    assert sheet.rows[1][3::3] == ("54", "6.8", "143")
+    assert sheet.rows[2] == ("3", "1.6e-08", "-", "-", "2.57e-08", "-", "-", "2.84e-07", "-", "-")
+    assert "Table 5, joints 1 and 2" in sheet.notes[-1]
+
+
+def test_tracking_without_a_paper_has_no_columns_for_it():
+    sheet = tracking_sheet({**TRACKING, "paper": {}})
+    assert len(sheet.columns) == 4
+    assert "aper" not in shown(tracking_table({**TRACKING, "paper": {}}))
+
+
+def test_units_stand_behind_the_numbers_where_joints_differ():
+    summary = {
+        **TRACKING,
+        "position_units": ["deg", "mm", "deg"],
+        "torque_units": ["N.m", "N", "N.m"],
+        "paper": {},
+    }
+    sheet = tracking_sheet(summary)
+    assert sheet.columns == ("Joint", "Position\nRMS", "Position\nmaximum", "Torque\nRMS")
+    assert sheet.rows[1] == ("2", "0.0122 mm", "0.0136 mm", "0.428 N")
+    assert reference_sheet(summary).columns == ("Reference", "Position\n[rad or m]", "Torque\n[N.m or N]")
+    mixed = contrast_sheet({**CONTRAST, "torque_units": ["N.m", "N", "N.m"], "paper": {}})
+    assert mixed.rows[1] == ("2", "22.6 N", "5.04e-12 mN", "22.9 mN")
+
+
+def test_contrast_rows():
+    sheet = contrast_sheet(CONTRAST)
+    assert sheet.rows[0] == ("1", "0.0989", "8.2e-13", "7.35e-13", "0.2", "<0.01")
+    assert sheet.rows[1] == ("2", "22.6", "5.04e-12", "22.9", "22.7", "101")
+    assert sheet.rows[2] == ("3", "0.000483", "3.05e-17", "0", "0", "-")  # no ratio to a printed 0
+    assert sheet.columns[2] == "VD minus\nNewton-Euler\n[N.mm]"
+
+
+def test_reference_rows():
+    assert reference_sheet(TRACKING).rows == [
+        ("sampled-delayed", "1.23e-08", "5.68e-05"),
+        ("continuous", "3.2e-06", "0.023"),
+    ]
+    text = shown(reference_table(TRACKING))
+    assert "[rad]" in text and "[N.m]" in text and "sampled-delayed" in text
+
+
+@pytest.mark.parametrize("summary", [without("reference"), {**TRACKING, "reference": {}}])
+def test_no_reference(summary):
+    assert "No reference was solved." in shown(reference_table(summary))
+    assert "reference" not in to_markdown(summary)
+
+
+@pytest.mark.parametrize(
+    ("render", "sheet", "summary"),
+    [
+        (tracking_table, tracking_sheet, TRACKING),
+        (contrast_table, contrast_sheet, CONTRAST),
+        (reference_table, reference_sheet, TRACKING),
+    ],
+)
+def test_a_terminal_of_80_columns_shows_every_number_whole(render, sheet, summary):
+    lines = shown(render(summary)).splitlines()
+    for row in sheet(summary).rows:
+        assert any(line.split() == list(row) for line in lines), row
+    assert "\N{HORIZONTAL ELLIPSIS}" not in "".join(lines)
+
+
+def test_a_narrow_terminal_cuts_nothing_off():
+    text = shown(tracking_table(TRACKING), width=40)
+    assert "\N{HORIZONTAL ELLIPSIS}" not in text
+
+
+def test_the_widest_numbers_fit_80_columns():
+    summary = copy.deepcopy(TRACKING)
+    for key in ("rms_position_error_deg", "max_position_error_deg", "rms_torque_compensation_error_nm"):
+        summary[key] = [1.234e-5] * 6
+        summary["paper"][key] = [0.1234] * 6
+    summary |= {"position_units": ["deg"] * 6, "torque_units": ["N.m"] * 6}
+    row = ["6", *["1.23e-05", "0.1234", "0.01"] * 3]
+    assert any(line.split() == row for line in shown(tracking_table(summary)).splitlines())
+
+
+def test_facts_of_a_run():
+    assert facts(TRACKING) == [
+        ("Scenario", "two_joint"),
+        ("Robot", "manipulator_6dof"),
+        ("Units", "python FMUs"),
+        ("Master", "gauss-seidel"),
+        ("Step", "0.001 s"),
+        ("Stop", "30 s"),
+        ("Tolerance", "1e-07"),
+        ("Steps", "30000"),
+        ("Wall time", "6.77 s"),
+        ("Real-time factor", "4.43"),
+        ("Settings", "controller.K_p[1] = 1500"),
+    ]
+    text = shown(run_panel(TRACKING))
+    assert all(name in text and value in text for name, value in facts(TRACKING))
+
+
+def test_facts_that_a_study_does_not_have_are_left_out():
+    assert [name for name, _ in facts(CONTRAST)] == ["Scenario", "Robot", "Step", "Stop"]
+
+
+@pytest.mark.parametrize(("sheet", "summary"), [(tracking_sheet, TRACKING), (contrast_sheet, CONTRAST)])
+def test_markdown_has_the_same_rows(sheet, summary):
+    text = to_markdown(summary)
+    for row in sheet(summary).rows:
+        assert "| " + " | ".join(row).replace("<", "\\<") + " |" in text
+    for line in text.splitlines():
+        assert "\n" not in line and (not line.startswith("|") or line.endswith("|"))
+    assert "manipulator\\_6dof" in text
+
+
+def test_markdown_has_references_and_warnings():
+    text = to_markdown(TRACKING)
+    assert "| continuous | 3.2e-06 | 0.023 |" in text
+    assert "- Joint 1: K\\_v\\*step is [bold]above[/bold] 0.5." in text
+    assert "Warnings" not in to_markdown({**TRACKING, "warnings": []})
+
+
+def test_summaries_are_only_read():
+    before = copy.deepcopy((TRACKING, CONTRAST))
+    to_markdown(TRACKING), to_markdown(CONTRAST), shown(run_panel(TRACKING))
+    assert (TRACKING, CONTRAST) == before
