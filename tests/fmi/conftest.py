@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import os
 import re
 import shutil
 import subprocess
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -25,6 +26,18 @@ from fmpy.fmi2 import (
 
 from vdfmu.fmu import UNIT_NAMES, build_fmus
 from vdfmu.model import Robot, load_robot, robot_names
+
+
+class Lazy(dict[str, Any]):
+    """A mapping that makes its values when they are first asked for."""
+
+    def __init__(self, make: Callable[[str], Any]) -> None:
+        super().__init__()
+        self._make = make
+
+    def __missing__(self, key: str) -> Any:
+        self[key] = self._make(key)
+        return self[key]
 
 
 class Unit:
@@ -61,6 +74,7 @@ class Unit:
         return found
 
     def references(self, name: str) -> list[int]:
+        """Value references of a name, or of a group."""
         return [v.valueReference for v in self.variables(name)]
 
     def set(self, **values: Any) -> Unit:
@@ -70,6 +84,7 @@ class Unit:
         return self
 
     def set_one(self, name: str, value: Any) -> Unit:
+        """Set a variable or group of a name that is no Python name."""
         variables = self.variables(name)
         array = np.broadcast_to(value, len(variables)).tolist()
         call = getattr(self.fmu, "set" + variables[0].type)
@@ -77,6 +92,7 @@ class Unit:
         return self
 
     def get(self, name: str) -> np.ndarray:
+        """Values of a variable or group."""
         variables = self.variables(name)
         call = getattr(self.fmu, "get" + variables[0].type)
         return np.array(call([v.valueReference for v in variables]))
@@ -98,6 +114,7 @@ class Unit:
         return self
 
     def setup(self, time: float = 0.0, tolerance: float | None = None) -> Unit:
+        """Set up the experiment."""
         self.time = time
         self.fmu.setupExperiment(tolerance=tolerance, startTime=time)
         return self
@@ -119,38 +136,41 @@ class Unit:
 
 @pytest.fixture(scope="session")
 def robots() -> dict[str, Robot]:
-    """The shipped robots by name."""
+    """Return the shipped robots by name."""
     return {name: load_robot(name) for name in robot_names()}
 
 
 @pytest.fixture(scope="session")
 def planar(robots: dict[str, Robot]) -> Robot:
-    """The small robot that most tests use."""
+    """Return the small robot that most tests use."""
     return robots["planar_2dof"]
 
 
 @pytest.fixture(scope="session")
-def fmus(robots: dict[str, Robot], tmp_path_factory: pytest.TempPathFactory) -> dict[str, dict[str, Path]]:
-    """FMUs by robot and unit."""
-    return {name: build_fmus(robot, tmp_path_factory.mktemp(name)) for name, robot in robots.items()}
+def fmus(
+    robots: dict[str, Robot], tmp_path_factory: pytest.TempPathFactory
+) -> Mapping[str, Mapping[str, Path]]:
+    """FMUs by robot and unit, built when they are first asked for."""
+    return Lazy(lambda robot: build_fmus(robots[robot], tmp_path_factory.mktemp(robot)))
 
 
 @pytest.fixture(scope="session")
 def folders(
-    fmus: dict[str, dict[str, Path]], tmp_path_factory: pytest.TempPathFactory
-) -> dict[str, dict[str, Path]]:
-    """The same, unpacked."""
-    found: dict[str, dict[str, Path]] = {}
-    for robot, units in fmus.items():
-        for unit, path in units.items():
-            folder = tmp_path_factory.mktemp(f"{robot}_{unit}")
-            fmpy.extract(path, folder)
-            found.setdefault(robot, {})[unit] = folder
-    return found
+    fmus: Mapping[str, Mapping[str, Path]], tmp_path_factory: pytest.TempPathFactory
+) -> Mapping[str, Mapping[str, Path]]:
+    """Return them unpacked."""
+
+    def unpack(robot: str) -> dict[str, Path]:
+        return {
+            unit: Path(fmpy.extract(path, tmp_path_factory.mktemp(f"{robot}_{unit}")))
+            for unit, path in fmus[robot].items()
+        }
+
+    return Lazy(unpack)
 
 
 @pytest.fixture
-def open_unit(folders: dict[str, dict[str, Path]]) -> Iterator[Callable[..., Unit]]:
+def open_unit(folders: Mapping[str, Mapping[str, Path]]) -> Iterator[Callable[..., Unit]]:
     """Instantiate a unit, of the planar robot if none is named; freed at the end of the test."""
     opened: list[Unit] = []
 
@@ -164,7 +184,7 @@ def open_unit(folders: dict[str, dict[str, Path]]) -> Iterator[Callable[..., Uni
 
 
 @pytest.fixture
-def copy_of(folders: dict[str, dict[str, Path]], tmp_path: Path) -> Callable[[str], Path]:
+def copy_of(folders: Mapping[str, Mapping[str, Path]], tmp_path: Path) -> Callable[[str], Path]:
     """Copy the unpacked FMU of a unit of the planar robot, free to change."""
 
     def copy(unit: str) -> Path:
@@ -178,8 +198,6 @@ def run_python() -> Callable[..., str]:
     """Run a script in a Python of its own; return what it prints. Fails if the process crashes."""
 
     def run(script: str, *arguments: Any, cwd: Path | None = None, **environment: str) -> str:
-        import os
-
         done = subprocess.run(
             [sys.executable, "-X", "faulthandler", "-c", script, *map(str, arguments)],
             capture_output=True,
@@ -204,6 +222,3 @@ def unit_name(request: pytest.FixtureRequest) -> str:
 def robot_name(request: pytest.FixtureRequest) -> str:
     """Each of the shipped robots."""
     return request.param
-
-
-Names = Sequence[str]

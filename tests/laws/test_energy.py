@@ -1,11 +1,14 @@
 """The plant neither makes nor loses energy, but for motors, friction and the wrench on the surroundings."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
 from vdfmu.equations.friction import joint_friction
 from vdfmu.equations.harmonic_drive import kinematic_error
+from vdfmu.equations.inverse_dynamics import inverse_dynamics
 from vdfmu.equations.jet import derivative, jets
 from vdfmu.equations.mapping import jacobian
 from vdfmu.equations.plant import plant_derivative, plant_outputs, split_state
@@ -40,7 +43,6 @@ def rate_of_energy(robot, state):
 
 @pytest.mark.parametrize("friction", ["lumped", "split", "none"])
 def test_power_balance_at_any_state(chain, draw, friction):
-    import dataclasses
 
     chain = chain.with_parameters(theta_err_amplitude=0.0)
     if friction == "none":
@@ -97,8 +99,6 @@ def test_energy_balance_along_an_integrated_trajectory(robot, kernel_of, frictio
 
 
 def test_potential_energy_gives_the_gravity_torque(chain, draw):
-    from vdfmu.equations.inverse_dynamics import inverse_dynamics
-
     zero = np.zeros(chain.n)
     for state in draw(chain, 5, seed=28):
         torque = inverse_dynamics(chain, state.q, zero, zero)

@@ -12,9 +12,12 @@ from vdfmu.equations.feedforward import (
     feedforward_vdc,
 )
 from vdfmu.equations.friction import coulomb_friction, joint_friction, stribeck_friction
+from vdfmu.equations.inverse_dynamics import inverse_dynamics
 from vdfmu.equations.jet import Jet, derivative, jets
+from vdfmu.equations.mapping import velocity_mapping
 from vdfmu.equations.pd import pd_control
 from vdfmu.equations.plant import plant_derivative
+from vdfmu.equations.rigid_body import coriolis_matrix, mass_matrix
 from vdfmu.equations.trajectory import Desired, desired_motion
 
 EPS = np.finfo(float).eps
@@ -129,8 +132,6 @@ def test_plant_driven_by_the_inverse_feedforward_follows_the_desired_motion(chai
 
 def rate_of_spring_torque(robot, desired):
     """Return the rate of the desired spring torque, by jets."""
-    from vdfmu.equations.inverse_dynamics import inverse_dynamics
-
     q = jets(desired.q_d, desired.q_d_dot, desired.q_d_ddot)
     q_dot = jets(desired.q_d_dot, desired.q_d_ddot, desired.q_d_dddot)
     q_ddot = jets(desired.q_d_ddot, desired.q_d_dddot, desired.q_d_ddddot)
@@ -178,6 +179,32 @@ def test_vdc_pushes_against_velocity_errors(chain):
     # Only k_vkappa (kappa_dot_r - kappa_dot) of (27) differs: 0.05 * 0.01, to roundings of torques of up to 1
     # N m.
     np.testing.assert_allclose(behind.tau_m - exact.tau_m, 0.05 * lag, rtol=0, atol=1e-11)
+
+
+def test_vdc_is_the_required_motion_in_joint_space(chain, draw):
+    # (48)-(53) link by link equal M q_ddot_r + C q_dot_r + G + J.T K_V J (q_dot_r - q_dot), with C of the
+    # measured velocity, J of (40)-(41) and its derivative by jets; (26) adds k_vq and the link's friction.
+    desired = inside(chain)
+    g = gains(chain)
+    zero = np.zeros(chain.n)
+    for state in draw(chain, 5, seed=29):
+        q, q_dot = state.q, state.q_dot
+        q_dot_r = desired.q_d_dot + g.Lambda * (desired.q_d - q)
+        q_ddot_r = desired.q_d_ddot + g.Lambda * (desired.q_d_dot - q_dot)
+        J = velocity_mapping(chain, q)
+        J_dot = derivative(velocity_mapping(chain, jets(q, q_dot, zero)), 1)
+        tau = inverse_dynamics(chain, q, zero, zero)
+        for i in range(chain.n):
+            J_i, J_i_dot = J[6 * (i + 1) : 6 * (i + 2)], J_dot[6 * (i + 1) : 6 * (i + 2)]
+            body = (chain.mass[i], chain.centroid[i], chain.inertia[i])
+            net = mass_matrix(*body) @ (J_i @ q_ddot_r + J_i_dot @ q_dot_r)
+            net = net + coriolis_matrix(*body, J_i[3:] @ q_dot) @ (J_i @ q_dot_r)
+            tau = tau + J_i.T @ (net + g.K_V[i] * (J_i @ (q_dot_r - q_dot)))
+        xi_l, _ = joint_friction(chain, desired.q_d_dot, desired.q_d_dot)
+        tau = tau + xi_l + chain.ell * g.k_vq * (q_dot_r - q_dot)
+        torques = feedforward_vdc(chain, g, desired, q, q_dot, state.kappa_dot)
+        # Some 1000 products of the size of the largest torque.
+        np.testing.assert_allclose(torques.tau_s, tau, rtol=0, atol=1000 * EPS * np.abs(tau).max())
 
 
 def test_vdc_link_gain_dissipates_the_velocity_error(chain, draw):

@@ -81,6 +81,32 @@ def test_stability_function_has_order_four_and_the_embedded_one_three():
         assert np.log2(errors[0] / errors[1]) == pytest.approx(order + 1, abs=0.3)
 
 
+@pytest.mark.parametrize("embedded", [False, True])
+def test_coefficients_meet_the_order_conditions(embedded):
+    # Hairer and Wanner II, table IV.7.1, back in the untransformed coefficients: Gamma = (1/gamma - C)^-1,
+    # alpha = A Gamma, b = m Gamma, beta = alpha + Gamma. The coefficients are printed with 16 digits;
+    # products with entries up to 34.
+    Gamma = np.linalg.inv(np.eye(STAGES) / GAMMA - tableau(C))
+    alpha, m = tableau(A) @ Gamma, tableau(A)[-1] + (0.0 if embedded else np.eye(STAGES)[-1])
+    b, beta = m @ Gamma, alpha + Gamma
+    a_i, beta_i = alpha.sum(axis=1), beta.sum(axis=1)
+    atol = 1e-12
+    # the alpha_i are those of the book's table 6.1
+    np.testing.assert_allclose(a_i, [0.0, 0.386, 0.21, 0.63, 1.0, 1.0], rtol=0, atol=atol)
+    third = [b.sum() - 1, b @ beta_i - 1 / 2, b @ a_i**2 - 1 / 3, b @ beta @ beta_i - 1 / 6]
+    np.testing.assert_allclose(third, 0.0, rtol=0, atol=atol)
+    fourth = [
+        b @ a_i**3 - 1 / 4,
+        (b * a_i) @ alpha @ beta_i - 1 / 8,
+        b @ beta @ a_i**2 - 1 / 12,
+        b @ beta @ beta @ beta_i - 1 / 24,
+    ]
+    if embedded:
+        assert np.abs(fourth).max() > 1e-3  # of order 3 only, so that the difference estimates an error
+    else:
+        np.testing.assert_allclose(fourth, 0.0, rtol=0, atol=atol)
+
+
 def test_elimination_order_does_not_change_the_step():
     random = np.random.default_rng(40)
     matrix = random.normal(size=(5, 5)) - 5.0 * np.eye(5)

@@ -1,0 +1,247 @@
+"""The benchmarks' own pieces at tiny sizes: no assertion on any time."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+from fractions import Fraction
+from pathlib import Path
+
+import numpy as np
+import pytest
+from rich.console import Console
+
+from benchmarks import growth, master_step, order, rigid
+from benchmarks.__main__ import main
+from benchmarks.chains import random_motion, repeated_link
+from benchmarks.counting import Count, count_operations
+from benchmarks.fit import exact_polynomial, fit_exponent, upper_half
+from benchmarks.report import Report, Table
+from benchmarks.timing import Case, Stopwatch, measure
+from vdfmu.cosim.exchange import Exchange
+from vdfmu.equations.rigid_body import net_force
+from vdfmu.kernel import Integrator, KernelFunction
+from vdfmu.model import check_robot, load_scenario
+
+
+@pytest.fixture
+def report(tmp_path: Path) -> Report:
+    return Report("sample", "Sample", tmp_path, Console(file=io.StringIO(), width=120))
+
+
+def saved(report: Report) -> Path:
+    report.write()
+    (picture,) = report.pictures
+    assert picture.read_bytes().startswith(b"\x89PNG")
+    assert f"]({picture.name})" in (report.out / f"{report.name}.md").read_text(encoding="utf-8")
+    json.dumps(report.facts)  # all of it can be written to bench.json
+    return picture
+
+
+def test_exponent_of_a_power_is_recovered() -> None:
+    n = [1, 2, 4, 8, 16, 32]
+    fit = fit_exponent(n, [3e-6 * k**2.5 for k in n])
+    # rounding of six logarithms of numbers up to 1e-2
+    assert fit.slope == pytest.approx(2.5, abs=1e-12)
+    assert fit.error == pytest.approx(0.0, abs=1e-12)
+    assert fit.at(10) == pytest.approx(3e-6 * 10**2.5, rel=1e-12)
+    assert (fit.points, fit.range) == (6, "1 to 32")
+
+
+def test_exponent_with_noise_lies_within_its_standard_error() -> None:
+    random = np.random.default_rng(7)
+    n = np.geomspace(1, 100, 40)
+    fit = fit_exponent(n.tolist(), (n**4 * np.exp(random.normal(scale=0.1, size=40))).tolist())
+    # four standard errors: one draw in 16,000 lies outside, and this draw is fixed
+    assert abs(fit.slope - 4.0) < 4 * fit.error < 0.1
+
+
+def test_one_point_has_no_slope() -> None:
+    with pytest.raises(ValueError, match="expected at least 2 points, got 1"):
+        fit_exponent([1], [1])
+
+
+def test_upper_half_rounds_up() -> None:
+    assert upper_half([1, 2, 3, 4, 5], [9, 8, 7, 6, 5]) == ([3, 4, 5], [7, 6, 5])
+
+
+def test_polynomial_of_counts_is_exact() -> None:
+    n = [1, 2, 3, 5, 8, 9, 12]
+    found = exact_polynomial(n, [(5 * k**4 - 3 * k) // 1 + 7 for k in n])
+    assert found is not None
+    assert found.coefficients == (7, -3, 0, 0, 5)
+    assert (found.degree, found.checked, str(found)) == (4, 2, "5 n^4 - 3 n + 7")
+    assert found(100) == 5 * 100**4 - 300 + 7
+
+
+def test_polynomial_with_fractions() -> None:
+    n = [1, 2, 3, 4, 5, 6]
+    found = exact_polynomial(n, [k * (k + 1) // 2 for k in n])
+    assert found is not None
+    assert found.coefficients == (0, Fraction(1, 2), Fraction(1, 2))
+
+
+def test_no_polynomial_without_points_to_spare() -> None:
+    assert exact_polynomial([1, 2, 3, 4, 5], [2, 4, 8, 16, 32]) is None
+
+
+def test_known_expressions() -> None:
+    assert count_operations(lambda c: c * 2.0 + 1.0 - c / c) == Count(2, 2, 0)
+    assert count_operations(lambda c: -c) == Count(0, 0, 0)
+    assert count_operations(lambda c: np.sin(c.array(4)) + np.cos(c.array(4))) == Count(0, 4, 8)
+    # a product of a (3, 3) and a (3,): 9 products, 6 sums; times a vector: 3 products, 2 sums
+    assert count_operations(lambda c: np.eye(3) @ c.array(3) @ c.array(3)) == Count(12, 8, 0)
+
+
+def test_equations_run_on_it() -> None:
+    counted = count_operations(
+        lambda c: net_force(c, c.array(3), c.array(3, 3), c.array(3), c.array(6), c.array(6))
+    )
+    assert counted.multiplications > 2 * 36  # two products of (6, 6) and (6,) alone
+    assert counted.functions == 0
+
+
+@pytest.mark.parametrize(("name", "degree"), [("VD", 1), ("Newton-Euler", 1), ("Lagrange", 4)])
+def test_growth_of_the_formulations(name: str, degree: int) -> None:
+    n = list(range(1, 9))
+    found = exact_polynomial(n, [growth.count(name, k).multiplications for k in n])
+    assert found is not None
+    assert found.degree == degree
+
+
+def test_every_case_gets_samples() -> None:
+    calls = {"a": 0, "b": 0}
+
+    def run(name: str) -> None:
+        calls[name] += 1
+
+    cases = [Case(name, lambda name=name: run(name)) for name in calls]
+    measure(cases, 3, batch=1e-5)
+    for case in cases:
+        assert case.samples >= 3
+        assert calls[case.name] >= case.calls * 3
+        assert 0.0 < case.best < np.inf
+
+
+def test_slow_case_gets_one_sample() -> None:
+    slow = Case("slow", lambda: sum(range(10_000)))
+    measure([slow], 5, batch=0.0, limit=0.0)
+    assert slow.samples == 1
+
+
+def test_stopwatch_counts_calls_and_passes_values() -> None:
+    watch = Stopwatch()
+    assert [watch.wrap(divmod)(7, k) for k in (2, 3)] == [(3, 1), (2, 1)]
+    assert watch.calls == 2
+
+
+def test_table_in_all_forms(tmp_path: Path) -> None:
+    table = Table("t", "Title [us]", [("name", ""), ("time [us]", ".1f")], notes=["a note"])
+    table.add("x", 1.25)
+    table.add("y", None)
+    assert table.to_markdown().splitlines() == [
+        "### Title [us]", "", "| name | time [us] |", "| --- | ---: |", "| x | 1.2 |", "| y | - |", "", "- a note",
+    ]  # fmt: skip
+    table.to_csv(tmp_path / "t.csv")
+    with open(tmp_path / "t.csv", encoding="utf-8") as file:
+        assert list(csv.reader(file)) == [["name", "time [us]"], ["x", "1.25"], ["y", ""]]
+    stream = io.StringIO()
+    Console(file=stream, width=80).print(table.to_rich())
+    assert "Title [us]" in stream.getvalue()
+    assert "time [us]" in stream.getvalue()
+
+
+def test_row_of_wrong_length() -> None:
+    with pytest.raises(ValueError, match="t: expected 1 values, got 2"):
+        Table("t", "", [("a", "")]).add(1, 2)
+
+
+def test_repeated_link_is_a_valid_chain_of_equal_links() -> None:
+    chain = check_robot(repeated_link(5))
+    assert chain.n == 5
+    assert np.all(chain.inertia == chain.inertia[0])
+    assert [a.shape for a in random_motion(5)] == [(5,)] * 3
+
+
+def test_growth(report: Report) -> None:
+    joints = [1, 2, 3, 4]
+    every = dict.fromkeys(growth.FORMULATIONS, joints)
+    found = growth.grow(joints, every | {"Lagrange": [1, 2, 3]}, every, 1, 0.0, report.say)
+    # torques of 4 links from formulations that share nothing: a few hundred roundings
+    assert found.disagreement < 1e-12
+    growth.tabulate(found, report, 1)
+    report.save(growth.draw(found))
+    saved(report)
+    rows = {table.name: len(table.rows) for table in report.tables}
+    assert rows["growth_plain"] == rows["growth_generated"] == rows["growth_operations"] == 4
+    multiplications = report.facts["exponents"]["multiplications"]
+    assert {name: fact["degree"] for name, fact in multiplications.items()} == {
+        "VD": 1, "Newton-Euler": 1, "Lagrange": 4,
+    }  # fmt: skip
+
+
+def test_master_step(report: Report) -> None:
+    before = (
+        Exchange.stages,
+        Exchange.opening,
+        Exchange.recorders,
+        KernelFunction.__init__,
+        Integrator.advance,
+    )
+    found = master_step.study(load_scenario("planar_tracking"), stop=0.02, runs=1, say=report.say)
+    after = (
+        Exchange.stages,
+        Exchange.opening,
+        Exchange.recorders,
+        KernelFunction.__init__,
+        Integrator.advance,
+    )
+    assert after == before  # the instruments are gone
+    assert found.calls["plant_step"] == pytest.approx(found.steps + found.rejected, abs=1e-12)
+    assert found.steps >= 1.0
+    assert set(found.do_step) == set(found.kernel) == set(master_step.UNITS)
+    # by construction the parts and the watches make up the run; the sum of about 30 terms rounds
+    assert found.total + found.watches == pytest.approx(found.instrumented, rel=1e-9)
+    master_step.tabulate(found, report)
+    report.save(master_step.draw(found))
+    saved(report)
+    units = [row[0] for row in report.tables[0].rows]
+    assert units[:4] == list(master_step.UNITS)
+    assert units[-1] == "total"
+    assert {row[0] for row in report.tables[1].rows} == set(found.alone)
+
+
+def test_order(report: Report) -> None:
+    found = order.converge(load_scenario("planar_tracking"), [1e-3, 5e-4, 2.5e-4], 0.1, report.say)
+    for algorithm in order.ALGORITHMS:
+        # the order to show is 1; a tenth is the bound of the project for observed orders
+        assert found.order("q", algorithm).slope == pytest.approx(1.0, abs=0.1)
+    order.tabulate(found, 0.1, report)
+    report.save(order.draw(found, 0.1))
+    saved(report)
+    assert len(report.tables[0].rows) == 3
+
+
+def test_rigid(report: Report) -> None:
+    found = rigid.compare([repeated_link(3)], rounds=1)
+    assert [c.algorithm for c in found] == ["inverse_dynamics", "forward_dynamics"]
+    assert found[0].difference < 1e-12  # the bounds of the project for inverse and forward dynamics
+    assert found[1].difference < 1e-9
+    rigid.tabulate(found, report)
+    report.save(rigid.draw(found))
+    saved(report)
+
+
+def test_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as exit_:
+        main(["nothing"])
+    assert exit_.value.code == 2
+    assert "there is no benchmark 'nothing'" in capsys.readouterr().err
+    assert main(["rigid", "--quick", "--out", str(tmp_path / "out")]) == 0
+    facts = json.loads((tmp_path / "out" / "bench.json").read_text(encoding="utf-8"))
+    assert set(facts["benchmarks"]) == {"rigid"}
+    assert len(facts["benchmarks"]["rigid"]["comparisons"]) == 4
+    assert {p.name for p in (tmp_path / "out").iterdir()} == {
+        "bench.json", "bench.md", "rigid.csv", "rigid.md", "rigid.png",
+    }  # fmt: skip

@@ -1,0 +1,250 @@
+"""Building: the same bytes from the same sources, nothing stale, nothing built that could not start."""
+
+from __future__ import annotations
+
+import json
+import stat
+import zipfile
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import fmpy
+import pytest
+
+from vdfmu.errors import FmuError, ModelError, UsageError
+from vdfmu.fmu import UNIT_NAMES, build_fmus, interface
+from vdfmu.fmu.content import Content
+from vdfmu.model import Robot
+
+BUILD = """
+import sys
+from vdfmu.fmu import build_fmus
+from vdfmu.model import load_robot
+build_fmus(load_robot("planar_2dof"), sys.argv[1])
+"""
+
+
+def test_a_second_build_has_the_same_bytes(
+    planar: Robot, fmus: Mapping[str, Mapping[str, Path]], tmp_path: Path
+) -> None:
+    for unit, path in build_fmus(planar, tmp_path).items():
+        assert path.read_bytes() == fmus["planar_2dof"][unit].read_bytes(), unit
+
+
+@pytest.mark.parametrize("seed", ["0", "12345"])
+def test_another_process_in_another_folder_builds_the_same_bytes(
+    fmus: Mapping[str, Mapping[str, Path]], tmp_path: Path, run_python: Callable[..., str], seed: str
+) -> None:
+    """The seed decides the order of Python's sets, the folder all relative paths."""
+    run_python(BUILD, "out", cwd=tmp_path, PYTHONHASHSEED=seed)
+    for path in fmus["planar_2dof"].values():
+        assert (tmp_path / "out" / path.name).read_bytes() == path.read_bytes()
+
+
+def test_a_cold_cache_of_traced_functions_changes_no_byte(
+    fmus: Mapping[str, Mapping[str, Path]], tmp_path: Path, run_python: Callable[..., str]
+) -> None:
+    run_python(BUILD, tmp_path / "out", VDFMU_CACHE_DIR=str(tmp_path / "cache"))
+    for path in fmus["planar_2dof"].values():
+        assert (tmp_path / "out" / path.name).read_bytes() == path.read_bytes()
+
+
+def test_an_fmu_that_is_up_to_date_is_left_alone(planar: Robot, tmp_path: Path) -> None:
+    before = {unit: path.stat() for unit, path in build_fmus(planar, tmp_path).items()}
+    after = {unit: path.stat() for unit, path in build_fmus(planar, tmp_path).items()}
+    for unit in UNIT_NAMES:
+        assert before[unit].st_mtime_ns == after[unit].st_mtime_ns
+        assert before[unit].st_ino == after[unit].st_ino
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        pytest.param(lambda robot: (robot.with_parameters(mass=[2.0, 1.1]), None), id="mass"),
+        pytest.param(
+            lambda robot: (robot.with_parameters(tool_offset=[0.4, 0.1, 0.0]), None), id="structure"
+        ),
+        pytest.param(lambda robot: (robot, {"plant": {"q_0[2]": 0.25}}), id="start value"),
+    ],
+)
+def test_a_change_gives_another_guid_and_a_new_file(planar: Robot, tmp_path: Path, change: Any) -> None:
+    def guid(path: Path) -> str:
+        return fmpy.read_model_description(path).guid
+
+    old = guid(build_fmus(planar, tmp_path)["plant"])
+    robot, values = change(planar)
+    new = guid(build_fmus(robot, tmp_path, start_values=values)["plant"])
+    assert new != old
+    assert guid(build_fmus(planar, tmp_path)["plant"]) == old
+
+
+def test_the_guid_changes_with_sources_scripts_and_pythonfmu(planar: Robot) -> None:
+    first = Content("plant", planar, {})
+    guids = {
+        first.guid,
+        Content("plant", planar, {}, digest="another").guid,
+        Content("plant", planar, {}, version="9.9.9").guid,
+        Content("plant", planar, {}, pythonfmu="9.9.9").guid,
+        Content("controller", planar, {}).guid,
+    }
+    assert len(guids) == 5
+    assert Content("plant", planar, {}).guid == first.guid
+
+
+@pytest.mark.parametrize("damage", [b"", b"not a zip", None])
+def test_what_cannot_be_read_is_built_anew(planar: Robot, tmp_path: Path, damage: bytes | None) -> None:
+    path = build_fmus(planar, tmp_path, units=["controller"])["controller"]
+    good = path.read_bytes()
+    path.write_bytes(good[: len(good) // 2] if damage is None else damage)
+    build_fmus(planar, tmp_path, units=["controller"])
+    assert path.read_bytes() == good
+
+
+def test_others_may_read_the_files_and_nothing_else_is_left(planar: Robot, tmp_path: Path) -> None:
+    built = build_fmus(planar, tmp_path)
+    assert sorted(tmp_path.iterdir()) == sorted(built.values())
+    for path in built.values():
+        assert stat.S_IMODE(path.stat().st_mode) == 0o644
+
+
+def test_an_fmu_holds_what_it_needs_and_no_copy_of_pythonfmu(
+    fmus: Mapping[str, Mapping[str, Path]], unit_name: str
+) -> None:
+    path = fmus["planar_2dof"][unit_name]
+    with zipfile.ZipFile(path) as archive:
+        names = set(archive.namelist())
+        assert archive.testzip() is None
+        assert {info.date_time for info in archive.infolist()} == {(1980, 1, 1, 0, 0, 0)}
+        module = archive.read("resources/slavemodule.txt").decode()
+    script = f"vdfmu_{unit_name}_slave"
+    assert module == script
+    assert names == {
+        "modelDescription.xml",
+        "documentation/index.html",
+        f"binaries/linux64/{path.stem}.so",
+        f"binaries/win64/{path.stem}.dll",
+        "resources/slavemodule.txt",
+        "resources/vdfmu.json",
+        f"resources/{script}.py",
+    }
+
+
+def test_a_process_that_ran_an_fmu_first_builds_the_same_bytes(
+    fmus: Mapping[str, Mapping[str, Path]], tmp_path: Path, run_python: Callable[..., str]
+) -> None:
+    """What the FMU brought into the process must not take the place of the installed packages."""
+    script = f"""
+import fmpy, sys
+fmpy.simulate_fmu(sys.argv[2], stop_time=0.01)
+{BUILD}
+"""
+    run_python(script, tmp_path, fmus["planar_2dof"]["plant"])
+    for path in fmus["planar_2dof"].values():
+        assert (tmp_path / path.name).read_bytes() == path.read_bytes()
+
+
+def test_building_leaves_the_search_path_alone(
+    planar: Robot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    import sys
+
+    before = list(sys.path)
+    build_fmus(planar, tmp_path)
+    assert sys.path == before
+
+
+def test_the_page_inside_names_every_variable_and_is_well_formed(planar: Robot, tmp_path: Path) -> None:
+    import dataclasses
+
+    odd = dataclasses.replace(planar, name="arm <2> & more")
+    path = build_fmus(odd, tmp_path, units=["plant"])["plant"]
+    with zipfile.ZipFile(path) as archive:
+        page = archive.read("documentation/index.html").decode()
+    assert "arm &lt;2&gt; &amp; more" in page and "<2>" not in page
+    for variable in interface("plant", odd):
+        assert f"<td>{variable.name}</td>" in page
+    assert fmpy.read_model_description(path).description.endswith("(arm <2> & more)")
+
+
+# ------------------------------------------------------------------ start values
+
+
+def test_start_values_are_those_of_the_instance_and_of_the_description(
+    planar: Robot, tmp_path: Path, fmus: Mapping[str, Mapping[str, Path]]
+) -> None:
+    """Static equilibrium at q = 0: tau_s[1] = g (m1 a1 + m2 (l1 + b)), see the robot's file."""
+    values = {"plant": {"mass[1]": 3.0, "q_dot_0[2]": 0.5, "equilibrium": False, "tau_s_0[1]": 2.0}}
+    path = build_fmus(planar, tmp_path, start_values=values)["plant"]
+    starts = {v.name: v.start for v in fmpy.read_model_description(path).modelVariables}
+    assert [starts[name] for name in values["plant"]] == ["3.0", "0.5", "false", "2.0"]
+    row = fmpy.simulate_fmu(str(path), stop_time=1e-3, output_interval=1e-3)[0]
+    assert row["tau_s[1]"] == 2.0
+    assert row["q_dot[2]"] == 0.5
+    row = fmpy.simulate_fmu(
+        str(path), stop_time=1e-3, output_interval=1e-3, start_values={"equilibrium": True}
+    )[0]
+    expected = 9.81 * (3.0 * 0.25 + 1.0 * (0.5 + 0.2))
+    assert row["tau_s[1]"] == pytest.approx(expected, rel=1e-14)  # four rounded operations
+
+
+def test_numpy_numbers_will_do_as_start_values(planar: Robot, tmp_path: Path) -> None:
+    import numpy as np
+
+    values = {"feedforward": {"mode": np.int64(1), "Lambda[1]": np.float64(2.5)}}
+    path = build_fmus(planar, tmp_path, units=["feedforward"], start_values=values)["feedforward"]
+    starts = {v.name: v.start for v in fmpy.read_model_description(path).modelVariables}
+    assert (starts["mode"], starts["Lambda[1]"]) == ("1", "2.5")
+
+
+@pytest.mark.parametrize(
+    ("unit", "values", "words"),
+    [
+        ("plant", {"masss[1]": 1.0}, r"plant has no variable 'masss\[1\]'"),
+        ("plant", {"q[1]": 1.0}, r"start values of plant: q\[1\] is an output"),
+        ("plant", {"mass[1]": 0.0}, r"plant: mass\[1\]: expected a number above 0, got 0 kg"),
+        ("plant", {"tolerance": 1.0}, r"plant: tolerance: expected at most 0.1, got 1"),
+        ("plant", {"gravity[3]": float("nan")}, r"gravity\[3\]: expected a finite number, got nan m/s2"),
+        ("plant", {"mass[1]": "heavy"}, r"mass\[1\]: expected a number, got 'heavy'"),
+        ("plant", {"f_s[2]": 0.01}, r"plant: f_s\[2\]: expected f_s >= f_c = 0.1 .*got 0.01"),
+        ("plant", {"inertia[2,1,1]": 9.0}, r"plant: inertia\[2\]: expected no principal moment above"),
+        ("feedforward", {"mode": 2}, r"mode: expected 0 \(inverse\) or 1 \(vdc\), got 2"),
+        ("feedforward", {"mode": 0.5}, r"mode: expected 0 \(inverse\) or 1 \(vdc\), got 0.5"),
+        (
+            "controller",
+            {"ell[1]": 0.5, "K_p[2]": -1.0},
+            r"ell\[1\]: .* at least 1, got 0.5.*K_p\[2\]: .*got -1",
+        ),
+        ("trajectory", {"T": 0.0}, r"T: expected at least 1e-06 s, got 0 s"),
+    ],
+)
+def test_start_values_that_could_not_start_are_refused(
+    planar: Robot, tmp_path: Path, unit: str, values: dict[str, Any], words: str
+) -> None:
+    with pytest.raises(UsageError, match=words):
+        build_fmus(planar, tmp_path, start_values={unit: values})
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_robot_that_is_not_physical_is_refused(planar: Robot, tmp_path: Path) -> None:
+    with pytest.raises(ModelError, match=r"joints\[2\].link.mass: expected a finite number > 0") as caught:
+        build_fmus(planar.with_parameters(mass=[0.0, -1.0], ell=0.5), tmp_path)
+    assert len(caught.value.problems) == 4
+
+
+def test_unknown_units_and_folders_that_cannot_be_written_are_refused(planar: Robot, tmp_path: Path) -> None:
+    with pytest.raises(UsageError, match="There is no unit 'motor'. There are: trajectory"):
+        build_fmus(planar, tmp_path, units=["motor"])
+    with pytest.raises(UsageError, match="There is no unit 'motor'"):
+        build_fmus(planar, tmp_path, start_values={"motor": {}})
+    (tmp_path / "file").write_text("")
+    with pytest.raises(FmuError, match=r"file/Trajectory.fmu: cannot be written: .*Choose another folder"):
+        build_fmus(planar, tmp_path / "file")
+
+
+def test_the_content_file_reads_back(planar: Robot, tmp_path: Path) -> None:
+    content = Content("plant", planar, {"q_0[1]": 0.1, "equilibrium": False})
+    (tmp_path / "vdfmu.json").write_text(content.to_json(), encoding="utf-8")
+    again = Content.read(tmp_path, "plant")
+    assert again.guid == content.guid
+    assert json.loads(again.to_json()) == json.loads(content.to_json())
