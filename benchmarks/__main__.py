@@ -1,0 +1,72 @@
+"""Command line of the benchmarks: ``python -m benchmarks [NAME ...] [--quick] [--out FOLDER]``."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import time
+from collections.abc import Sequence
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+
+from benchmarks.report import Report, machine, write_summary
+
+NAMES = ("growth", "master_step", "order", "rigid")
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the chosen benchmarks; return the exit code."""
+    parser = argparse.ArgumentParser(
+        prog="python -m benchmarks",
+        description="Measure vdfmu. Prints tables; writes Markdown, CSV, PNG and bench.json.",
+        epilog="example: python -m benchmarks growth rigid --quick",
+    )
+    parser.add_argument("names", nargs="*", metavar="NAME", help=f"which, of {', '.join(NAMES)}; default all")
+    parser.add_argument(
+        "--quick", action="store_true", help="shorter runs and fewer sizes, under 40 s in all"
+    )
+    parser.add_argument(
+        "--out", type=Path, default=Path("results/bench"), help="where to write; default %(default)s"
+    )
+    options = parser.parse_args(arguments)
+    unknown = [name for name in options.names if name not in NAMES]
+    if unknown:
+        parser.error(f"there is no benchmark {unknown[0]!r}; there are {', '.join(NAMES)}")  # exits with 2
+    try:
+        options.out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        parser.error(f"--out {options.out}: {error.strerror}")
+
+    console = Console(width=None if sys.stdout.isatty() else 120)
+    facts: dict[str, Any] = {"machine": machine(), "quick": options.quick, "benchmarks": {}}
+    pages: list[str] = [
+        "# Benchmarks",
+        "",
+        *[f"- {key}: {value}" for key, value in facts["machine"].items()],
+        "",
+    ]
+    for name in options.names or NAMES:
+        module = import_module(f"benchmarks.{name}")
+        report = Report(name, module.TITLE, options.out, console)
+        console.rule(f"[bold]{module.TITLE}", align="left")
+        began, cpu_began = time.perf_counter(), time.process_time()
+        module.run(report, options.quick)
+        report.write()
+        wall, cpu = time.perf_counter() - began, time.process_time() - cpu_began
+        facts["benchmarks"][name] = report.facts | {"wall_s": round(wall, 2), "cpu_s": round(cpu, 2)}
+        pages.append((options.out / f"{name}.md").read_text(encoding="utf-8"))
+        report.say(f"{name}: {wall:.0f} s, files {options.out / name}.*")
+        if cpu < 0.9 * wall:
+            report.say(
+                f"The machine was busy: {cpu:.0f} s of processor time in {wall:.0f} s. Wall times are too long."
+            )
+    (options.out / "bench.md").write_text("\n".join(pages), encoding="utf-8")
+    write_summary(options.out / "bench.json", facts)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

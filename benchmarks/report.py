@@ -1,0 +1,176 @@
+"""Tables for terminal, Markdown and CSV, and the look of the pictures."""
+
+from __future__ import annotations
+
+import csv
+import json
+import os
+import platform
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import matplotlib as mpl
+import rich.box
+import rich.table
+from matplotlib.figure import Figure
+from rich.console import Console
+
+__all__ = ["COLOURS", "Report", "Table", "machine", "new_figure", "tidy"]
+
+COLOURS = {"blue": "#2a6fb0", "orange": "#d9730d", "green": "#3a8a4d", "grey": "#8c8c8c", "light": "#d9d9d9"}
+INK, FAINT = "#333333", "#dddddd"
+
+
+@dataclass
+class Table:
+    """Rows of values; `columns` are pairs of heading and format, such as ``("time [us]", ".2f")``.
+
+    A value of None is shown as a dash and left empty in CSV.
+    """
+
+    name: str
+    title: str
+    columns: Sequence[tuple[str, str]]
+    rows: list[list[Any]] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
+
+    def add(self, *values: Any) -> None:
+        """Append a row."""
+        if len(values) != len(self.columns):
+            raise ValueError(f"{self.name}: expected {len(self.columns)} values, got {len(values)}")
+        self.rows.append(list(values))
+
+    def texts(self) -> list[list[str]]:
+        """Rows as shown."""
+        formats = [spec for _, spec in self.columns]
+        return [[_show(v, spec) for v, spec in zip(row, formats, strict=True)] for row in self.rows]
+
+    def numeric(self, column: int) -> bool:
+        """Whether a column holds numbers and is aligned to the right."""
+        return all(not isinstance(row[column], str) for row in self.rows)
+
+    def to_rich(self) -> rich.table.Table:
+        """Table for the terminal."""
+        table = rich.table.Table(
+            title=self.title.replace("[", r"\["), title_justify="left", box=rich.box.SIMPLE_HEAD
+        )
+        for i, (heading, _) in enumerate(self.columns):
+            number = self.numeric(i)
+            table.add_column(
+                heading.replace("[", r"\["), justify="right" if number else "left", no_wrap=not number
+            )
+        for row in self.texts():
+            table.add_row(*[text.replace("[", r"\[") for text in row])
+        return table
+
+    def to_markdown(self) -> str:
+        """Table and notes in Markdown."""
+        head = "| " + " | ".join(heading for heading, _ in self.columns) + " |"
+        rule = (
+            "|" + "|".join(" ---: " if self.numeric(i) else " --- " for i in range(len(self.columns))) + "|"
+        )
+        body = ["| " + " | ".join(row) + " |" for row in self.texts()]
+        return "\n".join(
+            [f"### {self.title}", "", head, rule, *body, "", *[f"- {n}" for n in self.notes], ""]
+        )
+
+    def to_csv(self, path: Path) -> None:
+        """Write the values in full precision."""
+        with open(path, "w", encoding="utf-8", newline="") as file:
+            writer = csv.writer(file, lineterminator="\n")
+            writer.writerow([heading for heading, _ in self.columns])
+            writer.writerows([["" if v is None else v for v in row] for row in self.rows])
+
+
+def _show(value: Any, spec: str) -> str:
+    return "-" if value is None else value if isinstance(value, str) else format(value, spec)
+
+
+class Report:
+    """What one benchmark found: tables, facts for ``bench.json`` and pictures."""
+
+    def __init__(self, name: str, title: str, out: Path, console: Console) -> None:
+        self.name = name
+        self.title = title
+        self.out = out
+        self.tables: list[Table] = []
+        self.facts: dict[str, Any] = {}
+        self.pictures: list[Path] = []
+        self._console = console
+
+    def say(self, text: str) -> None:
+        """Tell what is being done."""
+        self._console.print(f"  {text}", style="dim", highlight=False, markup=False)
+
+    def show(self, table: Table) -> None:
+        """Print a table with its notes and keep it."""
+        self.tables.append(table)
+        self._console.print(table.to_rich())
+        for note in table.notes:
+            self._console.print(f"  {note}", highlight=False, markup=False)
+        self._console.print()
+
+    def save(self, figure: Figure) -> None:
+        """Write a picture under the name of the benchmark."""
+        path = self.out / f"{self.name}.png"
+        figure.savefig(path, dpi=150)
+        self.pictures.append(path)
+
+    def write(self) -> None:
+        """Write ``<name>.md`` and a CSV for each table."""
+        text = [f"## {self.title}", ""]
+        text += [f"![{self.title}]({path.name})\n" for path in self.pictures]
+        text += [table.to_markdown() for table in self.tables]
+        (self.out / f"{self.name}.md").write_text("\n".join(text), encoding="utf-8")
+        for table in self.tables:
+            table.to_csv(self.out / f"{table.name}.csv")
+
+
+def machine() -> dict[str, Any]:
+    """Where and with what the numbers were measured."""
+    import casadi
+    import numpy
+
+    return {
+        "processor": _processor(),
+        "cores": os.cpu_count(),
+        "load_average": [round(v, 2) for v in os.getloadavg()] if hasattr(os, "getloadavg") else None,
+        "system": platform.platform(),
+        "python": platform.python_version(),
+        "numpy": numpy.__version__,
+        "casadi": casadi.CasadiMeta.version(),
+    }
+
+
+def _processor() -> str:
+    try:
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
+    except OSError:
+        return platform.processor()
+    names = [line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")]
+    return names[0] if names else platform.machine()
+
+
+def write_summary(path: Path, facts: dict[str, Any]) -> None:
+    """Write ``bench.json``."""
+    path.write_text(json.dumps(facts, indent=2) + "\n", encoding="utf-8")
+
+
+def new_figure(width: float, height: float) -> Figure:
+    """Empty figure; no window system is touched."""
+    mpl.rcParams["font.size"] = 9
+    return Figure(figsize=(width, height), layout="constrained", facecolor="white")
+
+
+def tidy(axes: Any, grid: str = "both") -> None:
+    """Thin grid behind the data, no box."""
+    axes.grid(True, which="major", axis=grid, color=FAINT, linewidth=0.6)
+    axes.set_axisbelow(True)
+    axes.minorticks_off()
+    axes.tick_params(color=FAINT, labelcolor=INK)
+    for side in ("top", "right"):
+        axes.spines[side].set_visible(False)
+    for side in ("left", "bottom"):
+        axes.spines[side].set_color("#bbbbbb")

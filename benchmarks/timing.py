@@ -1,0 +1,143 @@
+"""Best-of-k timing of several functions at once, in turns, so that drift of the machine hits all alike."""
+
+from __future__ import annotations
+
+import gc
+import math
+import time
+from collections.abc import Callable, Generator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from itertools import repeat
+from typing import Any
+
+__all__ = ["Case", "Stopwatch", "measure", "stopwatch_cost"]
+
+
+_clock = time.process_time if time.get_clock_info("process_time").resolution <= 1e-6 else time.perf_counter
+"""Processor time, which other programs do not lengthen much; where it is too coarse, wall time."""
+
+
+@dataclass
+class Case:
+    """One function to time.
+
+    Attributes
+    ----------
+    name : str
+    run : callable without arguments
+    owner : object, optional
+        Kept alive with the case: `run` of a KernelFunction works on the memory of its object and does not keep it.
+    calls : int
+        Calls in one sample.
+    best : float [s]
+        Least processor time of one call over all samples.
+    samples : int
+    spent : float [s]
+        In all samples.
+    """
+
+    name: str
+    run: Callable[[], Any]
+    owner: Any = field(default=None, repr=False)
+    calls: int = 1
+    best: float = math.inf
+    samples: int = 0
+    spent: float = 0.0
+
+    def sample(self) -> None:
+        """Time `calls` calls. The loop itself adds about 10 ns a call."""
+        run = self.run
+        began = _clock()
+        for _ in repeat(None, self.calls):
+            run()
+        spent = _clock() - began
+        self.best = min(self.best, spent / self.calls)
+        self.samples += 1
+        self.spent += spent
+
+
+@contextmanager
+def _no_garbage_collection() -> Generator[None]:
+    enabled = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if enabled:
+            gc.enable()
+
+
+def measure(cases: Sequence[Case], rounds: int, *, batch: float = 2e-3, limit: float = 4.0) -> None:
+    """Time all cases in turns: every round takes one sample of each.
+
+    Parameters
+    ----------
+    rounds : int
+        Samples of each case.
+    batch : float [s]
+        Least duration of a sample; a shorter function is called several times in it.
+    limit : float [s]
+        A case that would spend more than this in all gets fewer samples, but at least one.
+    """
+    with _no_garbage_collection():
+        for case in cases:
+            case.sample()  # also warms up
+            if case.best < batch:
+                case.calls = math.ceil(batch / case.best)
+                case.best, case.samples = math.inf, 0
+        for _ in range(rounds):
+            for case in cases:
+                if case.samples == 0 or case.spent + case.calls * case.best < limit:
+                    case.sample()
+
+
+class Stopwatch:
+    """Adds up the time inside the calls of wrapped functions."""
+
+    def __init__(self) -> None:
+        self.seconds = 0.0
+        self.calls = 0
+
+    def wrap(self, function: Callable[..., Any]) -> Callable[..., Any]:
+        """Return the function with this watch around it."""
+        clock = time.perf_counter
+
+        def timed(*arguments: Any) -> Any:
+            began = clock()
+            result = function(*arguments)
+            self.seconds += clock() - began
+            self.calls += 1
+            return result
+
+        return timed
+
+
+def stopwatch_cost(arguments: int, calls: int = 20_000, rounds: int = 10) -> tuple[float, float]:
+    """Cost of a stopwatch on one call [s]: what it adds to its own reading, and to the run as a whole.
+
+    Parameters
+    ----------
+    arguments : int
+        Number of arguments of the wrapped function.
+    """
+
+    def nothing(*_: Any) -> None: ...
+
+    given = tuple(range(arguments))
+    inside = outside = math.inf
+    with _no_garbage_collection():
+        for _ in range(rounds):
+            began = time.perf_counter()
+            for _ in repeat(None, calls):
+                nothing(*given)
+            bare = time.perf_counter() - began
+            watch = Stopwatch()
+            timed = watch.wrap(nothing)
+            began = time.perf_counter()
+            for _ in repeat(None, calls):
+                timed(*given)
+            whole = time.perf_counter() - began
+            inside = min(inside, (watch.seconds - bare) / calls)
+            outside = min(outside, (whole - bare) / calls)
+    return max(inside, 0.0), max(outside, 0.0)
