@@ -14,7 +14,13 @@ from vdfmu.equations.mapping import (
     joint_space_mass_matrix,
     velocity_mapping,
 )
-from vdfmu.equations.rigid_body import coriolis_matrix, gravity_force, mass_matrix, net_force
+from vdfmu.equations.rigid_body import (
+    coriolis_force,
+    coriolis_matrix,
+    gravity_force,
+    mass_matrix,
+    net_force,
+)
 from vdfmu.equations.spatial import cross_motion, force_transform, homogeneous_transform, joint_axis, skew
 
 EPS = np.finfo(float).eps
@@ -43,6 +49,17 @@ def test_body_mass_matrix_gives_the_kinetic_energy_of_its_points():
     )
     # A sum of about 100 products of order 1: 100 roundings.
     np.testing.assert_allclose(0.5 * V_B @ mass_matrix(m.sum(), r, I_B) @ V_B, energy, rtol=100 * EPS)
+
+
+def test_coriolis_force_is_the_product_with_the_coriolis_matrix(chain, draw):
+    for state in draw(chain, 20, seed=12):
+        V_B = state.F_e
+        for i in range(chain.n):
+            body = (chain.mass[i], chain.centroid[i], chain.inertia[i])
+            C_B = coriolis_matrix(*body, V_B[3:])
+            # Both are sums of at most 100 products below max|C_B| max|V_B|: 100 roundings.
+            bound = 100 * EPS * np.abs(C_B).max() * np.abs(V_B).max()
+            np.testing.assert_allclose(coriolis_force(*body, V_B), C_B @ V_B, rtol=0, atol=bound)
 
 
 def test_coriolis_matrix_is_skew_symmetric(chain, draw):

@@ -37,7 +37,8 @@ def cache_folder() -> Path:
 class KernelFunction:
     """A traced function with buffers for its arguments and results.
 
-    For speed, write into `args[name]`, call :meth:`run`, read `results[name]`; nothing is allocated. Calling
+    For speed, write into `args[name]`, call :meth:`run`, read `results[name]`; nothing is allocated. Keep the object as
+    long as its `run` is called: the buffers are its own. Calling
     the object does the same with a check of shapes and copies of the results.
 
     Parameters
