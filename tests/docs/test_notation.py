@@ -108,5 +108,7 @@ def test_robot_fields_have_rows_with_their_shape():
     for field in dataclasses.fields(Robot):
         value = getattr(arm, field.name)
         if isinstance(value, np.ndarray):
-            sizes = tuple(arm.n if part == "n" else int(part) for part in codes[field.name]["shape"].split(", "))
+            sizes = tuple(
+                arm.n if part == "n" else int(part) for part in codes[field.name]["shape"].split(", ")
+            )
             assert sizes == value.shape

@@ -1,8 +1,8 @@
 """The code of the README and of the tutorials, run as a reader would: in order, in an empty folder.
 
-A ``python`` block runs in the namespace of the blocks before it. A ``toml`` block with a title is written to that file. A
-``sh`` block runs its lines that start with ``vdfmu``. A ``text`` block right after a ``python`` or ``sh`` block is its
-output; a line ``...`` in it stands for any lines.
+A ``python`` block runs in the namespace of the blocks before it. A ``toml`` block with a title is written to
+that file. A ``sh`` block runs its lines that start with ``vdfmu``. A ``text`` block right after a ``python`` or
+``sh`` block is its output; a line ``...`` in it stands for any lines.
 """
 
 import contextlib
@@ -41,7 +41,7 @@ def run_python(body, namespace):
 
 def run_shell(body):
     output = ""
-    for line in body.splitlines():
+    for line in body.replace("\\\n", " ").splitlines():
         if line.startswith("vdfmu "):
             command = line.replace("vdfmu", f'"{sys.executable}" -m vdfmu.cli', 1)
             done = subprocess.run(

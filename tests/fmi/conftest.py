@@ -46,9 +46,9 @@ class Unit:
     A name without index stands for the whole group, in the order of the value references.
     """
 
-    def __init__(self, folder: Path, instance: str = "unit") -> None:
+    def __init__(self, folder: Path, instance: str = "unit", messages: list[str] | None = None) -> None:
         self.description = fmpy.read_model_description(folder, validate=False)
-        self.messages: list[str] = []
+        self.messages: list[str] = [] if messages is None else messages
         self.statuses: list[int] = []
         callbacks = fmi2CallbackFunctions()
         callbacks.logger = fmi2CallbackLoggerTYPE(self._receive)
@@ -181,6 +181,19 @@ def open_unit(folders: Mapping[str, Mapping[str, Path]]) -> Iterator[Callable[..
     yield open_one
     for unit in opened:
         unit.fmu.freeInstance()
+
+
+@pytest.fixture
+def words_of_refusal() -> Callable[[Path], str]:
+    """Instantiate a unit from a folder, which must fail, and return what its user reads."""
+
+    def instantiate(folder: Path) -> str:
+        messages: list[str] = []
+        with pytest.raises(Exception, match="Failed to instantiate model"):
+            Unit(folder, messages=messages)
+        return messages[-1]
+
+    return instantiate
 
 
 @pytest.fixture

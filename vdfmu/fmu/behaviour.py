@@ -73,7 +73,7 @@ class Behaviour:
         return None
 
     def restore(self, state: Any) -> None:
-        """Take a state of :meth:`state` back."""
+        """Take a state of :meth:`state` back; raise and change nothing if it is none."""
 
 
 def _robot_parameters(table: Interface, memory: Floats) -> Floats:
@@ -198,8 +198,8 @@ class PlantBehaviour(Behaviour):
         return {"h": self._integrator.h, "tolerance": self._integrator.tolerance}
 
     def restore(self, state: Any) -> None:
-        self._integrator.h = state["h"]
-        self._integrator.tolerance = state["tolerance"]
+        h, tolerance = float(state["h"]), float(state["tolerance"])
+        self._integrator.h, self._integrator.tolerance = h, tolerance
 
 
 BEHAVIOURS: dict[str, type[Behaviour]] = {

@@ -32,12 +32,13 @@ __all__ = ["ControllerSlave", "FeedforwardSlave", "PlantSlave", "TrajectorySlave
 
 Place = slice | npt.NDArray[np.intp]
 
+_PHASES = ("instantiated", "initialization", "step", "terminated")
 _WHEN = {
     "instantiated": "before enterInitializationMode",
     "initialization": "between enterInitializationMode and exitInitializationMode",
     "step": "after exitInitializationMode and before terminate",
 }
-"""Phases of an instance in which something can be allowed, and what they are called in messages."""
+"""What the phases in which something can be allowed are called in messages."""
 
 
 def _call(name: str) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
@@ -88,7 +89,7 @@ class UnitSlave(Fmi2Slave):
         self.time = 0.0
         self._content = content = Content.read(resources, self.unit)
         self.modelName = content.model_name
-        table = content.table()
+        self._table = table = content.table()
         self._variables = table.variables
         self._memory = np.empty(len(table))
         self._behaviour = BEHAVIOURS[self.unit](table, self._memory, Kernel(content.robot))
@@ -127,6 +128,10 @@ class UnitSlave(Fmi2Slave):
             raise FmuError(f"expected a finite start time, got {start_time} s.")
         if tolerance is not None and not (math.isfinite(tolerance) and tolerance > 0.0):
             raise FmuError(f"expected a finite positive tolerance, got {tolerance}.")
+        if tolerance is not None and "tolerance" in self._table.groups:  # the unit has a solver
+            problem = self._table.find("tolerance").problem(tolerance)
+            if problem:
+                raise FmuError(f"tolerance: {problem}.")
         self._start_time = self.time = start_time
         self._tolerance = tolerance
         self._stale = True
@@ -300,7 +305,7 @@ class UnitSlave(Fmi2Slave):
     def _get_fmu_state(self) -> dict[str, Any]:
         return {
             "guid": self._content.guid,
-            "phase": self.phase,
+            "phase": _PHASES.index(self.phase),
             "time": self.time,
             "start_time": self._start_time,
             "experiment_tolerance": self._tolerance,
@@ -319,12 +324,14 @@ class UnitSlave(Fmi2Slave):
                 f"{f'one with GUID {guid}' if guid else 'something else'}."
             )
         try:
-            phase, stale, behaviour = known["phase"], known["stale"], known["behaviour"]
+            phase, stale = _PHASES[known["phase"]], bool(known["stale"])
             times = known["time"], known["start_time"], known["experiment_tolerance"]
             memory = np.array(known["memory"], dtype=float).reshape(len(self._memory))
-        except (KeyError, TypeError, ValueError) as error:
+            self._behaviour.restore(
+                known["behaviour"]
+            )  # the last that may fail: till here nothing is changed
+        except (LookupError, TypeError, ValueError) as error:
             raise FmuError(f"the state is damaged: {type(error).__name__}: {error}.") from None
-        self._behaviour.restore(behaviour)
         self._memory[:] = memory
         self.time, self._start_time, self._tolerance = times
         self._stale, self._unchecked = stale, True

@@ -82,7 +82,8 @@ class Variable:
         elif not math.isfinite(value):
             expected = "a finite number"
         elif low is not None and value < low:
-            expected = "a number above 0" if low == POSITIVE else f"at least {low:g}{unit}"
+            strict = low == POSITIVE and value <= 0.0
+            expected = "a number above 0" if strict else f"at least {low:g}{unit}"
         elif high is not None and value > high:
             expected = f"at most {high:g}{unit}"
         else:

@@ -1,0 +1,161 @@
+"""What the documentation adds to mkdocs: formulas as drawings, and the interface page from the variable table."""
+
+from __future__ import annotations
+
+import re
+import warnings
+from html import escape, unescape
+from itertools import groupby
+from typing import Any
+
+from mkdocs.structure.files import File
+
+from vdfmu.fmu.description import model_description
+from vdfmu.fmu.interface import UNIT_NAMES, Interface, Variable, interface
+from vdfmu.model import load_robot
+
+with warnings.catch_warnings():  # it opens its font in a way that Python 3.11 calls deprecated
+    warnings.simplefilter("ignore", DeprecationWarning)
+    import ziamath
+
+_FORMULA = re.compile(r'<(span|div) class="arithmatex">\\[(\[](.*?)\\[)\]]</\1>', re.DOTALL)
+_TAG = re.compile(r"\\tag\{(.*?)\}")
+_SYMBOL = re.compile(r'<symbol id="(.*?)".*?</symbol>', re.DOTALL)
+_SIZE = 17  # px of a formula's letters, beside text of 16 px
+
+
+def on_page_content(html: str, **_: Any) -> str:
+    """Replace every formula by an SVG drawing: pages need no script, no font and no network."""
+    symbols: dict[str, str] = {}
+
+    def draw(match: re.Match[str]) -> str:
+        latex = unescape(match[2]).strip()
+        tag = _TAG.search(latex)
+        inline = match[1] == "span"
+        formula = ziamath.Latex(_TAG.sub("", latex), size=_SIZE, color="currentColor", inline=inline)
+        svg = formula.svg()
+        for symbol in _SYMBOL.finditer(svg):  # a glyph is drawn once a page
+            symbols[symbol[1]] = symbol[0]
+        place = f"vertical-align:{formula.getyofst():.2f}px" if inline else ""
+        head = f'<svg class="formula" role="img" aria-label="{escape(latex)}" style="{place}" '
+        svg = _SYMBOL.sub("", svg).replace("<svg ", head, 1)
+        if inline:
+            return svg
+        number = f'<span class="number">({tag[1]})</span>' if tag else ""
+        return f'<div class="formula"><div>{svg}</div>{number}</div>'
+
+    html = _FORMULA.sub(draw, html)
+    return (
+        f'<svg class="glyphs" aria-hidden="true">{"".join(symbols.values())}</svg>' if symbols else ""
+    ) + html
+
+
+def on_files(files: Any, config: Any) -> Any:
+    """Add ``interface.md``, made from the variable table."""
+    files.append(File.generated(config, "interface.md", content=interface_page()))
+    return files
+
+
+def interface_page() -> str:
+    """Return the reference of all variables of the four units, in markdown."""
+    arm, slider = load_robot("manipulator_6dof"), load_robot("slider_3dof")
+    lines = [_HEAD]
+    for unit in UNIT_NAMES:
+        table = interface(unit, arm)
+        prismatic = {v.group: v.unit for v in interface(unit, slider) if v.index[:1] == (1,)}
+        lines += [f"## {table.model_name}", "", f"{table.description}. Unit `{unit}` of the system."]
+        for causality in ("input", "output", "parameter"):
+            groups = [
+                list(g) for _, g in groupby((v for v in table if v.causality == causality), lambda v: v.group)
+            ]
+            if groups:
+                lines += [
+                    "",
+                    f"**{causality.capitalize()}s**",
+                    "",
+                    *_rows(table, causality, groups, prismatic),
+                ]
+        lines.append("")
+    return "\n".join(lines)
+
+
+_COLUMNS = {
+    "input": ("name", "value reference", "unit", "start", "description"),
+    "output": ("name", "value reference", "unit", "depends on inputs", "description"),
+    "parameter": ("name", "value reference", "variability", "unit", "start", "min", "max", "description"),
+}
+
+
+def _rows(
+    table: Interface, causality: str, groups: list[list[Variable]], prismatic: dict[str, str | None]
+) -> list[str]:
+    columns = _COLUMNS[causality]
+    lines = ["| " + " | ".join(columns) + " |", "| --- " * len(columns) + "|"]
+    for group in groups:
+        first, last = group[0], group[-1]
+        unit = ", ".join(f"`{u}`" for u in dict.fromkeys(v.unit for v in group) if u)
+        other = prismatic.get(first.group)
+        if other and other != first.unit and first.unit:
+            unit += f", prismatic `{other}`"
+        references = [table.reference[v.name] for v in (first, last)]
+        used = {table.variables[r].group: None for v in group for r in table.direct_dependencies(v)}
+        cells = {
+            "name": f"`{first.name}`" + (f" .. `{last.name}`" if len(group) > 1 else ""),
+            "value reference": str(references[0]) + (f" .. {references[1]}" if len(group) > 1 else ""),
+            "variability": first.variability
+            if first.type == "Real"
+            else f"{first.variability}, {first.type}",
+            "unit": unit,
+            "start": _range([v.start for v in group]),
+            "min": "" if first.minimum is None else f"{first.minimum:g}",
+            "max": "" if first.maximum is None else f"{first.maximum:g}",
+            "depends on inputs": ", ".join(f"`{name}`" for name in used) or "none",
+            "description": "; ".join(dict.fromkeys(_general(v.description) for v in group)),
+        }
+        lines.append("| " + " | ".join(cells[column] for column in columns) + " |")
+    return lines
+
+
+def _general(description: str) -> str:
+    """Return a description without what tells one variable of a group from the next."""
+    text = re.sub(r"^Joint \d+: |,? axis [\d,]+$|, row \d+, column \d+$| [\d,]+$", "", description)
+    return text[0].upper() + text[1:]
+
+
+def _range(values: list[Any]) -> str:
+    shown = list(dict.fromkeys(f"{v:g}" if isinstance(v, float) else str(v).lower() for v in values))
+    if len(shown) <= 3:
+        return ", ".join(shown)
+    return f"{min(values):g} to {max(values):g}"
+
+
+def _capabilities() -> str:
+    root = model_description(interface("plant", load_robot("planar_2dof")), "{}", "")
+    flags = root.find("CoSimulation").attrib  # pyright: ignore[reportOptionalMemberAccess]
+    return "\n".join(f"| `{k}` | `{v}` |" for k, v in flags.items() if k != "modelIdentifier")
+
+
+_HEAD = f"""---
+hide: [toc]
+---
+
+# FMU interface
+
+This page is made from the variable table, `vdfmu/fmu/interface.py`, when the documentation is built. The same table
+gives the slaves, the model descriptions, the connectors of the SSP and its parameter sets.
+
+It shows the interface for the paper's arm, `manipulator_6dof`. Another robot has the same groups with its own number
+of joints. Names count from 1. Start values of the robot's parameters are those of its file. What is zero by
+construction (offsets, products of inertia) is folded into the equations and is not in the interface; the kinematic
+error is in it when its amplitude is not zero, `f_ck` when the friction is `split`.
+
+A *fixed* parameter can be set until the initialization ends, a *tunable* one at every communication point. A minimum
+of 1e-12 stands for "positive": FMI has no strict bounds. `1e+12` at `tau_max` stands for "no limit".
+
+All units are FMI 2.0 co-simulation units written in Python. Their capability flags:
+
+| flag | value |
+| --- | --- |
+{_capabilities()}
+
+"""

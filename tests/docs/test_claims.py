@@ -1,0 +1,114 @@
+"""What the documentation states: names of tests, pivots of the solver, stability of the derivative term."""
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from vdfmu.equations.elimination import factorize, solve
+from vdfmu.equations.mapping import joint_space_mass_matrix
+from vdfmu.equations.plant import equilibrium_torque
+from vdfmu.kernel.rodas import GAMMA
+from vdfmu.model import load_scenario
+
+ROOT = Path(__file__).resolve().parents[2]
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
+N = 6
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.relative_to(ROOT).as_posix())
+def test_named_tests_exist(page):
+    text = page.read_text(encoding="utf-8")
+    for path, name in re.findall(r"`(tests/[\w/]+\.py)(?:::(test_\w+))?`", text):
+        assert (ROOT / path).is_file(), path
+        assert not name or re.search(
+            rf"^def {name}\(", (ROOT / path).read_text(encoding="utf-8"), re.MULTILINE
+        ), name
+    for name in re.findall(r"`(test_\w+)`", text):
+        assert f"def {name}(" in (ROOT / "tests/paper/test_errata.py").read_text(encoding="utf-8"), name
+
+
+def test_every_erratum_test_is_documented():
+    page = (ROOT / "docs/model.md").read_text(encoding="utf-8")
+    for path in sorted((ROOT / "tests/paper").glob("*.py")):
+        for name in re.findall(r"^def (test_erratum_\w+)\(", path.read_text(encoding="utf-8"), re.MULTILINE):
+            assert name in page
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.relative_to(ROOT).as_posix())
+def test_linked_files_exist(page):
+    text = page.read_text(encoding="utf-8")
+    for target in re.findall(r"\]\(([^)#]+)(?:#[^)]*)?\)", text):
+        if "://" not in target and not target.endswith("interface.md"):  # made when the pages are built
+            assert (page.parent / target).exists(), target
+
+
+def plant_jacobian(kernel, x):
+    function = kernel.function("plant_jacobian")
+    return function(x, np.zeros(N), np.zeros(6), kernel.p).reshape(4 * N, 4 * N, order="F").copy()
+
+
+def test_pivots_stay_positive(arm, kernel_of):
+    # docs/solver.md: elimination in the solver's order, without row swaps, at 200 random states.
+    kernel = kernel_of(arm)
+    random = np.random.default_rng(0)
+    order = np.concatenate(np.arange(4 * N).reshape(4, N)[[0, 2, 3, 1]])
+    share = {1e-6: 0.9, 1e-4: 0.9, 1e-3: 0.9, 1e-2: 0.5}
+    for _ in range(200):
+        q = random.uniform(-np.pi, np.pi, N)
+        v = random.uniform(-1.0, 1.0, N) * random.choice([1e-3, 1e-2, 0.1, 0.5])
+        tau_s = equilibrium_torque(arm, q) + random.uniform(-10.0, 10.0, N)
+        J = plant_jacobian(kernel, np.concatenate([q, v, v + random.uniform(-0.02, 0.02, N), tau_s]))
+        M = joint_space_mass_matrix(arm, q)
+        E = np.eye(4 * N)
+        E[N : 2 * N, N : 2 * N] = M
+        smallest = np.concatenate([np.ones(3 * N), np.full(N, np.linalg.eigvalsh(M)[0])])
+        for h, least in share.items():
+            W = (E / (h * GAMMA) - E @ J)[np.ix_(order, order)]
+            LU = factorize(W)
+            assert (np.diag(LU) > least * smallest / (h * GAMMA)).all()
+            b = random.normal(size=4 * N)
+            pivoted = np.linalg.solve(W, b)
+            # Some 50 roundings, as no pivot is small.
+            assert np.abs(solve(LU, b) - pivoted).max() < 1e-14 * np.abs(pivoted).max()
+
+
+def growth(arm, kernel, K_p, K_v, source):
+    """Return the largest real part [1/s] of the closed loop at 0.5 rad/s along the poses of (57)."""
+    velocity = slice(2 * N, 3 * N) if source == "kappa_dot" else slice(N, 2 * N)
+    rotor = slice(2 * N, 3 * N)
+    found = []
+    for s in (0.0, 0.5, 1.0):
+        q = s * np.radians([90.0, 60.0, 60.0, 90.0, 60.0, 90.0])
+        J = plant_jacobian(kernel, np.concatenate([q, np.full(2 * N, 0.5), equilibrium_torque(arm, q)]))
+        J[rotor, :N] -= np.diag(K_p / arm.ell / arm.I_m)
+        J[rotor, velocity] -= np.diag(K_v / arm.ell / arm.I_m)
+        found.append(np.linalg.eigvals(J).real.max())
+    return found
+
+
+def test_derivative_on_the_link_is_unstable_and_on_the_rotor_stable(arm, kernel_of):
+    # docs/model.md
+    gains = load_scenario("tracking").controller
+    kernel = kernel_of(arm)
+    assert max(growth(arm, kernel, gains.K_p, gains.K_v, "kappa_dot")) < 0.0
+    assert min(growth(arm, kernel, gains.K_p, gains.K_v, "q_dot")) > 100.0
+    assert min(growth(arm, kernel, 0.1 * gains.K_p, 0.1 * gains.K_v, "q_dot")) > 10.0
+
+
+def test_stability_numbers_of_the_default_gains(arm):
+    # docs/cosimulation.md
+    scenario = load_scenario("tracking")
+    number = scenario.controller.K_v * scenario.step / (arm.ell * arm.I_m)
+    assert [f"{x:.2f}" for x in number] == ["0.44", "0.44", "0.35", "0.26", "0.22", "0.18"]
+    page = (ROOT / "docs/cosimulation.md").read_text(encoding="utf-8")
+    assert "| $N$ | " + " | ".join(f"{x:.2f}" for x in number) + " |" in page
+
+
+def test_bounds_of_the_rotor_alone():
+    # docs/cosimulation.md: v' = v - N v is stable for N < 2, v' = v - N v_before for N < 1.
+    for number, stable in ((1.99, True), (2.01, False)):
+        assert (abs(1.0 - number) < 1.0) is stable
+    for number, stable in ((0.99, True), (1.01, False)):
+        assert bool(np.abs(np.roots([1.0, -1.0, number])).max() < 1.0) is stable
