@@ -141,7 +141,7 @@ hide: [toc]
 
 # FMU interface
 
-This page is made from the variable table, `vdfmu/fmu/interface.py`, when the documentation is built. The same table
+This page is made from the variable table, `vdfmu/fmu/table.py`, when the documentation is built. The same table
 gives the slaves, the model descriptions, the connectors of the SSP and its parameter sets.
 
 It shows the interface for the paper's arm, `manipulator_6dof`. Another robot has the same groups with its own number

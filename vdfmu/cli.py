@@ -5,6 +5,7 @@ Exit codes: 0 done, 1 a check or a unit failed, 2 wrong usage or input, 130 stop
 
 from __future__ import annotations
 
+import logging
 import os
 import sys
 from pathlib import Path
@@ -94,8 +95,6 @@ def run(
             bars.say(f"stopped: {stopped}; the rows so far are kept")
             raise typer.Exit(130) from None
     summary = results.summary
-    for warning in summary.get("warnings", []):
-        errors.print(f"[yellow]warning:[/yellow] {escape(warning)}")
     console.print(tables.run_panel(summary))
     console.print(
         tables.contrast_table(summary) if summary["kind"] == "contrast" else tables.tracking_table(summary)
@@ -259,12 +258,14 @@ class _Bars:
         if message.status == "note":
             name, _, what = message.text.partition(": ")
             self._notes.setdefault(what, []).append(name)
-        elif message.status != "ok":  # what units merely tell is in Results.messages
-            self.say(f"{message.unit}: {message.text}")
+        elif message.status not in ("ok", "fatal"):  # the error that ends the run quotes what is fatal
+            self.say(f"{message.unit or message.status}: {message.text}")
 
 
 def main() -> None:
     """Entry point: run a command and turn errors into a message and an exit code."""
+    # Units in this process say what they say through FMI; their own logger would say it again.
+    logging.getLogger("vdfmu.fmu").addHandler(logging.NullHandler())
     try:
         app()
     except (UsageError, ModelError, SspError) as error:

@@ -117,7 +117,7 @@ def test_every_problem_at_once(write: Writer, scenario_data: dict[str, Any]) -> 
 
 def test_one_number_stands_for_all_joints() -> None:
     scenario = load_scenario("tracking")
-    np.testing.assert_array_equal(scenario.feedforward.Lambda, np.full(6, 20.0))
+    np.testing.assert_array_equal(scenario.feedforward.Lambda, np.full(6, 1.0))
     np.testing.assert_array_equal(scenario.controller.tau_max, np.full(6, math.inf))
     assert not scenario.controller.K_p.flags.writeable
 
@@ -158,8 +158,8 @@ def test_plant_factors_scale_scalars_vectors_and_matrices(
 def test_two_joint_plant_differs_by_the_stated_per_cent() -> None:
     scenario = load_scenario("two_joint")
     assert scenario.plant_factors == {
-        "mass": 1.03, "inertia": 1.03, "f_c": 1.05, "f_s": 0.95, "f_v": 1.05, "K_f0": 0.95,
+        "mass": 1.02, "inertia": 1.02, "f_c": 1.05, "f_s": 0.95, "f_v": 1.05, "K_f0": 0.95,
     }  # fmt: skip
     # One rounded product each: equal to one unit in the last place.
-    np.testing.assert_allclose(scenario.plant_robot.mass / scenario.robot.mass, 1.03, rtol=3e-16)
+    np.testing.assert_allclose(scenario.plant_robot.mass / scenario.robot.mass, 1.02, rtol=3e-16)
     np.testing.assert_array_equal(scenario.plant_robot.ell, scenario.robot.ell)

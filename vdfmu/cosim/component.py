@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import logging
+import re
 from collections import deque
 from collections.abc import Callable
 from ctypes import byref, c_char_p, c_double, c_int, c_size_t, c_uint, c_void_p
@@ -85,7 +86,10 @@ class MessageBox:
         """Return what a unit said since the last flush, warnings and worse if there are any."""
         own = [m for m in self.pending if m.unit == unit]
         grave = [m for m in own if m.status != "ok"] or own
-        return " ".join(" ".join(m.text.split()) for m in grave)
+        words = " ".join(" ".join(m.text.split()) for m in grave)
+        words = re.sub(r"Fatal py exception encountered: \[\w+\] \w+ ?", "", words)  # pythonfmu's own prefix
+        # a unit that names itself and the call: the error that quotes it does so already
+        return re.sub(rf"^{re.escape(unit)}: \w+( at t = \S+ s)? failed: ", "", words)
 
 
 _boxes: dict[int, tuple[str, MessageBox]] = {}

@@ -24,8 +24,8 @@ from vdfmu.errors import FmuError, VdfmuError
 from vdfmu.fmu.behaviour import BEHAVIOURS
 from vdfmu.fmu.content import Content
 from vdfmu.fmu.description import LOG_CATEGORIES, model_description
-from vdfmu.fmu.interface import Variable, start_values
-from vdfmu.fmu.wrapper import forget_search_path, hold, hold_all_for_ever, hold_for_ever, plain, refusal
+from vdfmu.fmu.interface import MODEL_NAMES, Variable, start_values
+from vdfmu.fmu.wrapper import hold, hold_all_for_ever, hold_for_ever, loaded_from, plain, refusal
 from vdfmu.kernel import Kernel
 
 __all__ = ["ControllerSlave", "FeedforwardSlave", "PlantSlave", "TrajectorySlave", "UnitSlave"]
@@ -72,11 +72,13 @@ class UnitSlave(Fmi2Slave):
 
     unit: ClassVar[str] = ""
     log_categories = LOG_CATEGORIES
+    # what an instance that the wrapper has released says of itself, should it be called again
+    instance_name, phase, time = "a unit that is free", "freed", 0.0
 
     def __init__(self, **kwargs: Any) -> None:
         super().__init__(**kwargs)
         if "logger" in kwargs:  # the native wrapper calls, not the builder
-            forget_search_path(kwargs["resources"])
+            loaded_from(kwargs["resources"], MODEL_NAMES[self.unit])
         try:
             self._load(Path(kwargs["resources"]))
         except BaseException as error:

@@ -1,39 +1,51 @@
 """What the native wrapper of pythonfmu 0.7 asks of a slave, read in its source (PySlaveInstance.cpp).
 
 - Every exception becomes fmi2Fatal. Its ``repr`` is the message, which importers use as a format of printf.
-- Before it reports an exception, the wrapper releases the slave, its class and its message queue, and again
-  in fmi2Reset and fmi2FreeInstance: without further references Python's memory is corrupt by then.
-- fmi2Reset releases the slave before it makes a new one. If that fails, it still uses the old one's queue.
 - A message that waits in the queue while an exception is reported makes the wrapper lose the exception.
+- When a call fails, the wrapper releases the slave, its class and its message queue, and again at the next
+  failure, in fmi2Reset and in fmi2FreeInstance. What it releases last is no longer there.
+- fmi2Reset releases the slave before it makes a new one. If that fails, it still uses the old one's queue.
 - At each instantiation it runs the script again and then releases the globals of its module, once too often.
 - At each instantiation it puts the FMU's resources folder in front of ``sys.path`` and leaves it there.
+- A library that is still loaded when the process exits frees its data twice, and the process may abort. The
+  first one of a process is always still loaded, others if an importer did not free an instance that failed.
 
-So this module holds further references to slaves until the wrapper has released them, and for ever after an
-error.
+So this module holds further references to all that the wrapper releases, and makes the libraries free their data
+before the exit. Of a slave that is free, as far as that can be known, an empty shell stays.
 """
 
 from __future__ import annotations
 
+import atexit
+import ctypes
 import logging
+import os
 import sys
+import threading
+from pathlib import Path
 from typing import Any
 
 from vdfmu.errors import FmuError
 
 __all__ = [
     "RefusalError",
-    "forget_search_path",
     "hold",
     "hold_all_for_ever",
     "hold_for_ever",
     "hold_globals",
+    "loaded_from",
     "plain",
     "refusal",
 ]
 
 _logger = logging.getLogger("vdfmu.fmu")
+
+_SPARE = 8
+"""References held to what an instance uses: as many failures as Python does not see may precede its end."""
 _held: list[tuple[Any, ...]] = []
 _for_ever: list[Any] = []
+_libraries: set[str] = set()
+"""Paths of the native libraries that made slaves."""
 
 
 class RefusalError(FmuError):
@@ -61,21 +73,24 @@ def plain(text: str) -> str:
 
 
 def hold(slave: Any) -> None:
-    """Keep a new slave until the wrapper has released it."""
-    _held[:] = [entry for entry in _held if not _released(entry)]
-    # a failed reset releases the queue three times: before, while it reports, and when the instance is freed
-    _held.append((slave, slave, *[slave.log_queue] * 3))
+    """Keep a new slave, and empty those that the wrapper has released."""
+    for entry in [entry for entry in _held if _released(entry)]:
+        vars(entry[0]).clear()
+        _held.remove(entry)
+        _for_ever.append(entry)
+    _held.append(_references(slave, _SPARE))
 
 
 def hold_for_ever(slave: Any) -> None:
     """Keep a slave whose call fails; once more for each such call."""
     slave.log_queue.clear()
-    _for_ever.append((slave, slave, type(slave), slave.log_queue, slave.log_queue))
+    _for_ever.append(_references(slave, 2))
 
 
 def hold_all_for_ever() -> None:
-    """Keep all slaves: a call failed and it is not known whose."""
-    _for_ever.extend(_held)
+    """Keep all slaves: a call failed and it is not known whose, or a slave could not be made."""
+    for entry in _held:
+        _for_ever.append(_references(entry[0], 2))
 
 
 def hold_globals(script: dict[str, Any]) -> None:
@@ -83,12 +98,29 @@ def hold_globals(script: dict[str, Any]) -> None:
     _for_ever.append(script)
 
 
-def forget_search_path(folder: str) -> None:
-    """Take the folder of an FMU out of ``sys.path``, which would grow with each of many runs."""
-    if folder in sys.path:
-        sys.path.remove(folder)
+def loaded_from(resources: str, model_name: str) -> None:
+    """Note the library that makes a slave, and take its folder out of ``sys.path``."""
+    if resources in sys.path:
+        sys.path.remove(resources)
+    _libraries.add(str(Path(resources).parent / "binaries" / "linux64" / f"{model_name}.so"))
+
+
+def _references(slave: Any, count: int) -> tuple[Any, ...]:
+    return (slave,) * count + (slave.log_queue,) * count + (type(slave),) * count
 
 
 def _released(entry: tuple[Any, ...]) -> bool:
-    # nobody has the slave but the entry, twice, and the argument of getrefcount
-    return sys.getrefcount(entry[0]) <= 3
+    # nobody has the slave but its entry and the argument of getrefcount
+    return sys.getrefcount(entry[0]) <= _SPARE + 1
+
+
+@atexit.register
+def _free_libraries() -> None:
+    if sys.platform != "linux" or threading.get_native_id() != os.getpid():
+        return  # under Windows it is in order; elsewhere it is a library that ends the interpreter
+    for path in _libraries:
+        try:
+            library = ctypes.CDLL(path, os.RTLD_LAZY | os.RTLD_NOLOAD)
+        except OSError:  # it is not loaded any more
+            continue
+        library.finalizePythonInterpreter()
