@@ -8,6 +8,8 @@ from __future__ import annotations
 import logging
 import os
 import sys
+from collections.abc import Callable
+from functools import wraps
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -51,16 +53,39 @@ SetOption = Annotated[
 ]
 
 
-@app.callback()
-def _options(
-    version: Annotated[bool, typer.Option("--version", help="Show the version and exit.")] = False,
-) -> None:
-    if version:
+def _show_version(wanted: bool) -> None:
+    if wanted:
         console.print(f"vdfmu {__version__}")
         raise typer.Exit
 
 
+@app.callback()
+def _options(
+    version: Annotated[
+        bool,
+        typer.Option("--version", help="Show the version and exit.", is_eager=True, callback=_show_version),
+    ] = False,
+) -> None:
+    pass
+
+
+def _stoppable(command: Callable[..., None]) -> Callable[..., None]:
+    """Say that Ctrl-C stopped a command; typer would end the program without a word."""
+
+    @wraps(command)
+    def stoppable(*args: Any, **kwargs: Any) -> None:
+        try:
+            command(*args, **kwargs)
+        except KeyboardInterrupt as stopped:
+            kept = "; the rows so far are kept" if isinstance(stopped, Interrupted) else ""
+            errors.print(f"stopped: {stopped}{kept}" if str(stopped) else "stopped", markup=False)
+            raise typer.Exit(130) from None
+
+    return stoppable
+
+
 @app.command(epilog="Example: [bold]vdfmu run tracking --set controller.K_p=1500 --out results/soft[/bold]")
+@_stoppable
 def run(
     scenario: ScenarioArgument = "tracking",
     robot: RobotOption = None,
@@ -78,22 +103,18 @@ def run(
     from vdfmu.study.run import run as run_study
 
     with _Bars() as bars:
-        try:
-            results = run_study(
-                scenario,
-                robot=robot,
-                step=step,
-                stop=stop,
-                master=master,
-                out=out,
-                reference=not no_reference,
-                settings=_settings(settings),
-                progress=bars.update,
-                log=bars.log,
-            )
-        except Interrupted as stopped:  # typer would end the program without a word
-            bars.say(f"stopped: {stopped}; the rows so far are kept")
-            raise typer.Exit(130) from None
+        results = run_study(
+            scenario,
+            robot=robot,
+            step=step,
+            stop=stop,
+            master=master,
+            out=out,
+            reference=not no_reference,
+            settings=_settings(settings),
+            progress=bars.update,
+            log=bars.log,
+        )
     summary = results.summary
     console.print(tables.run_panel(summary))
     console.print(
@@ -106,6 +127,7 @@ def run(
 
 
 @app.command(epilog="Example: [bold]vdfmu build tracking --out fmus[/bold]")
+@_stoppable
 def build(
     scenario: ScenarioArgument = "tracking",
     robot: RobotOption = None,
@@ -124,6 +146,7 @@ def build(
 
 
 @app.command(epilog="Example: [bold]vdfmu ssp two_joint --out two_joint.ssp[/bold]")
+@_stoppable
 def ssp(
     scenario: ScenarioArgument = "tracking",
     robot: RobotOption = None,
@@ -142,6 +165,7 @@ def ssp(
 
 
 @app.command(epilog="Example: [bold]vdfmu check fmus/Plant.fmu[/bold]")
+@_stoppable
 def check(
     file: Annotated[Path, typer.Argument(help="An FMU, of this or any other tool.")],
     no_run: Annotated[bool, typer.Option("--no-run", help="Read only; do not run the unit's code.")] = False,
@@ -272,8 +296,6 @@ def main() -> None:
         _fail(error, 2)
     except VdfmuError as error:
         _fail(error, 1)
-    except KeyboardInterrupt as error:
-        _fail(f"stopped: {error}" if str(error) else "stopped", 130)
     except BrokenPipeError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         sys.exit(1)

@@ -9,13 +9,14 @@ import numpy.typing as npt
 
 from vdfmu.kernel import Kernel
 from vdfmu.model import Robot
+from vdfmu.model.robot import robot_argument
 
 __all__ = ["forward_dynamics", "inverse_dynamics"]
 
 
 @lru_cache(maxsize=32)
 def _kernel(robot: Robot) -> Kernel:
-    return Kernel(robot)  # robots are immutable and hash by identity
+    return Kernel(robot_argument(robot))  # robots are immutable and hash by identity
 
 
 def inverse_dynamics(

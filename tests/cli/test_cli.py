@@ -139,3 +139,25 @@ def test_help_of_every_command_has_an_example(tmp_path, command):
     assert done.returncode == 0
     assert f"vdfmu {' '.join(command)}" in " ".join(done.stdout.split())
     assert "Example" in done.stdout
+
+
+def test_version(tmp_path):
+    import vdfmu as package
+
+    done = vdfmu("--version", cwd=tmp_path)
+    assert (done.returncode, done.stdout.strip()) == (0, f"vdfmu {package.__version__}")
+
+
+def test_ctrl_c_before_the_co_simulation_says_so(tmp_path):
+    environment = {**os.environ, "VDFMU_CACHE_DIR": str(tmp_path / "empty")}  # the FMUs must be traced first
+    process = subprocess.Popen(
+        [sys.executable, "-m", "vdfmu.cli", "run", "tracking"],
+        cwd=tmp_path, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+    )  # fmt: skip
+    deadline = time.monotonic() + 60
+    while not (tmp_path / "results" / "tracking").exists() and time.monotonic() < deadline:
+        time.sleep(0.02)
+    process.send_signal(signal.SIGINT)
+    _, errors = process.communicate(timeout=120)
+    assert process.returncode == 130
+    assert "stopped" in errors

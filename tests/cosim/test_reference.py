@@ -32,8 +32,9 @@ class Case:
         return position, torque
 
 
-# The bounds at solver tolerance 1e-9. The local error per step is 1e-9 of states of order 1 (rad) to 30 (N m);
-# the loop's slowest mode forgets within about 1 s, so at most some thousand steps add up: 1e-7 rad is an upper bound.
+# The bounds that the project holds itself to at solver tolerance 1e-9. The local error per step is 1e-9 of states of
+# order 1 (rad) to 30 (N m); the loop's slowest mode forgets within about 1 s, so at most some thousand steps add up:
+# 1e-7 rad is an upper bound.
 POSITION, TORQUE = 1e-7, 1e-4
 
 

@@ -76,7 +76,7 @@ def test_inverse_dynamics_agrees_with_pinocchio_rnea(
     ours = kernel_of(chain).rows("inverse_dynamics", columns, [chain.n] * 3 + [6])
     for state, force, tau in zip(states, F_e, ours, strict=True):
         theirs = pin.rnea(model, data, state.q, state.q_dot, state.q_ddot, pinocchio_force(chain, force))
-        # The bound: 1e-12 relative to the largest torque, some 5000 roundings.
+        # The bound that the project holds itself to: 1e-12 of the largest torque, some 5000 roundings.
         np.testing.assert_allclose(tau, theirs, rtol=0, atol=1e-12 * np.abs(theirs).max())
 
 
@@ -93,8 +93,8 @@ def test_forward_dynamics_agrees_with_pinocchio_aba(
     ours = kernel_of(chain).rows("forward_dynamics", columns, [chain.n] * 3 + [6])
     for state, force, q_ddot in zip(states, F_e, ours, strict=True):
         theirs = pin.aba(model, data, state.q, state.q_dot, state.tau_s, pinocchio_force(chain, force))
-        # The bound: 1e-9 relative to the largest acceleration; mass matrices have a condition of up
-        # to 1e5.
+        # The bound that the project holds itself to: 1e-9 of the largest acceleration; mass matrices have a
+        # condition of up to 1e5.
         np.testing.assert_allclose(q_ddot, theirs, rtol=0, atol=1e-9 * np.abs(theirs).max())
 
 

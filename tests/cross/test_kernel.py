@@ -65,6 +65,19 @@ def test_corrupt_cache_file_is_replaced(planar, tmp_path, monkeypatch, content):
     np.testing.assert_array_equal(torque(Kernel(planar, tmp_path)), expected)
 
 
+@pytest.mark.parametrize("place", [70, 0.3, 0.5, 0.7, -2])
+def test_one_changed_letter_in_a_cache_file_changes_no_result(planar, tmp_path, place):
+    first = torque(Kernel(planar, tmp_path))
+    (path,) = tmp_path.rglob("*.casadi")
+    good = path.read_bytes()
+    at = int(place * len(good)) if isinstance(place, float) else place
+    damaged = bytearray(good)
+    damaged[at] = ord("x") if damaged[at] != ord("x") else ord("y")
+    path.write_bytes(bytes(damaged))
+    np.testing.assert_array_equal(torque(Kernel(planar, tmp_path)), first)
+    assert path.read_bytes() == good  # traced anew and replaced
+
+
 def test_file_of_another_function_is_replaced(planar, tmp_path):
     expected = torque(Kernel(planar, tmp_path))
     (path,) = tmp_path.rglob("*.casadi")

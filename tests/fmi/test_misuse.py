@@ -248,6 +248,7 @@ def test_references_in_any_order_and_twice_are_what_they_name(open_unit: Opener)
     unit = open_unit("controller").start(K_p=[1.0, 2.0], K_v=[3.0, 4.0])
     p, v = unit.references("K_p"), unit.references("K_v")
     assert unit.fmu.getReal([v[1], p[0], p[0], v[0]]) == [4.0, 1.0, 1.0, 3.0]
+    assert unit.fmu.getReal([p[0], p[0], v[0]]) == [1.0, 1.0, 3.0]
     unit.fmu.setReal([v[1], p[0]], [5.0, 6.0])
     assert unit.fmu.getReal([*p, *v]) == [6.0, 2.0, 3.0, 5.0]
 

@@ -78,6 +78,21 @@ def test_syntax_error_has_its_line(tmp_path: Path) -> None:
         load_robot(path)
 
 
+@pytest.mark.parametrize(
+    "text",
+    [
+        "gravity = " + "[" * 2000,
+        "gravity = " + "[" * 200 + "]" * 200,
+        "gravity = [{" + "a." * 5000 + "a = 1}]",
+    ],
+)
+def test_deep_nesting(tmp_path: Path, text: str) -> None:
+    path = tmp_path / "deep.toml"
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(ModelError, match=r"deep\.toml: expected TOML, got .* nested too deeply"):
+        load_robot(path)
+
+
 def test_byte_order_mark_and_crlf_are_read(tmp_path: Path) -> None:
     path = tmp_path / "windows.toml"
     text = SHIPPED.read_text(encoding="utf-8").replace("\n", "\r\n")

@@ -68,7 +68,7 @@ def test_equations_34_to_36() -> None:
         np.testing.assert_array_equal(ARM.rotation[i] @ turn, printed[i])
 
 
-def test_drives_of_the_design() -> None:
+def test_drives_are_fitted_to_the_catalogue() -> None:
     # Fitted to catalogue stiffness, sizes 20, 17, 14 for joints 1-2, 3-4, 5-6; not from the paper.
     np.testing.assert_array_equal(ARM.K_f0, np.repeat([28433, 15727, 6957], 2))
     np.testing.assert_array_equal(ARM.c_f, np.repeat([2.955e-3, 4.518e-3, 8.784e-3], 2))

@@ -1,5 +1,6 @@
 """Faults of a scenario are named; scalars stand for all joints; plant factors scale the robot."""
 
+import json
 import math
 from collections.abc import Callable
 from pathlib import Path
@@ -163,3 +164,15 @@ def test_two_joint_plant_differs_by_the_stated_per_cent() -> None:
     # One rounded product each: equal to one unit in the last place.
     np.testing.assert_allclose(scenario.plant_robot.mass / scenario.robot.mass, 1.02, rtol=3e-16)
     np.testing.assert_array_equal(scenario.plant_robot.ell, scenario.robot.ell)
+
+
+@pytest.mark.parametrize("name", ["../up", "/absolute", "a\\b", "..", ".hidden", "line\nbreak"])
+def test_a_name_that_is_no_file_name_is_refused(
+    write: Writer, scenario_data: dict[str, Any], name: str
+) -> None:
+    scenario_data["name"] = "NAME"
+    path = write("scenario.toml", scenario_data)
+    text = path.read_text(encoding="utf-8").replace('"NAME"', json.dumps(name))
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(ModelError, match="name: expected a name of letters, digits"):
+        load_scenario(path)

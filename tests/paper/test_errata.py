@@ -236,8 +236,8 @@ def test_lumped_friction_leaves_out_the_rotors_own(arm):
 
 
 def test_elastic_modes_along_the_trajectory_lie_between_50_and_310_hertz(arm, kernel_of):
-    # DESIGN section 4 says 4 to 430 Hz for a free run. At rest under gravity on (57), without friction, they
-    # lie at 53 to 302 Hz; modes below 2 Hz are the pendulum, not the springs.
+    # At rest under gravity on (57), without friction, they lie at 53 to 302 Hz; modes below 2 Hz are the
+    # pendulum, not the springs.
     bare = arm.with_parameters(f_c=0.0, f_s=0.0, f_v=0.0)
     kernel = kernel_of(bare)
     jacobian_of = kernel.function("plant_jacobian")

@@ -33,12 +33,11 @@ def test_virtual_decomposition_agrees_with_newton_euler(arm):
     assert difference.max() <= 1e-9
 
 
-def test_joint_torques_along_the_trajectory_are_those_of_the_design(arm):
-    # RMS from DESIGN section 3, printed with 1 to 3 digits: one unit of the last (joint 4 is cut, not
-    # rounded).
-    printed = np.array([0.099, 22.6, 8.9, 0.63, 2.28, 0.0005])
+def test_joint_torques_along_the_trajectory_have_the_known_size(arm):
+    # RMS as in docs/scenarios.md, noted with 1 to 3 digits: one unit of the last (joint 4 is cut, not rounded).
+    noted = np.array([0.099, 22.6, 8.9, 0.63, 2.28, 0.0005])
     unit = np.array([0.001, 0.1, 0.1, 0.01, 0.01, 0.0001])
-    assert (np.abs(rms(torques(arm)) - printed) <= unit).all()
+    assert (np.abs(rms(torques(arm)) - noted) <= unit).all()
 
 
 def test_table_3_is_the_difference_of_two_gravity_constants(arm):
@@ -65,7 +64,7 @@ def test_direction_of_l2_is_x_not_y(arm):
     assert offset[2].tolist() == [0.3, 0.0, 0.0]
     offset[2] = [0.0, 0.3, 0.0]
     sideways = gravity_difference(arm.with_parameters(offset=offset))
-    # DESIGN: 14.9 N mm at joint 2 along +y, where Table 3 has 22.7; half a unit of the last digit.
+    # 14.9 N mm at joint 2 along +y, where Table 3 has 22.7; half a unit of the last digit.
     assert sideways[1] == pytest.approx(14.9, abs=0.05)
     assert abs(sideways[1] - TABLE_3[1]) > 0.3 * TABLE_3[1]
     # Only joint 2 tells: what hangs beyond joint 3 does not know about l2. Same products, so 100 roundings.

@@ -183,6 +183,31 @@ def test_captions_say_which_run_it_is(made):
     assert "master gauss-seidel, step 1 ms" in caption(plots.draw_errors(made.results(6), scenario))
 
 
+@pytest.mark.parametrize(
+    ("setting", "mode"),
+    [("vdc", "vdc"), ("1", "vdc"), (1.0, "vdc"), ("inverse", "inverse"), ("0", "inverse")],
+)
+def test_captions_say_the_mode_that_the_settings_chose(made, setting, mode):
+    results, scenario = made.results(1), made.scenario(ONE)
+    assert "feedforward inverse." in caption(plots.draw_errors(results, scenario))
+    results.summary = {"settings": {"feedforward.mode": setting}}
+    assert f"feedforward {mode}." in caption(plots.draw_errors(results, scenario))
+
+
+@pytest.mark.parametrize(("number", "end"), [(4, "K_p[4] = 4."), (5, "K_p[4] = 4 and 1 more.")])
+def test_captions_show_a_few_settings(made, number, end):
+    results = made.results(2)
+    results.summary = {"settings": {f"controller.K_p[{i}]": str(i) for i in range(1, number + 1)}}
+    assert caption(plots.draw_errors(results, made.scenario(TWO))).endswith(end)
+
+
+def test_many_settings_leave_room_for_the_panels(made, tmp_path: Path):
+    results, scenario = made.results(2), made.scenario(TWO)
+    results.summary = {"settings": {f"plant.inertia[{i},1,1]": "0.123456789" for i in range(1, 105)}}
+    assert "and 100 more." in caption(plots.draw_torques(results, scenario))
+    assert len(plots.tracking_figures(results, scenario, tmp_path)) == 2
+
+
 # --- that they can be read -------------------------------------------------------------------------------
 
 

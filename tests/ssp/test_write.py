@@ -124,6 +124,17 @@ def test_a_wrong_setting_says_what_is_expected(scenario, key, value, words):
         override(scenario, {key: value})
 
 
+def test_all_wrong_settings_are_reported_at_once(scenario):
+    with pytest.raises(UsageError) as caught:
+        override(
+            scenario, {"controller.K_p": "nan", "plant.ell[2]": "0", "plant.mass": "3", "motor.K_p": "1"}
+        )
+    first, second, third = str(caught.value).splitlines()
+    assert first == "controller.K_p[1]: expected a finite number from 0 to inf N.m/rad, got nan."
+    assert second == "plant.ell[2]: expected a finite number from 1 to inf, got 0."  # its unit is 1
+    assert third.startswith("motor.K_p: expected unit.parameter=value")
+
+
 def test_a_package_that_cannot_be_written_says_so(scenario, fmus, tmp_path):
     (tmp_path / "file").write_text("in the way")
     with pytest.raises(SspError, match=r"cannot be written.*Choose another folder"):

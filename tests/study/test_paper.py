@@ -24,7 +24,7 @@ def test_contrast_formulations_agree_and_a_gravity_constant_explains_table_3(tmp
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("mode", "position", "torque"),
-    [("inverse", 0.10, 0.05), ("vdc", 1.0, 1.0)],  # the shares of Table 4
+    [("inverse", 0.10, 0.05), ("vdc", 1.0, 1.0)],  # shares of Table 4 that the project holds itself to
 )
 def test_tracking_errors_stay_below_their_share_of_table_4(tmp_path, mode, position, torque):
     summary = vdfmu.run(

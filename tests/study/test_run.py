@@ -50,7 +50,7 @@ def test_the_run_compares_with_both_references(planar_run):
     _, results = planar_run
     compared = results.summary["reference"]
     assert compared["sampled"]["name"] == "sampled"
-    # the bounds, which hold at the scenario's tolerance 1e-7 too: errors there scale with the tolerance
+    # 1e-7 rad and 1e-4 N.m hold at the scenario's tolerance 1e-7 too: errors there scale with the tolerance
     assert compared["sampled"]["max_position_difference_rad"] < 1e-7
     assert compared["sampled"]["max_torque_difference_nm"] < 1e-4
     # the held input is first order in the step: far above the sampled difference, far below the motion
@@ -88,14 +88,24 @@ def test_a_unit_that_fails_leaves_the_rows_before_and_the_reason(tmp_path):
 def test_files_of_an_earlier_run_are_replaced_and_nothing_else(tmp_path):
     (tmp_path / "figure_10.png").write_bytes(b"old")
     (tmp_path / "notes.txt").write_text("mine")
+    (tmp_path / "holiday.png").write_bytes(b"mine")
     with pytest.raises(UsageError, match="only parameters can be set"):
         vdfmu.run("planar_tracking", out=tmp_path, settings={"plant.q": 1})
     assert (tmp_path / "figure_10.png").read_bytes() == b"old"  # nothing is lost to a typing error
     vdfmu.run("planar_tracking", out=tmp_path, stop=0.01, reference=False)
     assert (tmp_path / "notes.txt").read_text() == "mine"
+    assert (tmp_path / "holiday.png").read_bytes() == b"mine"
     pictures = [p.read_bytes() for p in tmp_path.glob("*.png")]
-    assert pictures
+    assert len(pictures) > 1
     assert b"old" not in pictures
+
+
+def test_a_cache_that_cannot_be_written_costs_only_time(tmp_path, monkeypatch):
+    cache = tmp_path / "cache"
+    cache.write_text("in the way")
+    monkeypatch.setenv("VDFMU_CACHE_DIR", str(cache))
+    results = vdfmu.run("planar_tracking", out=tmp_path / "out", stop=0.01, reference=False)
+    assert len(results.time) == 11
 
 
 def test_warning_where_the_sampled_loop_does_not_stand_the_gain(tmp_path):
@@ -128,3 +138,23 @@ def test_a_folder_that_cannot_hold_results_is_named(tmp_path):
     (tmp_path / "file").write_text("")
     with pytest.raises(UsageError, match=r"cannot hold the results.*--out"):
         vdfmu.run("planar_tracking", out=tmp_path / "file" / "results")
+
+
+def test_a_damaged_fmu_in_the_cache_is_built_again(tmp_path, monkeypatch):
+    monkeypatch.setenv("VDFMU_CACHE_DIR", str(tmp_path / "cache"))
+    vdfmu.run("planar_tracking", out=tmp_path / "out", stop=0.01, reference=False)
+    (fmu,) = (tmp_path / "cache").rglob("Trajectory.fmu")
+    data = bytearray(fmu.read_bytes())
+    data[len(data) // 2] ^= 0xFF
+    fmu.write_bytes(bytes(data))
+    results = vdfmu.run("planar_tracking", out=tmp_path / "out", stop=0.01, reference=False)
+    assert len(results.time) == 11
+
+
+def test_a_robot_by_name_where_a_robot_is_expected_says_how_to_load_it(tmp_path):
+    with pytest.raises(
+        UsageError, match=r"expected a Robot, got str 'planar_2dof'\. Load it with vdfmu\.load_robot"
+    ):
+        vdfmu.build_fmus("planar_2dof", tmp_path)
+    with pytest.raises(UsageError, match="expected a Robot, got str"):
+        vdfmu.inverse_dynamics("planar_2dof", [0, 0], [0, 0], [0, 0])

@@ -18,7 +18,7 @@ from vdfmu.cosim.check import Checked, Value, check_system
 from vdfmu.cosim.component import LogMessage, MessageBox, Slave
 from vdfmu.cosim.exchange import Exchange
 from vdfmu.cosim.results import Results
-from vdfmu.errors import CosimError, UsageError
+from vdfmu.errors import CosimError, UsageError, VdfmuError
 from vdfmu.ssp.archive import Archive
 from vdfmu.ssp.read import load_ssp
 from vdfmu.ssp.structure import System
@@ -130,6 +130,12 @@ def _grid(system: System, start: float | None, stop: float | None, step: float) 
     return float(begin), float(end), n
 
 
+def _no_room(folder: str, error: OSError) -> VdfmuError:
+    return VdfmuError(
+        f"{folder}: FMUs cannot be unpacked there: {error}. Free space, or choose another folder with TMPDIR."
+    )
+
+
 class _Run:
     """The units of one run; leaving it terminates and frees them and removes the unpacked FMUs."""
 
@@ -141,7 +147,10 @@ class _Run:
         self._folder: Path | None = None
 
     def __enter__(self) -> _Run:
-        self._folder = Path(tempfile.mkdtemp(prefix="vdfmu-"))
+        try:
+            self._folder = Path(tempfile.mkdtemp(prefix="vdfmu-"))
+        except OSError as error:
+            raise _no_room(tempfile.gettempdir(), error) from error
         for note in self.checked.notes:
             self.box.pending.append(LogMessage("", 0.0, "note", "", note))
         self.box.flush()
@@ -160,7 +169,10 @@ class _Run:
             if source not in unpacked:
                 unpacked[source] = folder / f"{len(unpacked)}"
                 with Archive(self.checked.fmus[source], source) as archive:
-                    archive.extract(unpacked[source], _needed)
+                    try:
+                        archive.extract(unpacked[source], _needed)
+                    except OSError as error:
+                        raise _no_room(str(folder), error) from error
             slave = Slave(name, description, unpacked[source], self.box, corrupt)
             self.slaves[name] = slave
             slave.instantiate()

@@ -17,11 +17,16 @@ from vdfmu.equations.trajectory import Desired
 
 __all__ = [
     "Gains",
+    "RequiredMotion",
     "Torques",
     "desired_drive_motion",
+    "drive_torques",
     "feedforward_inverse",
     "feedforward_vdc",
     "printed_motor_torque",
+    "required_forces",
+    "required_motion",
+    "required_net_forces",
 ]
 
 
@@ -86,65 +91,139 @@ def feedforward_inverse(robot: Any, desired: Desired) -> Torques:
     return Torques(tau_m, drive.tau_s)
 
 
+class RequiredMotion(NamedTuple):
+    """Required velocities and accelerations of links and rotors, each (n,)."""
+
+    q_dot_r: Any
+    q_ddot_r: Any
+    kappa_dot_r: Any
+    kappa_ddot_r: Any
+
+
+def required_motion(
+    gains: Gains, desired: Desired, drive: DriveMotion, q: np.ndarray, q_dot: np.ndarray
+) -> RequiredMotion:
+    """Return the required joint velocities, Eq. (12), and their derivatives; the same for the rotors.
+
+    Deviation: the paper leaves kappa_dot_r open. Here it is q_dot_r plus the rate of the drive's deformation along
+    the desired motion.
+    """
+    q_dot_r = desired.q_d_dot + gains.Lambda * (desired.q_d - q)
+    q_ddot_r = desired.q_d_ddot + gains.Lambda * (desired.q_d_dot - q_dot)
+    return RequiredMotion(
+        q_dot_r,
+        q_ddot_r,
+        q_dot_r + (drive.kappa_dot - desired.q_d_dot),
+        q_ddot_r + (drive.kappa_ddot - desired.q_d_ddot),
+    )
+
+
+def required_net_forces(
+    robot: Any,
+    gains: Gains,
+    U_AB: list[np.ndarray],
+    q_dot: np.ndarray,
+    required: RequiredMotion,
+) -> list[np.ndarray]:
+    """Return the required net force of every link, Eq. (50), along its required velocity, Eq. (48)-(49).
+
+    The joint's base and output link are parts of the links (Table 1 gives their masses together), so that (14), (15)
+    and (17) are (49) and (50). The rotor's (13) and (16) are scalars, see :func:`drive_torques`.
+
+    Deviation: (15)-(17) and (50) are read as ``F*_r = M V_r_dot + C(omega) V_r + G + K (V_r - V)``, with the required
+    acceleration, as virtual decomposition control has it.
+
+    Returns
+    -------
+    F_B_r_star : n times (6,) [N, N m] in {B_i}
+    """
+    g_B = gravity_in_links(robot, U_AB)
+    F_B_r_star: list[np.ndarray] = []
+    V_A, V_A_r, V_A_r_dot = np.zeros(6), np.zeros(6), np.zeros(6)
+    for i in range(robot.n):
+        z = joint_axis(robot.joint_types[i])
+        V_B = z * q_dot[i]
+        V_B_r = z * required.q_dot_r[i]  # (48)
+        V_B_r_dot = z * required.q_ddot_r[i]
+        if i > 0:
+            V_B = V_B + U_AB[i].T @ V_A
+            V_B_r = V_B_r + U_AB[i].T @ V_A_r  # (49), (14)
+            # the derivative of (49): U depends on the measured position, so its rate on the measured velocity
+            V_B_r_dot = V_B_r_dot + U_AB[i].T @ V_A_r_dot + cross_motion(V_B_r) @ (z * q_dot[i])
+        body = (robot.mass[i], robot.centroid[i], robot.inertia[i])
+        F_B_r_star.append(
+            mass_matrix(*body) @ V_B_r_dot
+            + coriolis_matrix(*body, V_B[3:]) @ V_B_r
+            + gravity_force(*body[:2], g_B[i])
+            + gains.K_V[i] * (V_B_r - V_B)
+        )  # (50), (15), (17)
+        V_A, V_A_r, V_A_r_dot = V_B, V_B_r, V_B_r_dot
+    return F_B_r_star
+
+
+def required_forces(U_AB: list[np.ndarray], F_B_r_star: list[np.ndarray]) -> list[np.ndarray]:
+    """Return the required force on every driven cutting point, Eq. (51)-(53), from the last link to the first.
+
+    (52)-(53) are the constraints (18), (20) of the joints, solved for the forces as (23), (25): the base's net force
+    is part of the link before it. The load F_l of (51) is zero.
+
+    Returns
+    -------
+    F_B_r : n times (6,) [N, N m] in {B_i}
+    """
+    F_B_r = list(F_B_r_star)  # (51)
+    for i in reversed(range(len(F_B_r) - 1)):
+        F_B_r[i] = F_B_r[i] + U_AB[i + 1] @ F_B_r[i + 1]  # (52)-(53)
+    return F_B_r
+
+
+def drive_torques(
+    robot: Any,
+    gains: Gains,
+    required: RequiredMotion,
+    tau_q: np.ndarray,
+    friction: tuple[Any, Any],
+    q_dot: np.ndarray,
+    kappa_dot: np.ndarray,
+) -> tuple[Any, Any]:
+    """Return the drive torques tau_t, Eq. (26), and the motor torques tau, Eq. (27).
+
+    They solve (21) and (22) with ``z.T F_qr = tau_q`` and ``z.T F_kr``, by (19) and (24) the required net torque of
+    the rotor: in pure rotation (56) its velocity (13) is ``ell kappa_dot_r`` about z, and (16) is
+    ``I_m kappa_ddot_r``, with its gain K_D in k_vkappa.
+
+    Parameters
+    ----------
+    tau_q : (n,) [N m or N] axis components of the required forces, link-side
+    friction : (xi_l, xi_m) link-side and motor-side
+    """
+    xi_l, xi_m = friction
+    tau_t = (tau_q + xi_l) / robot.ell + gains.k_vq * (required.q_dot_r - q_dot)  # (26)
+    tau_kr = robot.I_m * required.kappa_ddot_r  # (16), (19), (24), (56)
+    tau = tau_t + gains.k_vkappa * (required.kappa_dot_r - kappa_dot) + xi_m + tau_kr  # (27)
+    return tau_t, tau
+
+
 def feedforward_vdc(
     robot: Any, gains: Gains, desired: Desired, q: np.ndarray, q_dot: np.ndarray, kappa_dot: np.ndarray
 ) -> Torques:
-    """Feedforward of virtual decomposition control, from required velocities and measured motion.
+    """Return the feedforward of virtual decomposition control, Eq. (12)-(27) and (48)-(53).
 
-    Deviations: (15)-(17) and (50) are read as ``F*_r = M V_r_dot + C(omega) V_r + G + K (V_r - V)``, with the
-    required acceleration, as virtual decomposition control has it. The paper leaves kappa_dot_r open: here it
-    is q_dot_r plus the rate of the drive's deformation along the desired motion. Friction is evaluated at the
-    desired velocities: at measured or required ones its slope around standstill, f_s / eps, is a feedback
-    gain that no sampled loop stands. The rotor moves in pure rotation (56), and the masses of joint base and
-    output link belong to the links (Table 1).
+    Deviation: friction is evaluated at the desired velocities. At measured or required ones its slope around
+    standstill, f_s / eps, is a feedback gain that no sampled loop stands. See the functions above for the others.
 
     Parameters
     ----------
     desired : q_d to its fourth derivative, each (n,)
     q, q_dot, kappa_dot : (n,) measured
     """
-    n = robot.n
-    z = [joint_axis(joint_type) for joint_type in robot.joint_types]
     drive = desired_drive_motion(robot, desired)
-
-    # required joint velocities (12) and their derivatives; the same for the rotors
-    q_dot_r = desired.q_d_dot + gains.Lambda * (desired.q_d - q)
-    q_ddot_r = desired.q_d_ddot + gains.Lambda * (desired.q_d_dot - q_dot)
-    kappa_dot_r = q_dot_r + (drive.kappa_dot - desired.q_d_dot)
-    kappa_ddot_r = q_ddot_r + (drive.kappa_ddot - desired.q_d_ddot)
-
-    # required velocities of the links (48)-(49), (14)
+    required = required_motion(gains, desired, drive, q, q_dot)
     U_AB = joint_transforms(robot, q)
-    g_B = gravity_in_links(robot, U_AB)
-    F_B_r: list[np.ndarray] = []
-    V_A, V_A_r, V_A_r_dot = np.zeros(6), np.zeros(6), np.zeros(6)
-    for i in range(n):
-        V_B = z[i] * q_dot[i]
-        V_B_r = z[i] * q_dot_r[i]
-        V_B_r_dot = z[i] * q_ddot_r[i]
-        if i > 0:
-            V_B = V_B + U_AB[i].T @ V_A
-            V_B_r = V_B_r + U_AB[i].T @ V_A_r
-            # the derivative of (49): U depends on the measured position, so its rate on the measured velocity
-            V_B_r_dot = V_B_r_dot + U_AB[i].T @ V_A_r_dot + cross_motion(V_B_r) @ (z[i] * q_dot[i])
-        # required net force (50), (15)
-        body = (robot.mass[i], robot.centroid[i], robot.inertia[i])
-        F_B_r.append(
-            mass_matrix(*body) @ V_B_r_dot
-            + coriolis_matrix(*body, V_B[3:]) @ V_B_r
-            + gravity_force(*body[:2], g_B[i])
-            + gains.K_V[i] * (V_B_r - V_B)
-        )
-        V_A, V_A_r, V_A_r_dot = V_B, V_B_r, V_B_r_dot
-
-    # required forces by the constraints (51)-(53), (18)-(20), (23)-(25)
-    for i in reversed(range(n - 1)):
-        F_B_r[i] = F_B_r[i] + U_AB[i + 1] @ F_B_r[i + 1]
-
-    # drive torques (26)-(27)
-    xi_l, xi_m = joint_friction(robot, desired.q_d_dot, drive.kappa_dot)
-    tau_t = (joint_torques(robot, F_B_r) + xi_l) / robot.ell + gains.k_vq * (q_dot_r - q_dot)  # (26)
-    tau_m = tau_t + gains.k_vkappa * (kappa_dot_r - kappa_dot) + xi_m + robot.I_m * kappa_ddot_r  # (27), (56)
+    F_B_r = required_forces(U_AB, required_net_forces(robot, gains, U_AB, q_dot, required))
+    friction = joint_friction(robot, desired.q_d_dot, drive.kappa_dot)
+    tau_q = joint_torques(robot, F_B_r)
+    tau_t, tau_m = drive_torques(robot, gains, required, tau_q, friction, q_dot, kappa_dot)
     return Torques(tau_m, robot.ell * tau_t)
 
 

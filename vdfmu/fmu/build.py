@@ -136,6 +136,8 @@ def _guid_of(path: Path) -> str | None:
     """GUID of an FMU on disk; None if there is none that can be read."""
     try:
         with zipfile.ZipFile(path) as archive:
+            if archive.testzip() is not None:  # a damaged member
+                return None
             found = _GUID.search(archive.read("modelDescription.xml"))
     except (OSError, KeyError, ValueError, zipfile.BadZipFile, zlib.error):
         return None

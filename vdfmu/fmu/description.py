@@ -10,7 +10,8 @@ from vdfmu.fmu.units import UNITS
 
 __all__ = ["DEFAULT_EXPERIMENT", "LOG_CATEGORIES", "model_description"]
 
-DEFAULT_EXPERIMENT = {"startTime": "0", "stopTime": "10", "tolerance": "1e-07", "stepSize": "0.001"}
+# No tolerance: importers such as fmpy would hand it to every run, and it goes before the plant's parameter.
+DEFAULT_EXPERIMENT = {"startTime": "0", "stopTime": "10", "stepSize": "0.001"}
 LOG_CATEGORIES = {
     "logEvents": "Start of the simulation.",
     "logStatusWarning": "Log messages with fmi2Warning status.",

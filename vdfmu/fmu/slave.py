@@ -16,11 +16,11 @@ from typing import Any, ClassVar
 from xml.etree.ElementTree import Element
 
 import numpy as np
-import numpy.typing as npt
 from pythonfmu import Fmi2Slave
 from pythonfmu.enums import Fmi2Status
 
 from vdfmu.errors import FmuError, VdfmuError
+from vdfmu.fmu.access import Read, Write, reader, writer
 from vdfmu.fmu.behaviour import BEHAVIOURS
 from vdfmu.fmu.content import Content
 from vdfmu.fmu.description import LOG_CATEGORIES, model_description
@@ -29,8 +29,6 @@ from vdfmu.fmu.wrapper import hold, hold_all_for_ever, hold_for_ever, loaded_fro
 from vdfmu.kernel import Kernel
 
 __all__ = ["ControllerSlave", "FeedforwardSlave", "PlantSlave", "TrajectorySlave", "UnitSlave"]
-
-Place = slice | npt.NDArray[np.intp]
 
 _PHASES = ("instantiated", "initialization", "step", "terminated")
 _WHEN = {
@@ -100,8 +98,11 @@ class UnitSlave(Fmi2Slave):
         self._tolerance: float | None = None
         self._stale = True  # outputs and state are not those of the values set
         self._unchecked = True  # parameters were set since the last check
-        self._gets: dict[tuple[str, tuple[int, ...]], Place] = {}
-        self._sets: dict[tuple[str, tuple[int, ...]], tuple[Place, list[Variable], bool]] = {}
+        # How to get and set what a call names, and the last of each: importers repeat themselves at every step.
+        self._reads: dict[tuple[str, tuple[int, ...]], Read] = {}
+        self._writes: dict[tuple[str, tuple[int, ...]], tuple[Write, list[Variable], bool]] = {}
+        self._last_read: tuple[str, list[int], Read] | None = None
+        self._last_write: tuple[str, list[int], tuple[Write, list[Variable], bool]] | None = None
 
     def to_xml(self, model_options: dict[str, str] | None = None) -> Element:
         """Model description from the variable table, with units, dependencies and InitialUnknowns."""
@@ -177,8 +178,9 @@ class UnitSlave(Fmi2Slave):
 
     def _enter(self, phase: str) -> None:
         self.phase = phase
-        self._gets.clear()
-        self._sets.clear()
+        self._reads.clear()
+        self._writes.clear()
+        self._last_read = self._last_write = None
 
     def _require(self, *phases: str) -> None:
         if self.phase not in phases:
@@ -240,30 +242,31 @@ class UnitSlave(Fmi2Slave):
         """Refuse: there are no string variables."""
         self._resolve("String", vrs)
 
-    def _get(self, kind: str, vrs: Sequence[int]) -> list[float]:
-        key = (kind, tuple(vrs))
-        place = self._gets.get(key)
-        if place is None:
-            for variable in self._resolve(kind, vrs):
-                if variable.causality == "output" and self.phase == "instantiated":
-                    raise FmuError(
-                        f"{variable.name} is an output: it has no value before enterInitializationMode."
-                    )
-            place = self._gets[key] = _place(vrs)
+    def _get(self, kind: str, vrs: list[int]) -> list[float]:
+        last = self._last_read
+        if last is not None and last[1] == vrs and last[0] == kind:
+            read = last[2]
+        else:
+            key = (kind, tuple(vrs))
+            read = self._reads.get(key)
+            if read is None:
+                read = self._reads[key] = self._reader(kind, vrs)
+            self._last_read = (kind, vrs, read)
         if self._stale and self.phase == "initialization":
             self._refresh()
-        return self._memory[place].tolist()
+        return read()
 
-    def _set(self, kind: str, vrs: Sequence[int], values: Sequence[Any]) -> None:
-        key = (kind, tuple(vrs))
-        known = self._sets.get(key)
-        if known is None:
-            variables = self._resolve(kind, vrs)
-            for variable in variables:
-                self._refuse(variable)
-            inputs = all(v.causality == "input" for v in variables)
-            known = self._sets[key] = (_place(vrs), variables, inputs)
-        place, variables, inputs = known
+    def _set(self, kind: str, vrs: list[int], values: list[Any]) -> None:
+        last = self._last_write
+        if last is not None and last[1] == vrs and last[0] == kind:
+            write, variables, inputs = last[2]
+        else:
+            key = (kind, tuple(vrs))
+            known = self._writes.get(key)
+            if known is None:
+                known = self._writes[key] = self._writer(kind, vrs)
+            self._last_write = (kind, vrs, known)
+            write, variables, inputs = known
         # of inputs without limits only the sum is looked at: it is not finite if one of them is not
         if not (inputs and math.isfinite(sum(values))):
             for variable, value in zip(variables, values, strict=True):
@@ -271,8 +274,23 @@ class UnitSlave(Fmi2Slave):
                 if problem:
                     raise FmuError(f"{variable.name}: {problem}.")
             self._unchecked = self._unchecked or not inputs
-        self._memory[place] = values
+        write(*values)
         self._stale = True
+
+    def _reader(self, kind: str, vrs: list[int]) -> Read:
+        for variable in self._resolve(kind, vrs):
+            if variable.causality == "output" and self.phase == "instantiated":
+                raise FmuError(
+                    f"{variable.name} is an output: it has no value before enterInitializationMode."
+                )
+        return reader(self._memory, vrs)
+
+    def _writer(self, kind: str, vrs: list[int]) -> tuple[Write, list[Variable], bool]:
+        variables = self._resolve(kind, vrs)
+        for variable in variables:
+            self._refuse(variable)
+        inputs = all(variable.causality == "input" for variable in variables)
+        return writer(self._memory, vrs), variables, inputs
 
     def _resolve(self, kind: str, vrs: Sequence[int]) -> list[Variable]:
         """Variables of value references, which must exist and be of the type."""
@@ -358,13 +376,6 @@ class UnitSlave(Fmi2Slave):
             raise refusal(
                 f"deSerializeFMUstate failed: expected the bytes of a state, got {len(state)} other bytes."
             ) from None
-
-
-def _place(vrs: Sequence[int]) -> Place:
-    """Slice for references that count up by one, else an index array."""
-    if vrs and list(vrs) == list(range(vrs[0], vrs[0] + len(vrs))):
-        return slice(vrs[0], vrs[0] + len(vrs))
-    return np.array(vrs, dtype=np.intp)
 
 
 class TrajectorySlave(UnitSlave):

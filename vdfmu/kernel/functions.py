@@ -6,6 +6,7 @@ import os
 import sys
 import tempfile
 from collections.abc import Mapping, Sequence
+from hashlib import sha256
 from pathlib import Path
 
 import casadi as ca
@@ -122,15 +123,10 @@ class Kernel:
         if self._cache is None:
             return trace(name, self.robot)
         path = self._cache / self._key / f"{name}.casadi"
-        if os.path.isfile(path):  # unlike Path.is_file, False in a folder that may not be searched
-            try:
-                loaded = ca.Function.load(str(path))
-                if loaded.name() == name:
-                    return loaded
-            except RuntimeError:
-                pass
-            # an unreadable or wrong file is traced anew and replaced
-        function = trace(name, self.robot)
+        loaded = _load(path)
+        if loaded is not None and loaded.name() == name:
+            return loaded
+        function = trace(name, self.robot)  # an unreadable or wrong file is replaced
         _store(function, path)
         return function
 
@@ -188,15 +184,30 @@ def _checked(function: str, name: str, value: npt.ArrayLike, size: int) -> npt.N
     return array
 
 
+def _load(path: Path) -> ca.Function | None:
+    """Read a stored function; None if there is none or its text is not what was written."""
+    try:
+        digest, _, text = path.read_text(encoding="ascii").partition("\n")
+    except (OSError, ValueError):
+        return None
+    if digest != sha256(text.encode()).hexdigest():
+        return None
+    return ca.Function.deserialize(text)
+
+
 def _store(function: ca.Function, path: Path) -> None:
-    """Write to a temporary name and rename: nobody reads half a file. A full disk only costs time."""
+    """Write a function behind the digest of its text, without which a damaged file could give wrong numbers.
+
+    It is written to a temporary name and renamed: nobody reads half a file. A full disk only costs time.
+    """
     temporary = None
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         handle, temporary = tempfile.mkstemp(dir=path.parent, suffix=".tmp")
-        os.close(handle)
-        function.save(temporary)
+        with os.fdopen(handle, "w", encoding="ascii", newline="") as stream:
+            text = function.serialize()
+            stream.write(f"{sha256(text.encode()).hexdigest()}\n{text}")
         os.replace(temporary, path)
-    except (OSError, RuntimeError):
+    except OSError:
         if temporary is not None:
             Path(temporary).unlink(missing_ok=True)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import tomllib
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 from vdfmu.data import data_path
 from vdfmu.errors import ModelError, UsageError
@@ -16,6 +16,10 @@ from vdfmu.model.scenario import Scenario
 from vdfmu.model.scenario_file import read_scenario
 
 __all__ = ["check_robot", "load_robot", "load_scenario", "robot_from_dict", "robot_names", "scenario_names"]
+
+_DEEPEST = 50
+"""Levels of lists and tables in a file; a robot has 7."""
+_TOO_DEEP = "expected TOML, got lists or tables that are nested too deeply. Correct the brackets."
 
 
 def robot_names() -> list[str]:
@@ -111,7 +115,12 @@ def _locate(path_or_name: str | os.PathLike[str], folder: str, start: Path | Non
 def _read(path: Path) -> dict[str, Any]:
     problem: str
     try:
-        return tomllib.loads(path.read_bytes().decode("utf-8-sig"))
+        data = tomllib.loads(path.read_bytes().decode("utf-8-sig"))
+        if not _too_deep(data):
+            return data
+        problem = _TOO_DEEP
+    except RecursionError:
+        problem = _TOO_DEEP
     except FileNotFoundError:
         problem = "expected a TOML file, got nothing: it does not exist. Check the path."
     except (IsADirectoryError, PermissionError) as error:
@@ -127,3 +136,16 @@ def _read(path: Path) -> dict[str, Any]:
     except tomllib.TOMLDecodeError as error:
         problem = f"expected TOML, got a syntax error: {error}. Correct that place; strings need quotes."
     raise ModelError(f"{path}: {problem}")
+
+
+def _too_deep(data: object) -> bool:
+    level = [data]
+    for _ in range(_DEEPEST):
+        level = [inner for value in level for inner in _entries(value)]
+    return bool(level)
+
+
+def _entries(value: object) -> list[object]:
+    if isinstance(value, dict):
+        return list(cast("dict[str, object]", value).values())
+    return cast("list[object]", value) if isinstance(value, list) else []

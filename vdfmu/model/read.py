@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import difflib
 import math
+import re
 from collections.abc import Sequence
 from typing import Any, cast
 
@@ -135,6 +136,18 @@ class Table:
             self.problems.add(self.key(key), expected, shown(value), nearest(value, choices))
         elif not value.strip() and default != "":
             self.problems.add(self.key(key), expected, shown(value), "Write some text.")
+        return value
+
+    def name(self, key: str) -> str:
+        """Return a string that can name a file: results of a scenario go into a folder of its name."""
+        value = self.text(key)
+        if value and not re.fullmatch(r"\w[\w .+-]*", value):
+            self.problems.add(
+                self.key(key),
+                "a name of letters, digits, spaces and . _ + -, a letter, digit or _ first",
+                shown(value),
+                "It names files and folders.",
+            )
         return value
 
     def number(

@@ -184,6 +184,15 @@ def joint_free(key: str) -> str:
     return re.sub(r"\[\d+\]", "", key)
 
 
+def robot_argument(value: Any) -> Robot:
+    """Return a robot that a user passed; UsageError for anything else, such as its name."""
+    if not isinstance(value, Robot):
+        raise UsageError(
+            f"expected a Robot, got {type(value).__name__} {value!r:.60}. Load it with vdfmu.load_robot(path_or_name)."
+        )
+    return value
+
+
 def read_only(values: npt.ArrayLike) -> npt.NDArray[np.float64]:
     """Return a contiguous float copy that refuses assignment."""
     array = np.array(values, dtype=float)

@@ -20,6 +20,7 @@ from vdfmu.model.robot import (
     Robot,
     joint_free,
     read_only,
+    robot_argument,
 )
 
 ROBOT_KEYS = ("name", "description", "friction", "gravity", "tool_offset", "joints", "sources")
@@ -75,7 +76,7 @@ def robot_from_dict(data: Mapping[str, Any], where: str = "robot") -> Robot:
     """
     problems = Problems(where)
     file = Table(problems, data, "", ROBOT_KEYS)
-    name = file.text("name")
+    name = file.name("name")
     description = file.text("description", "")
     friction = file.text("friction", "lumped", FRICTION_ARRANGEMENTS)
     gravity = file.numbers("gravity", (3,), "m/s2", way_out="Write +9.81 along the upward axis.")
@@ -115,6 +116,7 @@ def check_robot(robot: Robot, where: str = "") -> Robot:
     ModelError
         With every problem found.
     """
+    robot_argument(robot)
     robot_from_dict(robot.to_dict(), where or f"robot {robot.name}")
     return robot
 

@@ -67,7 +67,7 @@ def read_scenario(problems: Problems, data: object, robot: Robot | None) -> Scen
     """
     file = Table(problems, data, "", SCENARIO_KEYS)
     n = robot.n if robot is not None else None
-    name = file.text("name")
+    name = file.name("name")
     description = file.text("description", "")
     kind = file.text("kind", choices=KINDS)
     robot_name = file.text("robot")

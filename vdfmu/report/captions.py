@@ -10,8 +10,12 @@ from numpy.typing import NDArray
 
 from vdfmu.cosim.results import Results
 from vdfmu.model import Robot, Scenario
+from vdfmu.model.scenario import MODES
 
 __all__ = ["contrast_caption", "paper_table", "run_caption"]
+
+_SHOWN = 4
+"""Settings that a caption shows; more would leave no room for the panels."""
 
 
 def paper_table(scenario: Scenario) -> int:
@@ -35,9 +39,11 @@ def run_caption(results: Results, scenario: Scenario, figures: Mapping[int, int]
     master = facts.get("master") or facts.get("algorithm") or scenario.master
     step = 1e3 * float(facts.get("step") or scenario.step)
     figure = figures.get(paper_table(scenario))
+    settings: Mapping[str, Any] = facts.get("settings") or {}
+    mode = _mode(settings.get("feedforward.mode", scenario.feedforward.mode))
     lines = [
         f"{_figure(figure)}Scenario {scenario.name}, robot {scenario.robot.name}, master {master}, "
-        f"step {step:g} ms, feedforward {scenario.feedforward.mode}."
+        f"step {step:g} ms, feedforward {mode}."
     ]
     if scenario.plant_factors:
         factors = [
@@ -45,9 +51,10 @@ def run_caption(results: Results, scenario: Scenario, figures: Mapping[int, int]
             for key, factor in scenario.plant_factors.items()
         ]
         lines.append(f"Plant off the feedforward's model: {', '.join(factors)}.")
-    settings: Mapping[str, Any] = facts.get("settings") or {}
     if settings:
-        lines.append(f"Settings: {', '.join(f'{key} = {value}' for key, value in settings.items())}.")
+        shown = ", ".join(f"{key} = {value}" for key, value in list(settings.items())[:_SHOWN])
+        more = f" and {len(settings) - _SHOWN} more" if len(settings) > _SHOWN else ""
+        lines.append(f"Settings: {shown}{more}.")
     return "\n".join(lines)
 
 
@@ -58,6 +65,14 @@ def contrast_caption(robot: Robot, time: NDArray[np.float64], scenario: Scenario
     step = f", step {1e3 * (time[-1] - time[0]) / (points - 1):g} ms" if points > 1 else ""
     figure = figure if scenario is None or paper_table(scenario) == 3 else 0
     return f"{_figure(figure)}Rigid links, {name}robot {robot.name}, {points} points{step}."
+
+
+def _mode(setting: object) -> str:
+    """Return the name of a mode that is set by name or by number."""
+    text = str(setting).strip()
+    return next(
+        (name for number, name in enumerate(MODES) if text in (name, str(number), f"{number}.0")), text
+    )
 
 
 def _figure(number: int | None) -> str:

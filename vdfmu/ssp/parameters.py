@@ -66,30 +66,43 @@ def override(scenario: Scenario, settings: dict[str, str]) -> dict[str, Values]:
     Raises
     ------
     UsageError
-        For an unknown unit or variable, something that is no parameter, or a text that is no number.
+        For an unknown unit or variable, something that is no parameter, or a text that is no number; with one line
+        for each setting that is wrong.
     """
     values: dict[str, Values] = {}
+    problems: list[str] = []
     for key, text in settings.items():
-        unit, _, name = key.partition(".")
-        if unit not in UNIT_NAMES or not name:
-            raise UsageError(f"{key}: expected unit.parameter=value with a unit of {', '.join(UNIT_NAMES)}.")
-        table = interface(unit, scenario.robot)
-        names = [v.name for v in table if name in (v.group, v.name)] or [table.find(name).name]
-        for found in names:
-            variable = table.find(found)
-            if variable.causality != "parameter":
-                raise UsageError(
-                    f"{key}: {found} is an {variable.causality} of {unit}; only parameters can be set."
-                )
-            values.setdefault(unit, {})[found] = _cast(table, found, text)
+        try:
+            unit, found = _set(scenario, key, text)
+        except UsageError as error:
+            problems.append(str(error))
+        else:
+            values.setdefault(unit, {}).update(found)
+    if problems:
+        raise UsageError("\n".join(problems))
     return values
+
+
+def _set(scenario: Scenario, key: str, text: str) -> tuple[str, Values]:
+    """Return the unit of one setting, and the values of its variables."""
+    unit, _, name = key.partition(".")
+    if unit not in UNIT_NAMES or not name:
+        raise UsageError(f"{key}: expected unit.parameter=value with a unit of {', '.join(UNIT_NAMES)}.")
+    table = interface(unit, scenario.robot)
+    variables = [v for v in table if name in (v.group, v.name)] or [table.find(name)]
+    for variable in variables:
+        if variable.causality != "parameter":
+            raise UsageError(
+                f"{key}: {variable.name} is an {variable.causality} of {unit}; only parameters can be set."
+            )
+    return unit, {variable.name: _cast(table, variable.name, text) for variable in variables}
 
 
 def _cast(table: Interface, name: str, value: Any) -> Any:
     """Value of the variable's type from a number, a name or a text, within its limits."""
     variable = table.find(name)
     where = f"{table.unit}.{name}"
-    unit = f" {variable.unit}" if variable.unit else ""
+    unit = f" {variable.unit}" if variable.unit and variable.unit != "1" else ""
     text = str(value).strip()
     if variable.choices and text in variable.choices:
         return variable.choices.index(text)

@@ -6,6 +6,7 @@ import dataclasses
 import json
 import math
 import os
+import tempfile
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
@@ -13,7 +14,7 @@ from typing import Any
 from vdfmu import __version__
 from vdfmu.cosim import Interrupted, LogMessage, Results, simulate
 from vdfmu.cosim.reference import REFERENCE_OF, reference
-from vdfmu.errors import CosimError, UsageError, VdfmuError
+from vdfmu.errors import CosimError, FmuError, UsageError, VdfmuError
 from vdfmu.fmu import build_fmus
 from vdfmu.fmu.content import Content
 from vdfmu.kernel.functions import cache_folder
@@ -31,7 +32,17 @@ __all__ = ["cached_fmus", "prepare", "run"]
 Progress = Callable[[str, int, int], None]
 """Called with the stage, the number of finished steps and their total."""
 
-_OUTPUTS = ("results.csv", "summary.json", "system.ssp", "*.png")
+_OUTPUTS = (
+    "results.csv",
+    "summary.json",
+    "system.ssp",
+    *(f"figure_{number}.png" for number in (7, 8, 10, 11, 13, 14)),
+    "torques.png",
+    "errors.png",
+)
+"""Files that a run writes, and replaces in the folder of an earlier one."""
+
+_spare_folders: list[tempfile.TemporaryDirectory[str]] = []
 
 
 def prepare(
@@ -64,9 +75,16 @@ def prepare(
 
 
 def cached_fmus(robot: Robot) -> dict[str, Path]:
-    """FMUs of a robot in the cache, built if they are not there: their folder is named by their content."""
+    """FMUs of a robot in the cache, built if they are not there: their folder is named by their content.
+
+    Where the cache cannot be written they are built in a temporary folder, which goes with the process.
+    """
     folder = cache_folder() / "fmus" / Content("plant", robot, {}).guid.strip("{}")
-    return build_fmus(robot, folder)
+    try:
+        return build_fmus(robot, folder)
+    except FmuError:
+        _spare_folders.append(tempfile.TemporaryDirectory(prefix="vdfmu_fmus_"))
+        return build_fmus(robot, _spare_folders[-1].name)
 
 
 def run(
@@ -222,9 +240,8 @@ def _make_empty(folder: Path) -> None:
     """Make the folder of the results, without the files of an earlier run."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        for pattern in _OUTPUTS:
-            for old in folder.glob(pattern):
-                old.unlink()
+        for name in _OUTPUTS:
+            (folder / name).unlink(missing_ok=True)
     except OSError as error:
         raise UsageError(
             f"{folder}: cannot hold the results: {error}. Choose another folder with --out."
