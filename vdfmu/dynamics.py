@@ -51,9 +51,10 @@ def inverse_dynamics(
     >>> vdfmu.inverse_dynamics(robot, [0] * 6, [0] * 6, [0] * 6).round(3)
     array([ 0.   , 31.884, 13.049,  0.   ,  2.943,  0.   ])
     """
-    n = robot.n
+    kernel = _kernel(robot)
+    n = kernel.robot.n
     wrench = np.zeros(6) if F_e is None else F_e
-    return _kernel(robot).rows("inverse_dynamics", (q, q_dot, q_ddot, wrench), (n, n, n, 6))
+    return kernel.rows("inverse_dynamics", (q, q_dot, q_ddot, wrench), (n, n, n, 6))
 
 
 def forward_dynamics(
@@ -82,6 +83,7 @@ def forward_dynamics(
     KernelError
         For a wrong shape or a number that is not finite.
     """
-    n = robot.n
+    kernel = _kernel(robot)
+    n = kernel.robot.n
     wrench = np.zeros(6) if F_e is None else F_e
-    return _kernel(robot).rows("forward_dynamics", (q, q_dot, tau, wrench), (n, n, n, 6))
+    return kernel.rows("forward_dynamics", (q, q_dot, tau, wrench), (n, n, n, 6))
