@@ -148,8 +148,9 @@ def run(
     text_settings = {key: str(value) for key, value in (settings or {}).items()}
     values = system_values(scenario, text_settings)
     warnings = sampling_warnings(values, scenario.robot, scenario.step)
-    for warning in warnings if log is not None else ():
-        log(LogMessage("", 0.0, "warning", "", warning))  # before the run, which may fail for what they say
+    if log is not None:
+        for warning in warnings:  # before the run, which may fail for what they say
+            log(LogMessage("", 0.0, "warning", "", warning))
     _make_empty(folder)
     report("build", 0, 1)
     package = write_ssp(scenario, cached_fmus(scenario.robot), folder / "system.ssp", values)
