@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from vdfmu.cosim import check_system
-from vdfmu.errors import SspError, UsageError
+from vdfmu.errors import UsageError, VdfmuError
 from vdfmu.fmu import build_fmus, interface
 from vdfmu.model import load_scenario
 from vdfmu.ssp import load_ssp
@@ -137,5 +137,5 @@ def test_all_wrong_settings_are_reported_at_once(scenario):
 
 def test_a_package_that_cannot_be_written_says_so(scenario, fmus, tmp_path):
     (tmp_path / "file").write_text("in the way")
-    with pytest.raises(SspError, match=r"cannot be written.*Choose another folder"):
+    with pytest.raises(VdfmuError, match=r"cannot be written.*Choose another folder"):
         write_ssp(scenario, fmus, tmp_path / "file" / "system.ssp")

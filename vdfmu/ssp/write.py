@@ -11,7 +11,7 @@ from typing import Any
 from lxml import etree  # pyright: ignore[reportAttributeAccessIssue]  # lxml ships no stubs
 
 from vdfmu.data import data_path
-from vdfmu.errors import SspError
+from vdfmu.errors import SspError, VdfmuError
 from vdfmu.fmu.build import pack_zip
 from vdfmu.fmu.interface import Interface, Variable, interface
 from vdfmu.fmu.units import UNITS
@@ -54,7 +54,7 @@ def write_ssp(
 
     Raises
     ------
-    SspError
+    VdfmuError
         If the file cannot be written.
     """
     path = Path(path)
@@ -75,7 +75,9 @@ def write_ssp(
         path.parent.mkdir(parents=True, exist_ok=True)
         pack_zip(path, members)
     except OSError as error:
-        raise SspError(f"{path}: cannot be written: {error}. Choose another folder or free space.") from error
+        raise VdfmuError(
+            f"{path}: cannot be written: {error}. Choose another folder or free space."
+        ) from error
     return path
 
 
