@@ -76,7 +76,7 @@ def robot_from_dict(data: Mapping[str, Any], where: str = "robot") -> Robot:
     """
     problems = Problems(where)
     file = Table(problems, data, "", ROBOT_KEYS)
-    name = file.name("name")
+    name = file.text("name")
     description = file.text("description", "")
     friction = file.text("friction", "lumped", FRICTION_ARRANGEMENTS)
     gravity = file.numbers("gravity", (3,), "m/s2", way_out="Write +9.81 along the upward axis.")
