@@ -21,7 +21,7 @@ docs: $(VENV)/docs  ## build the documentation into site/; a warning is an error
 lint: $(VENV)/dev  ## ruff and pyright
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
-	$(BIN)/pyright
+	$(BIN)/pyright --pythonpath $(BIN)/python
 
 clean:  ## remove the environment and all that was built
 	rm -rf $(VENV) build dist site results .pytest_cache .ruff_cache .hypothesis

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import stat
+import sys
 import zipfile
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
 import fmpy
+import numpy as np
 import pytest
 from lxml import html
 
@@ -145,11 +148,7 @@ fmpy.simulate_fmu(sys.argv[2], stop_time=0.01)
         assert (tmp_path / path.name).read_bytes() == path.read_bytes()
 
 
-def test_building_leaves_the_search_path_alone(
-    planar: Robot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    import sys
-
+def test_building_leaves_the_search_path_alone(planar: Robot, tmp_path: Path) -> None:
     before = list(sys.path)
     build_fmus(planar, tmp_path)
     assert sys.path == before
@@ -163,6 +162,15 @@ def test_the_page_inside_describes_every_variable(
     rows = [[cell.text_content() for cell in row] for row in page.iter("tr")][1:]
     assert rows == [[v.name, v.causality, v.unit or "", v.description] for v in interface(unit_name, planar)]
     assert "Robot: planar_2dof." in page.text_content()
+
+
+def test_a_name_with_signs_of_html_is_shown_as_it_is(planar: Robot, tmp_path: Path) -> None:
+    odd = dataclasses.replace(planar, name="arm <2> & more")
+    path = build_fmus(odd, tmp_path, units=["controller"])["controller"]
+    with zipfile.ZipFile(path) as archive:
+        page = html.fromstring(archive.read("documentation/index.html").decode())
+    assert "Robot: arm <2> & more." in page.text_content()
+    assert fmpy.read_model_description(path).description.endswith("(arm <2> & more)")
 
 
 # ------------------------------------------------------------------ start values
@@ -187,8 +195,6 @@ def test_start_values_are_those_of_the_instance_and_of_the_description(
 
 
 def test_numpy_numbers_will_do_as_start_values(planar: Robot, tmp_path: Path) -> None:
-    import numpy as np
-
     values = {"feedforward": {"mode": np.int64(1), "Lambda[1]": np.float64(2.5)}}
     path = build_fmus(planar, tmp_path, units=["feedforward"], start_values=values)["feedforward"]
     starts = {v.name: v.start for v in fmpy.read_model_description(path).modelVariables}
