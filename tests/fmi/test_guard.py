@@ -8,6 +8,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
+import fmpy
 import pytest
 
 from vdfmu import __version__
@@ -97,8 +98,6 @@ def test_the_refusal_reaches_a_user_who_left_fmi_logging_off(
     copy_of: CopyOf, caplog: pytest.LogCaptureFixture
 ) -> None:
     """Plain fmpy shows no FMI message then; Python's logging shows errors to everybody."""
-    import fmpy
-
     folder = change(copy_of("plant"), version="9.9.9")
     with pytest.raises(Exception, match="Failed to instantiate model"):
         fmpy.simulate_fmu(str(folder), stop_time=0.01)
@@ -141,8 +140,6 @@ def test_a_python_without_the_packages_says_what_to_install(
 
 def test_a_rebuilt_fmu_in_the_same_folder_is_read_anew(planar: Robot, tmp_path: Path, open_unit: Any) -> None:
     """Nothing of an FMU is remembered by its folder."""
-    import fmpy
-
     unit = type(open_unit("plant"))
     weights = []
     for mass in (2.0, 3.0):

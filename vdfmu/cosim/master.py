@@ -130,6 +130,16 @@ def _grid(system: System, start: float | None, stop: float | None, step: float) 
     return float(begin), float(end), n
 
 
+def _refuse_escapes(folder: Path) -> None:
+    """Raise where a Python FMU would crash the process: its wrapper decodes no escape of a URI but that of a space."""
+    uri = folder.as_uri()
+    if (folder / "resources" / "slavemodule.txt").is_file() and "%" in uri.replace("%20", " "):
+        raise VdfmuError(
+            f"{folder}: Python FMUs cannot be run from a folder whose name has other than ASCII letters, digits and "
+            "spaces. Choose another folder for temporary files with TMPDIR."
+        )
+
+
 def _no_room(folder: str, error: OSError) -> VdfmuError:
     return VdfmuError(
         f"{folder}: FMUs cannot be unpacked there: {error}. Free space, or choose another folder with TMPDIR."
@@ -173,6 +183,7 @@ class _Run:
                         archive.extract(unpacked[source], _needed)
                     except OSError as error:
                         raise _no_room(str(folder), error) from error
+                _refuse_escapes(unpacked[source])
             slave = Slave(name, description, unpacked[source], self.box, corrupt)
             self.slaves[name] = slave
             slave.instantiate()
