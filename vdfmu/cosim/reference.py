@@ -72,14 +72,15 @@ class _Loop:
             self._trajectory.args[name][0] = values["trajectory"][name]
         for name in ("q_start", "q_end"):
             self._trajectory.args[name][:] = group("trajectory", name)
+        desired = self._trajectory.results  # the others read it in place
         mode = values["feedforward"]["mode"]
         self._feedforward = kernel.function(
-            "feedforward_vdc" if mode else "feedforward_inverse", p=p("feedforward")
+            "feedforward_vdc" if mode else "feedforward_inverse", p=p("feedforward"), **desired
         )
         if mode:
             for name in ("Lambda", "K_V", "k_vq", "k_vkappa"):
                 self._feedforward.args[name][:] = group("feedforward", name)
-        self._pd = kernel.function("pd_control")
+        self._pd = kernel.function("pd_control", q_d=desired["q_d"], q_d_dot=desired["q_d_dot"])
         for name in ("K_p", "K_v", "tau_max", "ell"):
             self._pd.args[name][:] = group("controller", name)
         self._derivative = kernel.function("plant_derivative", p=p("plant"))
@@ -96,8 +97,6 @@ class _Loop:
         """Feedforward torque tau_m from the desired motion and the state at `t`."""
         self._trajectory.args["t"][0] = t
         self._trajectory.run()
-        for name, value in self._trajectory.results.items():
-            self._feedforward.args[name][:] = value
         if "q" in self._feedforward.args:
             for name, where in self._measured.items():
                 self._feedforward.args[name][:] = x[where]
@@ -107,8 +106,6 @@ class _Loop:
     def torque(self, x: Floats, tau_m: Floats) -> Floats:
         """Motor torque from the state, with the desired motion of the last call of :meth:`feedforward`."""
         args = self._pd.args
-        args["q_d"][:] = self._trajectory.results["q_d"]
-        args["q_d_dot"][:] = self._trajectory.results["q_d_dot"]
         args["q"][:] = x[: self.n]
         args["velocity"][:] = x[self._velocity]
         args["tau_m"][:] = tau_m
