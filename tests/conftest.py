@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
@@ -17,8 +18,10 @@ SHIPPED = ("manipulator_6dof", "planar_2dof", "slider_3dof")
 
 @pytest.fixture(scope="session", autouse=True)
 def kernel_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
-    """Folder of traced functions of this test session; the user's own cache is neither read nor written."""
-    folder = tmp_path_factory.mktemp("kernel_cache")
+    """Cache of this test session, shared by its processes; the user's own is neither read nor written."""
+    base = tmp_path_factory.getbasetemp()
+    folder = (base.parent if "PYTEST_XDIST_WORKER" in os.environ else base) / "vdfmu_cache"
+    folder.mkdir(exist_ok=True)
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("VDFMU_CACHE_DIR", str(folder))
         yield folder

@@ -288,9 +288,10 @@ def test_hold_splits_value_and_interval():
         np.testing.assert_array_equal(traced(s).full().ravel(), expected)
 
 
-def test_matrices_are_laid_out_column_by_column():
+def test_arrays_of_symbols_are_laid_out_row_by_row_as_in_fmi():
     matrix = ca.SX.sym("m", 2, 3)
     assert from_sx(matrix).shape == (2, 3)
     function = KernelFunction(ca.Function("f", [matrix], [to_sx(from_sx(matrix))], ["m"], ["out"]))
-    values = np.arange(6.0)
-    np.testing.assert_array_equal(function(values), values)
+    values = np.arange(6.0).reshape(2, 3)
+    # CasADi's own arguments lie column by column
+    np.testing.assert_array_equal(function(values.ravel(order="F")), values.ravel())

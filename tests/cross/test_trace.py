@@ -14,7 +14,8 @@ from vdfmu.equations.pd import pd_control
 from vdfmu.equations.plant import equilibrium_torque, plant_derivative, plant_outputs
 from vdfmu.equations.trajectory import Desired, desired_motion
 from vdfmu.kernel import Kernel, parameters
-from vdfmu.kernel.rodas import GAMMA, A, C
+from vdfmu.kernel.requirements import margins, requirements
+from vdfmu.kernel.rodas import ALPHA, GAMMA, GAMMA_I, A, C
 from vdfmu.kernel.structure import set_parameters, structure_key, values
 from vdfmu.kernel.trace import FUNCTIONS
 from vdfmu.model import Robot, load_robot
@@ -48,15 +49,20 @@ def plant_jacobian(robot, x, tau, F_e):
     return np.array(columns, dtype=float).T
 
 
-def plant_step(robot, x, tau, F_e, h, tolerance):
+def plant_step(robot, x, tau, F_e, tau_dot, F_e_dot, h, tolerance):
     """Return one step of the plant by the stage equations of Hairer and Wanner, with numpy's solver."""
     J = plant_jacobian(robot, x, tau, F_e)
     W = np.eye(len(x)) / (h * GAMMA) - J
+    # the right-hand side is affine in tau and F_e: a difference is the derivative but for rounding
+    f = plant_derivative(robot, x, tau, F_e)
+    f_t = plant_derivative(robot, x, tau + tau_dot, F_e + F_e_dot) - f
     u: list[np.ndarray] = []
-    for a, c in zip(A, C, strict=True):
+    for a, c, alpha, gamma in zip(A, C, ALPHA, GAMMA_I, strict=True):
         x_i = x + sum((k * v for k, v in zip(a, u, strict=True)), np.zeros(len(x)))
         drift = sum((k * v for k, v in zip(c, u, strict=True)), np.zeros(len(x))) / h
-        u.append(np.linalg.solve(W, plant_derivative(robot, x_i, tau, F_e) + drift))
+        t = alpha * h
+        f_i = plant_derivative(robot, x_i, tau + t * tau_dot, F_e + t * F_e_dot)
+        u.append(np.linalg.solve(W, f_i + drift + gamma * h * f_t))
     x_new = x_i + u[-1]
     ratio = u[-1] / (tolerance * (1.0 + np.maximum(np.abs(x), np.abs(x_new))))
     return {"x_new": x_new, "norm": np.sqrt(np.mean(ratio**2)), "ratio": ratio}
@@ -86,11 +92,14 @@ def case(name, robot, state):
             return dict(x=x, tau=tau, F_e=F_e), dict(J=plant_jacobian(robot, x, tau, F_e))
         case "plant_step":
             h, tolerance = 1e-4, 1e-6
-            return dict(x=x, tau=tau, F_e=F_e, h=h, tolerance=tolerance), plant_step(
-                robot, x, tau, F_e, h, tolerance
+            inputs = dict(tau=tau, F_e=F_e, tau_dot=30.0 * tau, F_e_dot=-20.0 * F_e)
+            return dict(x=x, **inputs, h=h, tolerance=tolerance), plant_step(
+                robot, x, **inputs, h=h, tolerance=tolerance
             )
         case "plant_outputs":
             return dict(x=x), plant_outputs(robot, x)._asdict()
+        case "margins":
+            return {}, dict(margin=margins(robot, requirements(robot)))
         case "equilibrium_torque":
             return dict(q=q), dict(tau_s=equilibrium_torque(robot, q))
         case "feedforward_inverse":
@@ -143,7 +152,7 @@ def test_traced_function_equals_the_numpy_equations(traced_robot, draw, kernel_o
         # difference of stages.
         bound = 1e-9 if name == "plant_step" else 1e-12
         for key, value in expected.items():
-            value = np.asarray(value, dtype=float).ravel(order="F")
+            value = np.asarray(value, dtype=float).ravel(order="F" if key == "J" else "C")
             scale = np.abs(value).max()
             if name == "plant_step" and key != "x_new":
                 scale = max(scale, np.abs(expected["ratio"]).max(), 1e-16 / 1e-6 / bound)
@@ -164,14 +173,17 @@ def test_parameters_at_run_time_equal_the_equations_of_the_changed_robot(traced_
     _, before = case(name, traced_robot, state)
     moved = False
     for key, value in expected.items():
-        value = np.asarray(value, dtype=float).ravel(order="F")
+        value = np.asarray(value, dtype=float).ravel(order="F" if key == "J" else "C")
         # As above.
         bound = 1e-9 if name == "plant_step" else 1e-12
         scale = max(
             np.abs(value).max(), 1e-16 / 1e-6 / bound if name == "plant_step" and key != "x_new" else 0.0
         )
         np.testing.assert_allclose(results[key], value, rtol=0, atol=bound * scale, err_msg=key)
-        moved |= np.abs(value - np.asarray(before[key], dtype=float).ravel(order="F")).max() > 1e-6 * scale
+        moved |= (
+            np.abs(value - np.asarray(before[key], dtype=float).ravel(order="F" if key == "J" else "C")).max()
+            > 1e-6 * scale
+        )
     assert moved
 
 

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from vdfmu.equations.elimination import factorize, solve
-from vdfmu.kernel.rodas import GAMMA, A, C, rodas_step
+from vdfmu.kernel.rodas import ALPHA, GAMMA, GAMMA_I, A, C, rodas_step
 from vdfmu.kernel.symbol import from_sx, to_sx
 
 EPS = np.finfo(float).eps
@@ -38,7 +38,7 @@ def step_of(matrix):
     m = len(matrix)
     x, h = ca.SX.sym("x", m), ca.SX.sym("h")
     J = ca.SX(ca.DM(matrix))
-    x_new, error = rodas_step(lambda state: J @ state, x, h, ca.SX.eye(m), J, np.arange(m))
+    x_new, error = rodas_step(lambda state, _: J @ state, x, h, ca.SX.eye(m), J, ca.SX(m, 1), np.arange(m))
     return ca.Function("step", [x, h], [x_new, error])
 
 
@@ -114,7 +114,7 @@ def test_elimination_order_does_not_change_the_step():
     start = random.normal(size=5)
     results = []
     for order in (np.arange(5), np.array([3, 1, 4, 0, 2])):
-        x_new, _ = rodas_step(lambda state: J @ state, x, h, ca.SX.eye(5), J, order)
+        x_new, _ = rodas_step(lambda state, _: J @ state, x, h, ca.SX.eye(5), J, ca.SX(5, 1), order)
         results.append(ca.Function("step", [x, h], [x_new])(start, 0.1).full().ravel())
     # Diagonally dominant, so any order is stable: as above.
     np.testing.assert_allclose(results[0], results[1], rtol=0, atol=1e4 * EPS)
@@ -130,8 +130,9 @@ def test_multiplying_the_stage_equations_by_a_mass_matrix_does_not_change_the_st
     results = []
     for M in (np.eye(4), E):
         x_new, _ = rodas_step(
-            lambda state: ca.SX(ca.DM(J)) @ state, x, h, ca.SX(ca.DM(M)), ca.SX(ca.DM(M @ J)), np.arange(4)
-        )
+            lambda state, t: ca.SX(ca.DM(J)) @ state + t,
+            x, h, ca.SX(ca.DM(M)), ca.SX(ca.DM(M @ J)), ca.SX(ca.DM(M @ np.ones(4))), np.arange(4),
+        )  # fmt: skip
         results.append(ca.Function("step", [x, h], [x_new])(start, 0.1).full().ravel())
     # As above, times the condition of E, up to 100.
     np.testing.assert_allclose(results[0], results[1], rtol=0, atol=1e6 * EPS)
@@ -151,3 +152,11 @@ def test_elimination_solves_linear_systems_of_floats_and_symbols():
         "solve", [symbol], [to_sx(solve(factorize(from_sx(ca.SX(ca.DM(matrix)))), from_sx(symbol)))]
     )
     np.testing.assert_allclose(traced(b).full().ravel(), expected, rtol=0, atol=1e4 * EPS)
+
+
+def test_coefficients_of_time_are_those_of_the_stages():
+    # In the book's first variables: alpha_i = sum a_ij and gamma_i = sum gamma_ij. With u = Gamma k they are the
+    # row sums of A Gamma and of Gamma, where Gamma^-1 = I/gamma - C. The table has 15 digits.
+    Gamma = np.linalg.inv(np.eye(STAGES) / GAMMA - tableau(C))
+    np.testing.assert_allclose((tableau(A) @ Gamma).sum(axis=1), ALPHA, rtol=0, atol=1e-13)
+    np.testing.assert_allclose(Gamma.sum(axis=1), GAMMA_I, rtol=0, atol=1e-13)

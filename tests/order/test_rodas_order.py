@@ -18,7 +18,9 @@ def test_order_four_on_a_scalar_problem():
     # The logistic equation, x_dot = x (1 - x), has x = 1 / (1 + 9 exp(-t)) from 0.1. It is autonomous and
     # smooth.
     x, h = ca.SX.sym("x", 1), ca.SX.sym("h")
-    x_new, error = rodas_step(lambda s: s * (1.0 - s), x, h, ca.SX.eye(1), 1.0 - 2.0 * x, np.arange(1))
+    x_new, error = rodas_step(
+        lambda s, _: s * (1.0 - s), x, h, ca.SX.eye(1), 1.0 - 2.0 * x, ca.SX(1, 1), np.arange(1)
+    )
     step = ca.Function("step", [x, h], [x_new, error])
     exact = 1.0 / (1.0 + 9.0 * np.exp(-4.0))
     errors, estimates = [], []
@@ -35,6 +37,23 @@ def test_order_four_on_a_scalar_problem():
     # Local error of the embedded method of order 3: h^4. The first step is a quarter and less of the time
     # constant.
     assert observed_orders(estimates)[-1] == pytest.approx(ORDER, abs=0.2)
+
+
+def test_order_four_with_a_right_hand_side_that_changes_with_time():
+    # x_dot = -2 t x^2 with x(0) = 1 has x = 1 / (1 + t^2).
+    x, h, t = ca.SX.sym("x", 1), ca.SX.sym("h"), ca.SX.sym("t")
+    x_new, _ = rodas_step(
+        lambda s, c: -2.0 * (t + c) * s**2, x, h, ca.SX.eye(1), -4.0 * t * x, -2.0 * x**2, np.arange(1)
+    )
+    step = ca.Function("step", [x, t, h], [x_new])
+    errors = []
+    for steps in (64, 128, 256):
+        state = 1.0
+        for k in range(steps):
+            state = float(step(state, k * 2.0 / steps, 2.0 / steps))
+        errors.append(abs(state - 0.2))
+    # As above: the next term is smaller by the step, 2 / 128.
+    assert observed_orders(errors)[-1] == pytest.approx(ORDER, abs=0.1)
 
 
 F_E = np.array([40.0, 30.0, -20.0, 8.0, -6.0, 9.0])

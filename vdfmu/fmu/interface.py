@@ -11,6 +11,7 @@ import numpy.typing as npt
 from vdfmu.errors import UsageError
 from vdfmu.fmu.dependencies import dependencies
 from vdfmu.fmu.table import NO_LIMIT, TABLES, Variable
+from vdfmu.kernel.structure import parameters
 from vdfmu.model import Robot
 
 __all__ = ["MODEL_NAMES", "NO_LIMIT", "UNIT_NAMES", "Interface", "Variable", "interface", "start_values"]
@@ -69,6 +70,35 @@ class Interface:
         for i, v in enumerate(self.variables):
             found[v.group] = slice(found[v.group].start if v.group in found else i, i + 1)
         return found
+
+    @property
+    def has_robot(self) -> bool:
+        """Whether all run-time parameters of the robot are parameters of the unit."""
+        return "mass" in self.groups
+
+    @property
+    def size(self) -> int:
+        """Length of the memory of a native unit: the variables, the derivatives of the states, the time."""
+        x = self.slice("x")
+        return len(self) + x.stop - x.start + 1
+
+    def slice(self, group: str) -> slice:
+        """Positions of a group, or of ``p``, ``x``, ``x_dot`` or ``t`` of :mod:`vdfmu.fmu.program`."""
+        N, groups = len(self), self.groups
+        match group:
+            case "p":
+                listed = [self.reference[p.name] for p in parameters(self.robot)]
+                return slice(listed[0], listed[-1] + 1)
+            case "x" if "tau_s_0" in groups:  # the unit that has a state can start it
+                return slice(groups["q"].start, groups["tau_s"].stop)
+            case "x" | "x_dot" if "tau_s_0" not in groups:
+                return slice(N, N)
+            case "x_dot":
+                return slice(N, N + 4 * self.robot.n)
+            case "t":
+                return slice(self.size - 1, self.size)
+            case _:
+                return groups[group]
 
     def find(self, name: str) -> Variable:
         """Variable of a name.

@@ -21,7 +21,7 @@ from pythonfmu.enums import Fmi2Status
 
 from vdfmu.errors import FmuError, VdfmuError
 from vdfmu.fmu.access import Read, Write, reader, writer
-from vdfmu.fmu.behaviour import BEHAVIOURS
+from vdfmu.fmu.behaviour import Behaviour
 from vdfmu.fmu.content import Content
 from vdfmu.fmu.description import LOG_CATEGORIES, model_description
 from vdfmu.fmu.interface import MODEL_NAMES, Variable, start_values
@@ -92,7 +92,7 @@ class UnitSlave(Fmi2Slave):
         self._table = table = content.table()
         self._variables = table.variables
         self._memory = np.empty(len(table))
-        self._behaviour = BEHAVIOURS[self.unit](table, self._memory, Kernel(content.robot))
+        self._behaviour = Behaviour(table, self._memory, Kernel(content.robot))
         self._memory[:] = start_values(table)
         self._start_time = 0.0
         self._tolerance: float | None = None

@@ -35,6 +35,7 @@ class Variable:
         Indices from 0; empty for a scalar.
     type : "Real", "Integer" or "Boolean"
     causality : "input", "output" or "parameter"
+        Beside them a native unit has "local" derivatives and the "independent" time.
     variability : "continuous", "fixed" or "tunable"
     unit : str or None
     start : float, int, bool or None
@@ -274,7 +275,7 @@ def _plant(robot: Robot) -> list[Variable]:
         *wrench,
         *_outputs(robot, _MEASURED | _TAU_S | _KAPPA),
         *[_output("p_O", (k,), "m", f"Position of the end effector in {{I}}, axis {k + 1}") for k in axes],
-        *[_output("R_O", (j, k), "1", f"{R_O}, row {j + 1}, column {k + 1}") for k in axes for j in axes],
+        *[_output("R_O", (j, k), "1", f"{R_O}, row {j + 1}, column {k + 1}") for j in axes for k in axes],
         _output("E_kin", (), "J", "Kinetic energy of links and rotors"),
         _output("E_pot", (), "J", "Potential energy of gravity"),
         _output("E_spring", (), "J", "Elastic energy of the drives"),

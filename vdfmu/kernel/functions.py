@@ -15,7 +15,7 @@ import numpy.typing as npt
 
 from vdfmu.errors import KernelError
 from vdfmu.kernel.structure import structure_key, values
-from vdfmu.kernel.trace import FUNCTIONS, trace
+from vdfmu.kernel.trace import FUNCTIONS, is_traceable, trace
 from vdfmu.model import Robot
 
 __all__ = ["Kernel", "KernelFunction", "cache_folder"]
@@ -52,7 +52,7 @@ class KernelFunction:
     Attributes
     ----------
     args, results : dict of str to numpy.ndarray
-        Float arrays, (m,); matrices are laid out column by column.
+        Float arrays, (m,). A rotation is laid out row by row, a Jacobian, which is CasADi's, column by column.
     """
 
     def __init__(
@@ -117,8 +117,8 @@ class Kernel:
         self._key = structure_key(robot)
 
     def casadi_function(self, name: str) -> ca.Function:
-        """CasADi function of one of the names in :data:`vdfmu.kernel.trace.FUNCTIONS`."""
-        if name not in FUNCTIONS:
+        """CasADi function of one of the names in :data:`vdfmu.kernel.trace.FUNCTIONS`, or a derivative of one."""
+        if not is_traceable(name):
             raise KernelError(f"There is no traced function {name!r}. There are: {', '.join(FUNCTIONS)}.")
         if self._cache is None:
             return trace(name, self.robot)

@@ -20,7 +20,7 @@ __all__ = ["ORDER", "rodas_step"]
 ORDER = 4
 GAMMA = 0.25
 # Coefficients in the transformed variables u_i of the book: a_ij of the stage values, c_ij of the stage
-# equations.
+# equations, alpha_i of the stage times, gamma_i of the time derivative.
 A = (
     (),
     (1.544,),
@@ -29,6 +29,8 @@ A = (
     (1.221224509226641, 6.019134481288629, 12.53708332932087, -0.6878860361058950),
     (1.221224509226641, 6.019134481288629, 12.53708332932087, -0.6878860361058950, 1.0),
 )
+ALPHA = (0.0, 0.386, 0.21, 0.63, 1.0, 1.0)
+GAMMA_I = (0.25, -0.1043, 0.1035, -0.03620000000000023, 0.0, 0.0)
 C = (
     (),
     (-5.6688,),
@@ -40,18 +42,25 @@ C = (
 
 
 def rodas_step(
-    f: Callable[[ca.SX], ca.SX], x: ca.SX, h: ca.SX, E: ca.SX, EJ: ca.SX, order: npt.NDArray[np.int_]
+    f: Callable[[ca.SX, ca.SX], ca.SX],
+    x: ca.SX,
+    h: ca.SX,
+    E: ca.SX,
+    EJ: ca.SX,
+    Ef_t: ca.SX,
+    order: npt.NDArray[np.int_],
 ) -> tuple[ca.SX, ca.SX]:
-    """Trace one step of the autonomous system ``x_dot = f(x)``.
+    """Trace one step of the system ``x_dot = f(x, t)``.
 
     Parameters
     ----------
-    f : right-hand side, expression to expression
+    f : right-hand side of state and time since the start of the step, both expressions
     x : (m, 1) state at the start of the step
     h : (1, 1) step [s]
     E, EJ : (m, m) an invertible matrix and its product with the Jacobian ``J = df/dx``. The stage
         equations are multiplied by E; where E holds a mass matrix, ``E J`` is cheaper than J and needs no
         inverse.
+    Ef_t : (m, 1) product of E with the partial derivative of f with respect to time
     order : elimination order of the m unknowns; it decides the fill-in, not the result
 
     Returns
@@ -65,11 +74,11 @@ def rodas_step(
 
     u: list[ca.SX] = []
     x_i = x
-    for a_i, c_i in zip(A, C, strict=True):
+    for a_i, c_i, alpha, gamma in zip(A, C, ALPHA, GAMMA_I, strict=True):
         x_i = x + sum((a * u_j for a, u_j in zip(a_i, u, strict=True)), start=zero)
-        rhs = f(x_i) + sum((c * u_j for c, u_j in zip(c_i, u, strict=True)), start=zero) / h
+        rhs = f(x_i, alpha * h) + sum((c * u_j for c, u_j in zip(c_i, u, strict=True)), start=zero) / h
         solution = np.empty(x.shape[0], dtype=object)
-        solution[order] = solve(LU, from_sx(ca.densify(E @ rhs))[order])
+        solution[order] = solve(LU, from_sx(ca.densify(E @ rhs + gamma * h * Ef_t))[order])
         u.append(to_sx(solution))
     # stiffly accurate: the last stage is the embedded solution of order 3, and its increment the error
     return x_i + u[5], u[5]

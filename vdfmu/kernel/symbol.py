@@ -121,6 +121,10 @@ class Symbol:
         """Sign, that of the zero at zero."""
         return Symbol(ca.copysign(1.0, self.sx))
 
+    def minimum(self, other: Any) -> Symbol:
+        """Return the smaller of two."""
+        return Symbol(ca.fmin(self.sx, _sx(other)))
+
     @staticmethod
     def clip_between(x: Any, low: Any, high: Any) -> Symbol:
         """Limit `x` to [`low`, `high`]; any of them may be a number."""
@@ -148,5 +152,5 @@ def from_sx(expression: ca.SX) -> np.ndarray:
 
 
 def to_sx(values: Any) -> ca.SX:
-    """Column expression from a scalar or an array of symbols and floats, a matrix column by column."""
-    return ca.vertcat(*[_sx(v) for v in np.ravel(np.asarray(values, dtype=object), order="F")])
+    """Column expression from a scalar or an array of symbols and floats, a matrix row by row, as in FMI 3."""
+    return ca.vertcat(*[_sx(v) for v in np.ravel(np.asarray(values, dtype=object))])

@@ -17,12 +17,14 @@ from vdfmu.equations.newton_euler import newton_euler
 from vdfmu.equations.pd import pd_control
 from vdfmu.equations.plant import equilibrium_torque, plant_derivative, plant_outputs, split_state
 from vdfmu.equations.trajectory import Desired, desired_motion
+from vdfmu.kernel.derivatives import DIRECTIONS
+from vdfmu.kernel.requirements import margins, requirements
 from vdfmu.kernel.rodas import rodas_step
 from vdfmu.kernel.structure import symbolic_robot
 from vdfmu.kernel.symbol import from_sx, to_sx
 from vdfmu.model import Robot
 
-__all__ = ["FUNCTIONS", "trace"]
+__all__ = ["FUNCTIONS", "is_traceable", "trace"]
 
 Trace = Callable[[Robot], ca.Function]
 FUNCTIONS: dict[str, Trace] = {}
@@ -34,8 +36,20 @@ def _traced(make: Trace) -> Trace:
 
 
 def trace(name: str, robot: Robot) -> ca.Function:
-    """Trace one function of :data:`FUNCTIONS` for the structure of a robot."""
+    """Trace one function of :data:`FUNCTIONS` for the structure of a robot.
+
+    ``<name>_forward`` and ``<name>_reverse`` are its derivatives, see :mod:`vdfmu.kernel.derivatives`.
+    """
+    base, _, direction = name.rpartition("_")
+    if direction in DIRECTIONS and base in FUNCTIONS:
+        return DIRECTIONS[direction](FUNCTIONS[base](robot))
     return FUNCTIONS[name](robot)
+
+
+def is_traceable(name: str) -> bool:
+    """Tell whether a name is one of :data:`FUNCTIONS` or of a derivative of one."""
+    base, _, direction = name.rpartition("_")
+    return name in FUNCTIONS or (direction in DIRECTIONS and base in FUNCTIONS)
 
 
 def _function(name: str, inputs: dict[str, ca.SX], outputs: dict[str, ca.SX]) -> ca.Function:
@@ -85,7 +99,7 @@ class _Plant:
 
     The links obey ``M q_ddot = tau_s - xi_l - ID(q, q_dot, 0)``, so their rows of ``M J`` are derivatives of
     the inverse dynamics, a third of the length of those of the forward dynamics. `E` is the identity with M
-    in the links' rows.
+    in the links' rows. `Ef_t` is E times the derivative along inputs that change at `rates`.
     """
 
     def __init__(self, robot: Robot) -> None:
@@ -102,11 +116,20 @@ class _Plant:
         xi_l, _ = joint_friction(symbols, state.q_dot, state.kappa_dot)
         torque = inverse_dynamics(symbols, state.q, state.q_dot, from_sx(q_ddot), arrays[2])
         residual = to_sx(state.tau_s - xi_l - torque)
+        rates = self.rates = _vectors(n, "tau_dot") | _vectors(6, "F_e_dot")
         links = ca.Function(
-            "links", [x, q_ddot, F_e, p], [ca.jacobian(residual, x), -ca.jacobian(residual, q_ddot)]
+            "links",
+            [x, q_ddot, F_e, p, rates["F_e_dot"]],
+            [
+                ca.jacobian(residual, x),
+                -ca.jacobian(residual, q_ddot),
+                ca.jtimes(residual, F_e, rates["F_e_dot"]),
+            ],
         )
-        rows, self.M = links(x, self.x_dot[n : 2 * n], F_e, p)
+        rows, self.M, links_t = links(x, self.x_dot[n : 2 * n], F_e, p, rates["F_e_dot"])
         others = ca.jacobian(self.x_dot[2 * n :], x)
+        others_t = ca.jtimes(self.x_dot[2 * n :], self.inputs["tau"], rates["tau_dot"])
+        self.Ef_t = ca.vertcat(ca.SX(n, 1), links_t, others_t)
         shift = ca.horzcat(ca.SX(n, n), ca.SX.eye(n), ca.SX(n, 2 * n))  # d q_dot / d x
         self.EJ = ca.vertcat(shift, rows, others)
         self.E = ca.diagcat(ca.SX.eye(n), self.M, ca.SX.eye(2 * n))
@@ -131,23 +154,27 @@ def _trace_plant_jacobian(robot: Robot) -> ca.Function:
 
 @_traced
 def _trace_plant_step(robot: Robot) -> ca.Function:
-    """One Rodas4 step with inputs held, and its local error relative to the tolerance, by component."""
+    """One Rodas4 step, inputs linear in time, and its local error relative to the tolerance, by component."""
     plant = _Plant(robot)
     inputs = plant.inputs
     x, h, tolerance = inputs["x"], ca.SX.sym("h"), ca.SX.sym("tolerance")
-    held = [inputs[name] for name in ("tau", "F_e", "p")]
-    f = ca.Function("f", [x, *held], [plant.x_dot])
+    tau, F_e, p = (inputs[name] for name in ("tau", "F_e", "p"))
+    tau_dot, F_e_dot = plant.rates.values()
+    f = ca.Function("f", [x, tau, F_e, p], [plant.x_dot])
     # elimination order: positions, rotors, springs, each tied to its own joint; the links' dense block last
     blocks = np.arange(4 * robot.n).reshape(4, robot.n)
     order = np.concatenate(blocks[[0, 2, 3, 1]])
-    x_new, error = rodas_step(lambda state: f(state, *held), x, h, plant.E, plant.EJ, order)
+    x_new, error = rodas_step(
+        lambda x_i, t: f(x_i, tau + t * tau_dot, F_e + t * F_e_dot, p),
+        x, h, plant.E, plant.EJ, plant.Ef_t, order,
+    )  # fmt: skip
     nominal = 1.0  # SI unit, of every state
     scale = tolerance * (nominal + ca.fmax(ca.fabs(x), ca.fabs(x_new)))
     ratio = error / scale
     norm = ca.sqrt(ca.sumsqr(ratio) / (4 * robot.n))
     return _function(
         "plant_step",
-        inputs | {"h": h, "tolerance": tolerance},
+        inputs | plant.rates | {"h": h, "tolerance": tolerance},
         {"x_new": x_new, "norm": norm, "ratio": ratio},
     )
 
@@ -166,6 +193,12 @@ def _trace_equilibrium_torque(robot: Robot) -> ca.Function:
     inputs = _vectors(robot.n, "q")
     tau_s = equilibrium_torque(symbols, *_arrays(inputs))
     return _function("equilibrium_torque", inputs | {"p": p}, {"tau_s": to_sx(tau_s)})
+
+
+@_traced
+def _trace_margins(robot: Robot) -> ca.Function:
+    symbols, p = symbolic_robot(robot)
+    return _function("margins", {"p": p}, {"margin": to_sx(margins(symbols, requirements(robot)))})
 
 
 @_traced

@@ -1,0 +1,122 @@
+"""Directional and adjoint derivatives of the traced functions, and the C text of traced functions."""
+
+import ctypes
+import subprocess
+
+import casadi as ca
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from vdfmu.errors import KernelError, ModelError
+from vdfmu.kernel.c_code import c_function, c_prototype
+from vdfmu.kernel.requirements import margins, requirements
+from vdfmu.kernel.structure import parameters, set_parameters
+from vdfmu.model import check_robot
+
+NAMES = (
+    "trajectory", "feedforward_inverse", "feedforward_vdc", "pd_control",
+    "equilibrium_torque", "plant_outputs", "plant_derivative",
+)  # fmt: skip
+
+
+def nominal(function, p, rng):
+    """Return smooth arguments: time inside the motion, positive gains and wide limits, the robot's parameters."""
+    values = {name: rng.uniform(0.2, 0.9, function.size1_in(name)) for name in function.name_in()}
+    if "T" in values:
+        values |= {"t": np.array([3.0]), "T": np.array([10.0]), "t_start": np.array([0.0])}
+    if "tau_max" in values:
+        values["tau_max"] += 1e6
+    if "p" in values:
+        values["p"] = p
+    return list(values.values())
+
+
+def flat(columns):
+    return np.concatenate(
+        [np.ravel(c.full()) for c in (columns if isinstance(columns, tuple) else (columns,))]
+    )
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_forward_is_the_slope_along_the_direction(robot, kernel_of, name):
+    kernel, rng = kernel_of(robot), np.random.default_rng(75)
+    function, forward = kernel.casadi_function(name), kernel.casadi_function(f"{name}_forward")
+    assert forward.name_in() == [*function.name_in(), *(f"d_{a}" for a in function.name_in())]
+    assert forward.name_out() == [f"d_{r}" for r in function.name_out()]
+    start = nominal(function, kernel.p, rng)
+    direction = [rng.uniform(-1.0, 1.0, a.shape) * np.maximum(np.abs(a), 1e-3) for a in start]
+    tangent = flat(forward(*start, *direction))
+
+    def slope(step):
+        ahead, behind = ([a + s * d for a, d in zip(start, direction, strict=True)] for s in (step, -step))
+        return (flat(function(*ahead)) - flat(function(*behind))) / (2 * step)
+
+    # Richardson's extrapolation of central differences: error of order step^4 + rounding / step.
+    found = (4.0 * slope(5e-5) - slope(1e-4)) / 3.0
+    scale = np.abs(flat(function(*start))).max() + np.abs(tangent).max()
+    np.testing.assert_allclose(tangent, found, rtol=0, atol=1e-9 * scale)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_reverse_is_the_transpose_of_forward(robot, kernel_of, name):
+    kernel, rng = kernel_of(robot), np.random.default_rng(76)
+    function = kernel.casadi_function(name)
+    forward, reverse = (kernel.casadi_function(f"{name}_{end}") for end in ("forward", "reverse"))
+    start = nominal(function, kernel.p, rng)
+    direction = [rng.uniform(-1.0, 1.0, a.shape) for a in start]
+    weights = [rng.uniform(-1.0, 1.0, function.size1_out(i)) for i in range(function.n_out())]
+    tangent, adjoint = flat(forward(*start, *direction)), flat(reverse(*start, *weights))
+    left, right = np.concatenate(weights) * tangent, adjoint * np.concatenate(direction)
+    # Both sums are the same number; each term carries some hundred roundings.
+    assert left.sum() == pytest.approx(right.sum(), abs=1e-12 * (np.abs(left).sum() + np.abs(right).sum()))
+
+
+@pytest.mark.parametrize(
+    "name", ["plant_derivative", "feedforward_vdc", "trajectory", "pd_control", "margins"]
+)
+def test_c_text_computes_what_the_trace_computes(robot, kernel_of, name, tmp_path):
+    kernel, rng = kernel_of(robot), np.random.default_rng(77)
+    function = kernel.casadi_function(name)
+    source, library = tmp_path / "kernel.c", tmp_path / "kernel.so"
+    source.write_text(f"#include <math.h>\n{c_prototype(function)};\n{c_function(function)}")
+    warnings = ["-std=c11", "-Wall", "-Wextra", "-Wpedantic", "-Werror"]
+    subprocess.run(["cc", *warnings, "-O1", "-shared", "-fPIC", "-o", library, source, "-lm"], check=True)
+    arguments = [np.ascontiguousarray(a) for a in nominal(function, kernel.p, rng)]
+    results = [np.full(function.size1_out(i), np.nan) for i in range(function.n_out())]
+    pointers = [a.ctypes.data_as(ctypes.c_void_p) for a in (*arguments, *results)]
+    ctypes.CDLL(str(library))[function.name()](*pointers)
+    expected = flat(function(*arguments))
+    # The same operations in the same order; only the mathematical library may round elsewhere.
+    np.testing.assert_allclose(np.concatenate(results), expected, rtol=0, atol=1e-12 * np.abs(expected).max())
+
+
+def test_an_operation_without_c_text_is_refused():
+    x = ca.SX.sym("x")
+    with pytest.raises(KernelError, match="erf: operation"):
+        c_function(ca.Function("erf", [x], [ca.erf(x)]))
+
+
+@settings(max_examples=200, deadline=None)
+@given(st.integers(0, 2**32 - 1), st.integers(0, 3))
+def test_margins_accept_what_the_robot_check_accepts(arm, seed, kind):
+    rng = np.random.default_rng(seed)
+    listed = parameters(arm)
+    p = np.array([getattr(arm, q.field)[q.index] for q in listed], dtype=float)
+    for k, q in enumerate(listed):
+        if q.field == "inertia" and kind & 1:
+            p[k] *= rng.uniform(-0.1, 3.0)
+        if q.field in ("f_s", "f_c") and kind & 2:
+            p[k] *= rng.uniform(0.5, 2.0)
+    changed = set_parameters(arm, p)
+    found = requirements(arm)
+    broken = {r.kind for r, m in zip(found, margins(changed, found), strict=True) if not m >= 0}
+    try:
+        check_robot(changed)
+        problems = ""
+    except ModelError as error:
+        problems = str(error)
+    assert bool(broken) == bool(problems)
+    assert ("friction" in broken) == ("f_s >= f_c" in problems)
+    assert ("definite" in broken) == ("positive definite" in problems)

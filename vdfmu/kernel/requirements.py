@@ -1,0 +1,105 @@
+"""What the run-time parameters of a robot must meet together, as margins that can be traced.
+
+The same conditions as those of :mod:`vdfmu.model.check`, written without eigenvalues so that a native unit can
+evaluate them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from vdfmu.kernel.structure import Parameter, parameters
+from vdfmu.model import Robot
+from vdfmu.model.check import CONTRACTION_LIMIT, INERTIA_TOLERANCE
+
+__all__ = ["Requirement", "margins", "requirements"]
+
+# A margin holds from 0 on. Where equality must fail this is taken off: it changes no number but zero.
+_STRICT = 1e-300
+
+
+@dataclass(frozen=True)
+class Requirement:
+    """One condition.
+
+    Attributes
+    ----------
+    expected : str
+        The condition in words.
+    parameters : tuple of Parameter
+        What it is about.
+    kind : "friction", "kinematic error", "definite" or "triangle"
+    """
+
+    expected: str
+    parameters: tuple[Parameter, ...]
+    kind: str
+
+
+def requirements(robot: Robot) -> list[Requirement]:
+    """Return the conditions of a robot, joint by joint."""
+    listed = set(parameters(robot))
+    found: list[Requirement] = []
+    for i in range(robot.n):
+        inertia = tuple(
+            p for j in range(3) for k in range(j, 3) if (p := Parameter("inertia", (i, j, k))) in listed
+        )
+        f_c, f_s = Parameter("f_c", (i,)), Parameter("f_s", (i,))
+        amplitude, ell = Parameter("theta_err_amplitude", (i,)), Parameter("ell", (i,))
+        found.append(Requirement("f_s >= f_c", (f_s, f_c), "friction"))
+        if amplitude in listed:
+            text = f"2*ell*theta_err_amplitude < {CONTRACTION_LIMIT:g}"
+            found.append(Requirement(text, (ell, amplitude), "kinematic error"))
+        found.append(Requirement("a positive definite inertia matrix", inertia, "definite"))
+        text = "no principal moment of inertia above the sum of the other two"
+        found.append(Requirement(text, inertia, "triangle"))
+    return found
+
+
+def margins(robot: Any, found: list[Requirement]) -> list[Any]:
+    """Return the margin of each condition, of floats or symbols; a condition holds where its margin is >= 0."""
+    return [_MARGINS[requirement.kind](robot, requirement.parameters[0].index[0]) for requirement in found]
+
+
+def _friction(robot: Any, i: int) -> Any:
+    return robot.f_s[i] - robot.f_c[i]
+
+
+def _kinematic_error(robot: Any, i: int) -> Any:
+    return CONTRACTION_LIMIT - 2.0 * robot.ell[i] * robot.theta_err_amplitude[i] - _STRICT
+
+
+def _definite(robot: Any, i: int) -> Any:
+    return _smallest_minor(robot.inertia[i])
+
+
+def _triangle(robot: Any, i: int) -> Any:
+    """Margin of ``tr(I)/2 E - I``, the second moments of mass, being semidefinite."""
+    inertia = robot.inertia[i]
+    half_trace = 0.5 * (inertia[0, 0] + inertia[1, 1] + inertia[2, 2])
+    # check_inertia allows INERTIA_TOLERANCE times the largest moment, which is about half the trace where it counts
+    return _smallest_minor(half_trace * (1.0 + 0.5 * INERTIA_TOLERANCE) * np.eye(3) - inertia)
+
+
+def _smallest_minor(A: Any) -> Any:
+    """Smallest leading minor of a symmetric matrix, (3, 3): above zero if it is positive definite."""
+    a, b, c, d, e, f = A[0, 0], A[0, 1], A[0, 2], A[1, 1], A[1, 2], A[2, 2]
+    minor_2 = a * d - b * b
+    minor_3 = a * (d * f - e * e) - b * (b * f - c * e) + c * (b * e - c * d)
+    smallest = _minimum(_minimum(a, minor_2), minor_3)
+    return smallest - _STRICT
+
+
+def _minimum(a: Any, b: Any) -> Any:
+    return a.minimum(b) if hasattr(a, "minimum") else min(a, b)
+
+
+_MARGINS = {
+    "friction": _friction,
+    "kinematic error": _kinematic_error,
+    "definite": _definite,
+    "triangle": _triangle,
+}
