@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 
-__all__ = ["UNITS", "Unit", "unit_of"]
+__all__ = ["DERIVATIVES", "UNITS", "Unit", "unit_of"]
 
 
 @dataclass(frozen=True)
@@ -50,15 +50,22 @@ UNITS = {
         Unit("m/s4", {"m": 1, "s": -4}),
         Unit("N", {"kg": 1, "m": 1, "s": -2}),
         Unit("1/N", {"kg": -1, "m": -1, "s": 2}),
+        Unit("N/s", {"kg": 1, "m": 1, "s": -3}),
         Unit("N/m", {"kg": 1, "s": -2}, {"N/mm": 1e-3}),
         Unit("N.s/m", {"kg": 1, "s": -1}),
         Unit("N.m", {"kg": 1, "m": 2, "s": -2}, {"N.mm": 1e3}),
+        Unit("N.m/s", {"kg": 1, "m": 2, "s": -3}),
         Unit("1/(N.m)", {"kg": -1, "m": -2, "s": 2}),
         Unit("N.m/rad", {"kg": 1, "m": 2, "s": -2, "rad": -1}),
         Unit("N.m.s/rad", {"kg": 1, "m": 2, "s": -1, "rad": -1}),
         Unit("N.m.s/m", {"kg": 1, "m": 1, "s": -1}),
     )
 }
+
+DERIVATIVES = {
+    "rad": "rad/s", "rad/s": "rad/s2", "m": "m/s", "m/s": "m/s2", "N.m": "N.m/s", "N": "N/s",
+}  # fmt: skip
+"""Unit of a state to that of its derivative."""
 
 # Quantity to unit, for a revolute and for a prismatic joint. "_m" is motor-side, else link-side.
 _QUANTITIES = {

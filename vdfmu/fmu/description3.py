@@ -1,0 +1,142 @@
+"""modelDescription.xml and buildDescription.xml of FMI 3.0."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from xml.etree.ElementTree import Element, SubElement
+
+from vdfmu.fmu.description import (
+    add_log_and_experiment,
+    add_units,
+    boolean,
+    initial,
+    root_attributes,
+    start_text,
+    value_attributes,
+)
+from vdfmu.fmu.layout import Array, Layout
+
+__all__ = ["build_description", "model_description_3"]
+
+_TYPES = {"Real": "Float64", "Integer": "Int32", "Boolean": "Boolean"}
+
+
+def model_description_3(layout: Layout, guid: str, tool: str) -> Element:
+    """Root element of the model description of a native FMU.
+
+    A unit with states also has model exchange. Dependencies are those between whole variables; the FMU tells
+    those between elements.
+
+    Parameters
+    ----------
+    layout : Layout
+    guid : str
+        Instantiation token.
+    tool : str
+        Name and version of the generation tool.
+    """
+    attributes = root_attributes(layout.table, tool)
+    name = attributes.pop("modelName")
+    root = Element(
+        "fmiModelDescription",
+        {"fmiVersion": "3.0", "modelName": name, "instantiationToken": guid} | attributes,
+    )
+    _add_interfaces(root, layout)
+    add_units(root, layout)
+    add_log_and_experiment(root, "fmi3")
+    variables = SubElement(root, "ModelVariables")
+    for array in layout.arrays:
+        _add_variable(variables, layout, array)
+    _add_structure(root, layout)
+    return root
+
+
+def build_description(files: Sequence[str], definitions: Mapping[str, str], model_identifier: str) -> Element:
+    """Root element of ``sources/buildDescription.xml``.
+
+    Parameters
+    ----------
+    files : sequence of str
+        Files of the folder ``sources`` to compile.
+    definitions : mapping of str to str
+        Definitions of the preprocessor, name to value. fmpy writes an absent value as ``None``: give one.
+    model_identifier : str
+    """
+    root = Element("fmiBuildDescription", {"fmiVersion": "3.0"})
+    configuration = SubElement(root, "BuildConfiguration", {"modelIdentifier": model_identifier})
+    sources = SubElement(configuration, "SourceFileSet", {"language": "C11"})
+    for file in files:
+        SubElement(sources, "SourceFile", {"name": file})
+    for name, value in definitions.items():
+        SubElement(sources, "PreprocessorDefinition", {"name": name, "value": value})
+    return root
+
+
+def _add_interfaces(root: Element, layout: Layout) -> None:
+    has_states = layout.states.start < layout.states.stop
+    common = {
+        "modelIdentifier": layout.table.model_name,
+        "needsExecutionTool": "false",
+        "canBeInstantiatedOnlyOncePerProcess": "false",
+        "canGetAndSetFMUState": "true",
+        "canSerializeFMUState": "true",
+        "providesDirectionalDerivatives": "true",
+        "providesAdjointDerivatives": "true",
+        "providesPerElementDependencies": "true",
+    }
+    if has_states:
+        exchange = {"needsCompletedIntegratorStep": "false", "providesEvaluateDiscreteStates": "false"}
+        SubElement(root, "ModelExchange", common | exchange)
+    simulation = {
+        "canHandleVariableCommunicationStepSize": "true",
+        "maxOutputDerivativeOrder": "0",
+        "recommendedIntermediateInputSmoothness": "0",
+        "providesIntermediateUpdate": "true",
+        # It returns early only if the importer asks for it, between the steps of the solver.
+        "mightReturnEarlyFromDoStep": "false",
+        "canReturnEarlyAfterIntermediateUpdate": boolean(has_states),
+        "hasEventMode": "false",
+        "providesEvaluateDiscreteStates": "false",
+    }
+    SubElement(root, "CoSimulation", common | simulation)
+
+
+def _add_variable(parent: Element, layout: Layout, array: Array) -> None:
+    members = layout.variables[array.positions]
+    variable = members[0]
+    attributes = {
+        "name": array.name,
+        "valueReference": str(array.first),
+        "description": layout.description(array),
+        "causality": variable.causality,
+        "variability": variable.variability,
+    } | initial(variable)
+    if variable.variability == "continuous":
+        attributes["intermediateUpdate"] = "true"
+    attributes |= value_attributes(variable)
+    if variable.start is not None:
+        attributes["start"] = " ".join(start_text(v) for v in members)
+    if variable.causality == "local":
+        offset = array.first - layout.derivatives.start
+        attributes["derivative"] = str(layout.states.start + offset)
+    element = SubElement(parent, _TYPES[variable.type], attributes)
+    for length in array.shape:
+        SubElement(element, "Dimension", {"start": str(length)})
+
+
+def _add_structure(root: Element, layout: Layout) -> None:
+    structure = SubElement(root, "ModelStructure")
+    kinds = [layout.variables[array.first].causality for array in layout.arrays]
+    outputs = [array for array, kind in zip(layout.arrays, kinds, strict=True) if kind == "output"]
+    derivatives = [array for array, kind in zip(layout.arrays, kinds, strict=True) if kind == "local"]
+
+    def add(tag: str, unknowns: Sequence[Array], dependencies: Callable[[int], list[int]]) -> None:
+        for array in unknowns:
+            elements = range(array.first, array.first + array.size)
+            owners = {layout.owners[known] for element in elements for known in dependencies(element)}
+            knowns = " ".join(str(layout.arrays[owner].first) for owner in sorted(owners))
+            SubElement(structure, tag, {"valueReference": str(array.first), "dependencies": knowns})
+
+    add("Output", outputs, layout.step_dependencies)
+    add("ContinuousStateDerivative", derivatives, layout.step_dependencies)
+    add("InitialUnknown", outputs + derivatives, layout.start_dependencies)
