@@ -167,8 +167,10 @@ class Slave:
     def instantiate(self) -> None:
         """Create the instance, with messages switched on."""
         _boxes[self._token] = (self.name, self.box)
+        # FMPy's container would log every call to its units, in a millisecond a step; their errors come anyway
+        talkative = self.description.identifier == "container_fmu"
         try:
-            self._fmu.instantiate(callbacks=self._callbacks, loggingOn=True)
+            self._fmu.instantiate(callbacks=self._callbacks, loggingOn=not talkative)
         except Exception as error:
             self.stage = "failed"
             reason = self.box.words(self.name) or str(error)

@@ -7,7 +7,7 @@ import difflib
 import io
 import os
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -108,6 +108,21 @@ class Results:
         if not found:
             raise UsageError(f"the results have no signals {name}[1], {name}[2], ...")
         return np.stack([self[found[i]] for i in sorted(found)], axis=1)
+
+    def renamed(self, rename: Callable[[str], str]) -> Results:
+        """Return the same results with other names of the signals."""
+        signals = [signal._replace(name=rename(signal.name)) for signal in self._signals.values()]
+        return Results(self.time, signals, self._data, self.summary, self.messages)
+
+    def with_reals(self, signals: Mapping[str, tuple[NDArray[np.float64], str]]) -> Results:
+        """Return the same results with more signals, each an array (m,) and its unit."""
+        real = self._data["real"]
+        added = [
+            Signal(name, "real", unit, real.shape[1] + i)
+            for i, (name, (_, unit)) in enumerate(signals.items())
+        ]
+        data = self._data | {"real": np.column_stack([real, *[array for array, _ in signals.values()]])}
+        return Results(self.time, [*self._signals.values(), *added], data, self.summary, self.messages)
 
     def to_csv(self, path: str | Path) -> None:
         """Write all signals.

@@ -135,6 +135,8 @@ def facts(summary: Summary) -> list[tuple[str, str]]:
         for name, (key, form) in lines.items()
         if summary.get(key) is not None and key not in rigid
     ]
+    if summary.get("container"):
+        found = [(name, f"{text} in one container FMU" if name == "Units" else text) for name, text in found]
     if settings:
         found.append(("Settings", ", ".join(f"{key} = {value}" for key, value in settings.items())))
     return found

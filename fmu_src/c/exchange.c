@@ -1,0 +1,125 @@
+#include "exchange.h"
+
+#include <math.h>
+#include <string.h>
+
+#define READABLE (INITIALIZATION | EVENT | CONTINUOUS | TERMINATED)
+
+Status enter_event_mode(Instance *I)
+{
+    if (!allowed(I, CONTINUOUS))
+        return STATUS_ERROR;
+    I->core->phase = EVENT;
+    return STATUS_OK;
+}
+
+Status enter_continuous_time_mode(Instance *I)
+{
+    if (!allowed(I, EVENT))
+        return STATUS_ERROR;
+    I->core->phase = CONTINUOUS;
+    return STATUS_OK;
+}
+
+Status check_event_iteration(const Instance *I, bool pointers_given)
+{
+    if (!allowed(I, EVENT))
+        return STATUS_ERROR;
+    return pointers_given ? STATUS_OK : fail_null(I, "a pointer for each answer");
+}
+
+Status check_integrator_step(const Instance *I, bool pointers_given)
+{
+    if (!allowed(I, CONTINUOUS))
+        return STATUS_ERROR;
+    return pointers_given ? STATUS_OK : fail_null(I, "a pointer for each answer");
+}
+
+static void time_or_states_changed(Instance *I)
+{
+    I->core->stale |= STALE_OUTPUTS | STALE_DERIVATIVES;
+}
+
+Status set_time(Instance *I, double time)
+{
+    if (!allowed(I, EVENT | CONTINUOUS))
+        return STATUS_ERROR;
+    if (!isfinite(time))
+        return discard(I, "expected a finite time, got %s s.", EXACT(time));
+    if (time != I->m[unit.time])
+        time_or_states_changed(I);
+    I->m[unit.time] = time;
+    return STATUS_OK;
+}
+
+static Status check_states(const Instance *I, unsigned phases, const double values[], size_t n)
+{
+    if (I->kind == CO_SIMULATION)
+        return refuse_phase(I, CONTINUOUS);
+    if (!allowed(I, phases))
+        return STATUS_ERROR;
+    if (n != unit.n_x)
+        return fail(I, "expected %llu values, one a state, got %llu.", (unsigned long long)unit.n_x, (unsigned long long)n);
+    return values ? STATUS_OK : fail_null(I, "an array of values");
+}
+
+Status set_states(Instance *I, const double x[], size_t n)
+{
+    if (check_states(I, CONTINUOUS, x, n) != STATUS_OK)
+        return STATUS_ERROR;
+    for (size_t i = 0; i < n; i++)
+        if (!isfinite(x[i])) {
+            const Variable *v = &unit.variables[unit.x + i];
+            return discard(I, "%s: expected a finite number, got %s%s%s.", v->name, G9(x[i]), measure_space(v), measure_name(v));
+        }
+    memcpy(I->m + unit.x, x, n * sizeof *x);
+    time_or_states_changed(I);
+    return STATUS_OK;
+}
+
+Status get_states(Instance *I, double x[], size_t n)
+{
+    if (check_states(I, READABLE, x, n) != STATUS_OK || refresh(I, 0) != STATUS_OK)
+        return STATUS_ERROR;
+    memcpy(x, I->m + unit.x, n * sizeof *x);
+    return STATUS_OK;
+}
+
+Status get_derivatives(Instance *I, double x_dot[], size_t n)
+{
+    if (check_states(I, READABLE, x_dot, n) != STATUS_OK || refresh(I, STALE_DERIVATIVES) != STATUS_OK)
+        return STATUS_ERROR;
+    for (size_t i = 0; i < n; i++)
+        if (!isfinite(I->m[unit.x_dot + i]))
+            return discard(I, "%s is not finite.", unit.variables[unit.x_dot + i].name);
+    memcpy(x_dot, I->m + unit.x_dot, n * sizeof *x_dot);
+    return STATUS_OK;
+}
+
+Status get_nominals(Instance *I, double nominals[], size_t n)
+{
+    if (check_states(I, ANY_PHASE, nominals, n) != STATUS_OK)
+        return STATUS_ERROR;
+    for (size_t i = 0; i < n; i++)
+        nominals[i] = 1.0;
+    return STATUS_OK;
+}
+
+Status get_event_indicators(Instance *I, size_t n)
+{
+    if (I->kind == CO_SIMULATION)
+        return refuse_phase(I, CONTINUOUS);
+    if (!allowed(I, READABLE))
+        return STATUS_ERROR;
+    return n == 0 ? STATUS_OK : fail(I, "expected 0 values, as there are no event indicators, got %llu.", (unsigned long long)n);
+}
+
+Status get_number(const Instance *I, size_t *n, size_t value)
+{
+    if (!allowed(I, ANY_PHASE))
+        return STATUS_ERROR;
+    if (!n)
+        return fail_null(I, "a pointer to the number");
+    *n = value;
+    return STATUS_OK;
+}

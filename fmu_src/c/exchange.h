@@ -1,0 +1,20 @@
+/* Model exchange: modes, time, states, derivatives. There are no events. */
+#ifndef VDFMU_EXCHANGE_H
+#define VDFMU_EXCHANGE_H
+
+#include "instance.h"
+
+Status enter_event_mode(Instance *I);
+Status enter_continuous_time_mode(Instance *I);
+/* Whether these are allowed: the FMI functions write the same answers always. */
+Status check_event_iteration(const Instance *I, bool pointers_given);
+Status check_integrator_step(const Instance *I, bool pointers_given);
+Status set_time(Instance *I, double time);
+Status set_states(Instance *I, const double x[], size_t n);
+Status get_states(Instance *I, double x[], size_t n);
+Status get_derivatives(Instance *I, double x_dot[], size_t n);
+Status get_nominals(Instance *I, double nominals[], size_t n);
+Status get_event_indicators(Instance *I, size_t n);
+Status get_number(const Instance *I, size_t *n, size_t value); /* of states or event indicators */
+
+#endif

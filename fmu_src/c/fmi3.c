@@ -1,0 +1,421 @@
+/* The functions of FMI 3.0, co-simulation and model exchange. */
+#include "config.h"
+
+#include <fmi3Functions.h>
+#include <stdlib.h>
+
+#include "derivative.h"
+#include "exchange.h"
+#include "instance.h"
+#include "state.h"
+#include "step.h"
+#include "values.h"
+
+/* Every function with an instance starts so. */
+#define ENTER(name)                \
+    Instance *const I = instance;  \
+    if (!I)                        \
+        return fmi3Error;          \
+    I->call = name
+
+#define RETURN(status) return (fmi3Status)(status)
+
+/* ---------------------------------------------------------------- importer */
+
+static void log_message(const Host *host, const char *name, Status status, const char *category, const char *text)
+{
+    (void)name;
+    const fmi3LogMessageCallback logger = (fmi3LogMessageCallback)host->logger;
+    if (logger)
+        logger(host->environment, (fmi3Status)status, category, text);
+}
+
+static void intermediate_update(const Host *host, Update *u)
+{
+    const fmi3IntermediateUpdateCallback update = (fmi3IntermediateUpdateCallback)host->intermediate;
+    fmi3Boolean requested = fmi3False;
+    update(host->environment, u->time, u->set_requested, fmi3True, fmi3True, u->can_return_early, &requested, &u->return_time);
+    u->return_requested = requested;
+}
+
+static Host host_of(fmi3InstanceEnvironment environment, fmi3LogMessageCallback logger, fmi3Boolean logs)
+{
+    return (Host){
+        .environment = environment,
+        .log = log_message,
+        .logger = (void (*)(void))logger,
+        .type_names = {"Float64", "Int32", "Boolean"},
+        .arrays = true,
+        .logs_events = logs,
+    };
+}
+
+const char *fmi3GetVersion(void)
+{
+    return fmi3Version;
+}
+
+fmi3Status fmi3SetDebugLogging(fmi3Instance instance, fmi3Boolean loggingOn, size_t nCategories, const fmi3String categories[])
+{
+    ENTER("setDebugLogging");
+    RETURN(set_debug_logging(I, loggingOn, nCategories, categories));
+}
+
+/* ---------------------------------------------------------------- life cycle */
+
+fmi3Instance fmi3InstantiateModelExchange(fmi3String instanceName, fmi3String instantiationToken, fmi3String resourcePath,
+                                          fmi3Boolean visible, fmi3Boolean loggingOn,
+                                          fmi3InstanceEnvironment instanceEnvironment, fmi3LogMessageCallback logMessage)
+{
+    (void)resourcePath, (void)visible;
+    const Host host = host_of(instanceEnvironment, logMessage, loggingOn);
+    return instance_new(&host, "instantiateModelExchange", instanceName, instantiationToken, MODEL_EXCHANGE);
+}
+
+fmi3Instance fmi3InstantiateCoSimulation(fmi3String instanceName, fmi3String instantiationToken, fmi3String resourcePath,
+                                         fmi3Boolean visible, fmi3Boolean loggingOn, fmi3Boolean eventModeUsed,
+                                         fmi3Boolean earlyReturnAllowed,
+                                         const fmi3ValueReference requiredIntermediateVariables[],
+                                         size_t nRequiredIntermediateVariables, fmi3InstanceEnvironment instanceEnvironment,
+                                         fmi3LogMessageCallback logMessage, fmi3IntermediateUpdateCallback intermediateUpdate)
+{
+    (void)resourcePath, (void)visible;
+    Host host = host_of(instanceEnvironment, logMessage, loggingOn);
+    host.early_return_allowed = earlyReturnAllowed;
+    host.intermediate = (void (*)(void))intermediateUpdate;
+    host.update = intermediateUpdate ? intermediate_update : NULL;
+    Instance *I = instance_new(&host, "instantiateCoSimulation", instanceName, instantiationToken, CO_SIMULATION);
+    if (!I)
+        return NULL;
+    bool fits = true;
+    if (eventModeUsed)
+        fits = fail(I, "expected eventModeUsed = false, got true: this unit has no event mode in co-simulation.") == STATUS_OK;
+    else if (nRequiredIntermediateVariables && !requiredIntermediateVariables)
+        fits = fail_null(I, "an array of intermediate variables") == STATUS_OK;
+    for (size_t k = 0; fits && k < nRequiredIntermediateVariables; k++)
+        if (!size_of(I, requiredIntermediateVariables[k]))
+            fits = fail_reference(I, requiredIntermediateVariables[k]) == STATUS_OK;
+    if (fits)
+        return I;
+    instance_free(I);
+    return NULL;
+}
+
+fmi3Instance fmi3InstantiateScheduledExecution(fmi3String instanceName, fmi3String instantiationToken, fmi3String resourcePath,
+                                               fmi3Boolean visible, fmi3Boolean loggingOn,
+                                               fmi3InstanceEnvironment instanceEnvironment, fmi3LogMessageCallback logMessage,
+                                               fmi3ClockUpdateCallback clockUpdate, fmi3LockPreemptionCallback lockPreemption,
+                                               fmi3UnlockPreemptionCallback unlockPreemption)
+{
+    (void)resourcePath, (void)visible, (void)clockUpdate, (void)lockPreemption, (void)unlockPreemption;
+    const Host host = host_of(instanceEnvironment, logMessage, loggingOn);
+    Instance *I = instance_new(&host, "instantiateScheduledExecution", instanceName, instantiationToken, CO_SIMULATION);
+    if (I)
+        fail(I, "%s has no clocks and cannot be executed by a schedule.", unit.name);
+    instance_free(I);
+    return NULL;
+}
+
+void fmi3FreeInstance(fmi3Instance instance)
+{
+    Instance *const I = instance;
+    if (I)
+        I->call = "freeInstance";
+    instance_free(I);
+}
+
+fmi3Status fmi3EnterInitializationMode(fmi3Instance instance, fmi3Boolean toleranceDefined, fmi3Float64 tolerance,
+                                       fmi3Float64 startTime, fmi3Boolean stopTimeDefined, fmi3Float64 stopTime)
+{
+    ENTER("enterInitializationMode");
+    RETURN(enter_initialization(I, &(Experiment){.tolerance_defined = toleranceDefined, .tolerance = tolerance,
+                                                 .start_time = startTime, .stop_time_defined = stopTimeDefined,
+                                                 .stop_time = stopTime}));
+}
+
+#define CHANGE_OF_MODE(function, name, action)   \
+    fmi3Status function(fmi3Instance instance)   \
+    {                                            \
+        ENTER(name);                             \
+        RETURN(action);                          \
+    }
+
+CHANGE_OF_MODE(fmi3ExitInitializationMode, "exitInitializationMode", exit_initialization(I))
+CHANGE_OF_MODE(fmi3EnterConfigurationMode, "enterConfigurationMode", enter_configuration(I))
+CHANGE_OF_MODE(fmi3ExitConfigurationMode, "exitConfigurationMode", exit_configuration(I))
+CHANGE_OF_MODE(fmi3EnterEventMode, "enterEventMode", enter_event_mode(I))
+CHANGE_OF_MODE(fmi3EnterContinuousTimeMode, "enterContinuousTimeMode", enter_continuous_time_mode(I))
+CHANGE_OF_MODE(fmi3EnterStepMode, "enterStepMode", fail(I, "this unit has no event mode in co-simulation to return from."))
+CHANGE_OF_MODE(fmi3Terminate, "terminate", terminate(I))
+CHANGE_OF_MODE(fmi3Reset, "reset", reset(I))
+CHANGE_OF_MODE(fmi3EvaluateDiscreteStates, "evaluateDiscreteStates", check_event_iteration(I, true))
+
+/* ---------------------------------------------------------------- values */
+
+#define REFERENCES const fmi3ValueReference valueReferences[], size_t nValueReferences
+
+#define VARIABLES(name, type, getter, setter)                                                                           \
+    fmi3Status fmi3Get##name(fmi3Instance instance, REFERENCES, type values[], size_t nValues)                          \
+    {                                                                                                                   \
+        ENTER("get" #name);                                                                                             \
+        RETURN(getter(I, valueReferences, nValueReferences, values, nValues));                                          \
+    }                                                                                                                   \
+    fmi3Status fmi3Set##name(fmi3Instance instance, REFERENCES, const type values[], size_t nValues)                    \
+    {                                                                                                                   \
+        ENTER("set" #name);                                                                                             \
+        RETURN(setter(I, valueReferences, nValueReferences, values, nValues));                                          \
+    }
+
+VARIABLES(Float64, fmi3Float64, get_reals, set_reals)
+VARIABLES(Int32, fmi3Int32, get_integers, set_integers)
+VARIABLES(Boolean, fmi3Boolean, get_bools, set_bools)
+
+/* Types that no variable has. */
+#define NO_VARIABLES(name, type)                                                                                        \
+    fmi3Status fmi3Get##name(fmi3Instance instance, REFERENCES, type values[], size_t nValues)                          \
+    {                                                                                                                   \
+        (void)values, (void)nValues;                                                                                    \
+        ENTER("get" #name);                                                                                             \
+        RETURN(no_such_type(I, #name, valueReferences, nValueReferences));                                              \
+    }                                                                                                                   \
+    fmi3Status fmi3Set##name(fmi3Instance instance, REFERENCES, const type values[], size_t nValues)                    \
+    {                                                                                                                   \
+        (void)values, (void)nValues;                                                                                    \
+        ENTER("set" #name);                                                                                             \
+        RETURN(no_such_type(I, #name, valueReferences, nValueReferences));                                              \
+    }
+
+NO_VARIABLES(Float32, fmi3Float32)
+NO_VARIABLES(Int8, fmi3Int8)
+NO_VARIABLES(UInt8, fmi3UInt8)
+NO_VARIABLES(Int16, fmi3Int16)
+NO_VARIABLES(UInt16, fmi3UInt16)
+NO_VARIABLES(UInt32, fmi3UInt32)
+NO_VARIABLES(Int64, fmi3Int64)
+NO_VARIABLES(UInt64, fmi3UInt64)
+NO_VARIABLES(String, fmi3String)
+
+fmi3Status fmi3GetBinary(fmi3Instance instance, REFERENCES, size_t valueSizes[], fmi3Binary values[], size_t nValues)
+{
+    (void)valueSizes, (void)values, (void)nValues;
+    ENTER("getBinary");
+    RETURN(no_such_type(I, "Binary", valueReferences, nValueReferences));
+}
+
+fmi3Status fmi3SetBinary(fmi3Instance instance, REFERENCES, const size_t valueSizes[], const fmi3Binary values[], size_t nValues)
+{
+    (void)valueSizes, (void)values, (void)nValues;
+    ENTER("setBinary");
+    RETURN(no_such_type(I, "Binary", valueReferences, nValueReferences));
+}
+
+/* ---------------------------------------------------------------- clocks: none */
+
+#define NO_CLOCKS(function, name, ...)                                                                                  \
+    fmi3Status function(fmi3Instance instance, REFERENCES, __VA_ARGS__)                                                 \
+    {                                                                                                                   \
+        ENTER(name);                                                                                                    \
+        RETURN(no_such_type(I, "Clock", valueReferences, nValueReferences));                                            \
+    }
+
+#if defined(__GNUC__)
+#pragma GCC diagnostic push
+#pragma GCC diagnostic ignored "-Wunused-parameter"
+#endif
+NO_CLOCKS(fmi3GetClock, "getClock", fmi3Clock values[])
+NO_CLOCKS(fmi3SetClock, "setClock", const fmi3Clock values[])
+NO_CLOCKS(fmi3GetIntervalDecimal, "getIntervalDecimal", fmi3Float64 intervals[], fmi3IntervalQualifier qualifiers[])
+NO_CLOCKS(fmi3GetIntervalFraction, "getIntervalFraction", fmi3UInt64 counters[], fmi3UInt64 resolutions[],
+          fmi3IntervalQualifier qualifiers[])
+NO_CLOCKS(fmi3GetShiftDecimal, "getShiftDecimal", fmi3Float64 shifts[])
+NO_CLOCKS(fmi3GetShiftFraction, "getShiftFraction", fmi3UInt64 counters[], fmi3UInt64 resolutions[])
+NO_CLOCKS(fmi3SetIntervalDecimal, "setIntervalDecimal", const fmi3Float64 intervals[])
+NO_CLOCKS(fmi3SetIntervalFraction, "setIntervalFraction", const fmi3UInt64 counters[], const fmi3UInt64 resolutions[])
+NO_CLOCKS(fmi3SetShiftDecimal, "setShiftDecimal", const fmi3Float64 shifts[])
+NO_CLOCKS(fmi3SetShiftFraction, "setShiftFraction", const fmi3UInt64 counters[], const fmi3UInt64 resolutions[])
+#if defined(__GNUC__)
+#pragma GCC diagnostic pop
+#endif
+
+fmi3Status fmi3ActivateModelPartition(fmi3Instance instance, fmi3ValueReference clockReference, fmi3Float64 activationTime)
+{
+    (void)clockReference, (void)activationTime;
+    ENTER("activateModelPartition");
+    RETURN(fail(I, "%s has no clocks and cannot be executed by a schedule.", unit.name));
+}
+
+/* ---------------------------------------------------------------- dependencies, derivatives */
+
+fmi3Status fmi3GetNumberOfVariableDependencies(fmi3Instance instance, fmi3ValueReference valueReference, size_t *nDependencies)
+{
+    ENTER("getNumberOfVariableDependencies");
+    RETURN(count_dependencies(I, valueReference, nDependencies));
+}
+
+fmi3Status fmi3GetVariableDependencies(fmi3Instance instance, fmi3ValueReference dependent, size_t elementIndicesOfDependent[],
+                                       fmi3ValueReference independents[], size_t elementIndicesOfIndependents[],
+                                       fmi3DependencyKind dependencyKinds[], size_t nDependencies)
+{
+    ENTER("getVariableDependencies");
+    const Status status = get_dependencies(I, dependent, elementIndicesOfDependent, independents, elementIndicesOfIndependents,
+                                           dependencyKinds != NULL, nDependencies);
+    for (size_t k = 0; status == STATUS_OK && k < nDependencies; k++)
+        dependencyKinds[k] = fmi3Dependent;
+    RETURN(status);
+}
+
+#define DERIVATIVE(function, name, action)                                                                              \
+    fmi3Status function(fmi3Instance instance, const fmi3ValueReference unknowns[], size_t nUnknowns,                   \
+                        const fmi3ValueReference knowns[], size_t nKnowns, const fmi3Float64 seed[], size_t nSeed,      \
+                        fmi3Float64 sensitivity[], size_t nSensitivity)                                                 \
+    {                                                                                                                   \
+        ENTER(name);                                                                                                    \
+        RETURN(action(I, &(Direction){.unknowns = unknowns, .n_unknowns = nUnknowns, .knowns = knowns,                  \
+                                      .n_knowns = nKnowns, .seed = seed, .n_seed = nSeed, .sensitivity = sensitivity,   \
+                                      .n_sensitivity = nSensitivity}));                                                 \
+    }
+
+DERIVATIVE(fmi3GetDirectionalDerivative, "getDirectionalDerivative", directional_derivative)
+DERIVATIVE(fmi3GetAdjointDerivative, "getAdjointDerivative", adjoint_derivative)
+
+/* ---------------------------------------------------------------- saved states */
+
+fmi3Status fmi3GetFMUState(fmi3Instance instance, fmi3FMUState *FMUState)
+{
+    ENTER("getFMUState");
+    RETURN(state_get(I, FMUState));
+}
+
+fmi3Status fmi3SetFMUState(fmi3Instance instance, fmi3FMUState FMUState)
+{
+    ENTER("setFMUState");
+    RETURN(state_set(I, FMUState));
+}
+
+fmi3Status fmi3FreeFMUState(fmi3Instance instance, fmi3FMUState *FMUState)
+{
+    ENTER("freeFMUState");
+    RETURN(state_free(I, FMUState));
+}
+
+fmi3Status fmi3SerializedFMUStateSize(fmi3Instance instance, fmi3FMUState FMUState, size_t *size)
+{
+    ENTER("serializedFMUStateSize");
+    RETURN(state_size(I, FMUState, size));
+}
+
+fmi3Status fmi3SerializeFMUState(fmi3Instance instance, fmi3FMUState FMUState, fmi3Byte serializedState[], size_t size)
+{
+    ENTER("serializeFMUState");
+    RETURN(state_to_bytes(I, FMUState, serializedState, size));
+}
+
+fmi3Status fmi3DeserializeFMUState(fmi3Instance instance, const fmi3Byte serializedState[], size_t size, fmi3FMUState *FMUState)
+{
+    ENTER("deserializeFMUState");
+    RETURN(state_from_bytes(I, serializedState, size, FMUState));
+}
+
+/* ---------------------------------------------------------------- model exchange */
+
+fmi3Status fmi3UpdateDiscreteStates(fmi3Instance instance, fmi3Boolean *discreteStatesNeedUpdate, fmi3Boolean *terminateSimulation,
+                                    fmi3Boolean *nominalsOfContinuousStatesChanged, fmi3Boolean *valuesOfContinuousStatesChanged,
+                                    fmi3Boolean *nextEventTimeDefined, fmi3Float64 *nextEventTime)
+{
+    ENTER("updateDiscreteStates");
+    const Status status =
+        check_event_iteration(I, discreteStatesNeedUpdate && terminateSimulation && nominalsOfContinuousStatesChanged &&
+                                     valuesOfContinuousStatesChanged && nextEventTimeDefined && nextEventTime);
+    if (status == STATUS_OK) {
+        *discreteStatesNeedUpdate = *terminateSimulation = *nominalsOfContinuousStatesChanged = fmi3False;
+        *valuesOfContinuousStatesChanged = *nextEventTimeDefined = fmi3False;
+        *nextEventTime = 0.0;
+    }
+    RETURN(status);
+}
+
+fmi3Status fmi3CompletedIntegratorStep(fmi3Instance instance, fmi3Boolean noSetFMUStatePriorToCurrentPoint,
+                                       fmi3Boolean *enterEventMode, fmi3Boolean *terminateSimulation)
+{
+    (void)noSetFMUStatePriorToCurrentPoint;
+    ENTER("completedIntegratorStep");
+    const Status status = check_integrator_step(I, enterEventMode && terminateSimulation);
+    if (status == STATUS_OK)
+        *enterEventMode = *terminateSimulation = fmi3False;
+    RETURN(status);
+}
+
+fmi3Status fmi3SetTime(fmi3Instance instance, fmi3Float64 time)
+{
+    ENTER("setTime");
+    RETURN(set_time(I, time));
+}
+
+fmi3Status fmi3SetContinuousStates(fmi3Instance instance, const fmi3Float64 continuousStates[], size_t nContinuousStates)
+{
+    ENTER("setContinuousStates");
+    RETURN(set_states(I, continuousStates, nContinuousStates));
+}
+
+fmi3Status fmi3GetContinuousStateDerivatives(fmi3Instance instance, fmi3Float64 derivatives[], size_t nContinuousStates)
+{
+    ENTER("getContinuousStateDerivatives");
+    RETURN(get_derivatives(I, derivatives, nContinuousStates));
+}
+
+fmi3Status fmi3GetEventIndicators(fmi3Instance instance, fmi3Float64 eventIndicators[], size_t nEventIndicators)
+{
+    (void)eventIndicators;
+    ENTER("getEventIndicators");
+    RETURN(get_event_indicators(I, nEventIndicators));
+}
+
+fmi3Status fmi3GetContinuousStates(fmi3Instance instance, fmi3Float64 continuousStates[], size_t nContinuousStates)
+{
+    ENTER("getContinuousStates");
+    RETURN(get_states(I, continuousStates, nContinuousStates));
+}
+
+fmi3Status fmi3GetNominalsOfContinuousStates(fmi3Instance instance, fmi3Float64 nominals[], size_t nContinuousStates)
+{
+    ENTER("getNominalsOfContinuousStates");
+    RETURN(get_nominals(I, nominals, nContinuousStates));
+}
+
+fmi3Status fmi3GetNumberOfEventIndicators(fmi3Instance instance, size_t *nEventIndicators)
+{
+    ENTER("getNumberOfEventIndicators");
+    RETURN(get_number(I, nEventIndicators, 0));
+}
+
+fmi3Status fmi3GetNumberOfContinuousStates(fmi3Instance instance, size_t *nContinuousStates)
+{
+    ENTER("getNumberOfContinuousStates");
+    RETURN(get_number(I, nContinuousStates, unit.n_x));
+}
+
+/* ---------------------------------------------------------------- co-simulation */
+
+fmi3Status fmi3GetOutputDerivatives(fmi3Instance instance, REFERENCES, const fmi3Int32 orders[], fmi3Float64 values[],
+                                    size_t nValues)
+{
+    (void)valueReferences, (void)nValueReferences, (void)orders, (void)values, (void)nValues;
+    ENTER("getOutputDerivatives");
+    RETURN(get_output_rates(I));
+}
+
+fmi3Status fmi3DoStep(fmi3Instance instance, fmi3Float64 currentCommunicationPoint, fmi3Float64 communicationStepSize,
+                      fmi3Boolean noSetFMUStatePriorToCurrentPoint, fmi3Boolean *eventHandlingNeeded,
+                      fmi3Boolean *terminateSimulation, fmi3Boolean *earlyReturn, fmi3Float64 *lastSuccessfulTime)
+{
+    (void)noSetFMUStatePriorToCurrentPoint;
+    ENTER("doStep");
+    if (!(eventHandlingNeeded && terminateSimulation && earlyReturn && lastSuccessfulTime))
+        RETURN(fail_null(I, "a pointer for each answer"));
+    bool early = false;
+    const Status status = do_step(I, currentCommunicationPoint, communicationStepSize, &early);
+    *eventHandlingNeeded = *terminateSimulation = fmi3False;
+    *earlyReturn = early;
+    *lastSuccessfulTime = I->m[unit.time];
+    RETURN(status);
+}

@@ -1,0 +1,393 @@
+#include "instance.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "solver.h"
+#include "state.h"
+
+/* ---------------------------------------------------------------- messages */
+
+#define TIMED (STEP | INTERMEDIATE | EVENT | CONTINUOUS)
+
+static void say(const Instance *I, Status status, const char *category, const char *format, va_list arguments)
+{
+    Text t = {0};
+    text_add(&t, "%s: %s", I->name, I->call);
+    if (I->core && I->core->phase & TIMED)
+        text_add(&t, " at t = %s s", G9(I->m[unit.time]));
+    text_add(&t, " failed: ");
+    text_add_list(&t, format, arguments);
+    I->host.log(&I->host, I->name, status, category, t.text ? t.text : "out of memory");
+    text_free(&t);
+}
+
+Status fail(const Instance *I, const char *format, ...)
+{
+    va_list arguments;
+    va_start(arguments, format);
+    say(I, STATUS_ERROR, "logStatusError", format, arguments);
+    va_end(arguments);
+    return STATUS_ERROR;
+}
+
+Status discard(const Instance *I, const char *format, ...)
+{
+    va_list arguments;
+    va_start(arguments, format);
+    say(I, STATUS_DISCARD, "logStatusDiscard", format, arguments);
+    va_end(arguments);
+    return STATUS_DISCARD;
+}
+
+Status fail_null(const Instance *I, const char *what)
+{
+    return fail(I, "expected %s, got a null pointer.", what);
+}
+
+Status fail_problem(const Instance *I, const Variable *v, double value)
+{
+    Text t = {0};
+    text_add_problem(&t, v, value);
+    fail(I, "%s: %s.", v->name, t.text ? t.text : "out of memory");
+    text_free(&t);
+    return STATUS_ERROR;
+}
+
+Status refuse_phase(const Instance *I, unsigned phases)
+{
+    static const struct {
+        unsigned phase;
+        const char *when;
+    } all[] = {
+        {INSTANTIATED, "before enterInitializationMode"},
+        {CONFIGURATION, "in configuration mode"},
+        {INITIALIZATION, "between enterInitializationMode and exitInitializationMode"},
+        {STEP, "after exitInitializationMode and before terminate"},
+        {EVENT, "in event mode"},
+        {CONTINUOUS, "in continuous-time mode"},
+        {TERMINATED, "after terminate"},
+    };
+    if (I->core->phase == INTERMEDIATE)
+        return fail(I, "it is not allowed in an intermediate update: there, variables can be read and inputs set.");
+    if (!(phases & ~(unsigned)(EVENT | CONTINUOUS)) && I->kind == CO_SIMULATION)
+        return fail(I, "it belongs to model exchange, and this instance is one for co-simulation.");
+    if (phases == STEP && I->kind == MODEL_EXCHANGE)
+        return fail(I, "it belongs to co-simulation, and this instance is one for model exchange.");
+    const unsigned others = I->kind == CO_SIMULATION ? EVENT | CONTINUOUS : STEP;
+    Text t = {0};
+    for (size_t i = 0; i < sizeof all / sizeof *all; i++)
+        if (phases & ~others & all[i].phase)
+            text_add(&t, "%s%s", t.length ? " or " : "", all[i].when);
+    fail(I, "it is allowed only %s.", t.text ? t.text : "in other phases");
+    text_free(&t);
+    return STATUS_ERROR;
+}
+
+static const char *const categories_known[] = {
+    "logEvents", "logStatusWarning", "logStatusDiscard", "logStatusError", "logStatusFatal", "logAll",
+};
+#define N_CATEGORIES (sizeof categories_known / sizeof *categories_known)
+
+Status set_debug_logging(Instance *I, bool on, size_t n, const char *const categories[])
+{
+    if (!allowed(I, ANY_PHASE))
+        return STATUS_ERROR;
+    if (n && !categories)
+        return fail_null(I, "an array of categories");
+    bool events = n == 0;
+    for (size_t k = 0; k < n; k++) {
+        if (!categories[k])
+            return fail_null(I, "the name of a category");
+        size_t i = 0;
+        while (i < N_CATEGORIES && strcmp(categories[k], categories_known[i]) != 0)
+            i++;
+        if (i == N_CATEGORIES)
+            return fail(I, "expected categories out of logEvents, logStatusWarning, logStatusDiscard, logStatusError, "
+                           "logStatusFatal, logAll, got %.100s.", categories[k]);
+        events = events || i == 0 || i == N_CATEGORIES - 1;
+    }
+    I->host.logs_events = on && events;
+    return STATUS_OK;
+}
+
+/* ---------------------------------------------------------------- making and freeing */
+
+static void take_start_values(Instance *I)
+{
+    Core *c = I->core;
+    *c = (Core){.phase = INSTANTIATED, .stale = STALE_ALL, .h = FIRST_STEP};
+    for (size_t i = 0; i < unit.n; i++) {
+        I->m[i] = I->held[i] = unit.variables[i].start;
+        I->rate[i] = 0.0;
+    }
+}
+
+static void *room(size_t n, size_t size)
+{
+    return calloc(n ? n : 1, size);
+}
+
+static void list_references(Instance *I)
+{
+    if (I->host.arrays)
+        for (size_t i = 0; i < unit.n_arrays; i++)
+            I->size_at[unit.arrays[i].first] = unit.arrays[i].size;
+    else
+        for (size_t i = 0; i < unit.n; i++)
+            I->size_at[i] = i != unit.time;
+    for (size_t ref = 0; ref < unit.n; ref++) {
+        if (!I->size_at[ref] || unit.variables[ref].type != REAL)
+            continue;
+        bool unlimited = unit.variables[ref].role == INPUT;
+        for (size_t i = 0; i < I->size_at[ref]; i++)
+            unlimited = unlimited && isinf(unit.variables[ref + i].min) && isinf(unit.variables[ref + i].max);
+        I->quick_at[ref] = (unsigned char)((unit.variables[ref].role != DERIVATIVE ? QUICK_GET : 0) | (unlimited ? QUICK_SET : 0));
+    }
+}
+
+static bool allocate(Instance *I, const char *name)
+{
+    const size_t n = unit.n;
+    I->name = room(strlen(name) + 1, 1);
+    I->core = room(1, core_size());
+    I->size_at = room(n, sizeof *I->size_at);
+    I->quick_at = room(n, sizeof *I->quick_at);
+    I->before = room(n, sizeof *I->before);
+    I->d = room(n, sizeof *I->d);
+    I->x_new = room(unit.n_x, sizeof *I->x_new);
+    I->ratio = room(unit.n_x, sizeof *I->ratio);
+    if (!(I->name && I->core && I->size_at && I->quick_at && I->before && I->d && I->x_new && I->ratio))
+        return false;
+    strcpy(I->name, name);
+    I->m = I->core->values;
+    I->rate = I->m + n;
+    I->held = I->rate + n;
+    list_references(I);
+    return true;
+}
+
+Instance *instance_new(const Host *host, const char *call, const char *name, const char *guid, Kind kind)
+{
+    char unit_name[64] = "";
+    strncat(unit_name, unit.name, sizeof unit_name - 1);
+    const Instance nameless = {.host = *host, .name = unit_name, .call = call};
+    if (!name || !name[0]) {
+        fail(&nameless, "expected a name of the instance, got %s.", name ? "an empty one" : "a null pointer");
+        return NULL;
+    }
+    Instance *I = room(1, sizeof *I);
+    if (I) {
+        I->host = *host;
+        I->kind = kind;
+        I->call = call;
+    }
+    if (!I || !allocate(I, name)) {
+        fail(&nameless, "out of memory.");
+        instance_free(I);
+        return NULL;
+    }
+    take_start_values(I);
+    if (!guid || strcmp(guid, unit.guid) != 0)
+        fail(I, "expected the GUID or instantiation token %s, got %.100s.", unit.guid, guid ? guid : "a null pointer");
+    else if (kind == MODEL_EXCHANGE && unit.n_x == 0)
+        fail(I, "%s has no continuous states and is for co-simulation only.", unit.name);
+    else
+        return I;
+    instance_free(I);
+    return NULL;
+}
+
+void instance_free(Instance *I)
+{
+    if (!I || (I->core && I->core->phase == INTERMEDIATE && refuse_phase(I, ANY_PHASE) != STATUS_OK))
+        return;
+    states_free(I);
+    free(I->name);
+    free(I->core);
+    free(I->size_at);
+    free(I->quick_at);
+    free(I->before);
+    free(I->d);
+    free(I->x_new);
+    free(I->ratio);
+    free(I);
+}
+
+/* ---------------------------------------------------------------- calculating what is stale */
+
+void text_add_requirements(Text *t, const double *m)
+{
+    if (unit.n_requirements == 0)
+        return;
+    double *margin = room(unit.n_requirements, sizeof *margin);
+    if (!margin) {
+        text_add(t, "out of memory.");
+        return;
+    }
+    unit.margins(m, margin);
+    for (size_t i = 0; i < unit.n_requirements; i++) {
+        if (margin[i] >= 0.0)
+            continue;
+        const Requirement *r = &unit.requirements[i];
+        text_add(t, "%s%s: expected %s, got ", t->length ? " " : "", unit.variables[r->positions[0]].name, r->expected);
+        for (size_t k = 0; k < r->n; k++) {
+            const Variable *v = &unit.variables[r->positions[k]];
+            text_add(t, "%s%s = %s%s%s", k ? ", " : "", v->name, G9(m[r->positions[k]]), measure_space(v), measure_name(v));
+        }
+        text_add(t, ".");
+    }
+    free(margin);
+}
+
+double tolerance_of(const Instance *I)
+{
+    if (I->core->tolerance_defined)
+        return I->core->tolerance;
+    return unit.tolerance < unit.n ? I->m[unit.tolerance] : 0.0;
+}
+
+static Status start(Instance *I)
+{
+    Text problems = {0};
+    text_add_requirements(&problems, I->m);
+    if (problems.length) {
+        fail(I, "%s", problems.text);
+        text_free(&problems);
+        return STATUS_ERROR;
+    }
+    if (unit.n_x) {
+        unit.start(I->m);
+        I->core->h = FIRST_STEP;
+    }
+    I->core->stale = STALE_OUTPUTS | STALE_DERIVATIVES;
+    return STATUS_OK;
+}
+
+Status refresh(Instance *I, unsigned what)
+{
+    Core *c = I->core;
+    if (c->stale & STALE_START && start(I) != STATUS_OK)
+        return STATUS_ERROR;
+    if (c->stale & what & STALE_OUTPUTS) {
+        unit.outputs(I->m);
+        c->stale &= ~(unsigned)STALE_OUTPUTS;
+    }
+    if (c->stale & what & STALE_DERIVATIVES && unit.n_x) {
+        /* Between steps of a co-simulation, inputs that were set since belong to the next step. */
+        const bool between = I->kind == CO_SIMULATION && c->phase & (STEP | TERMINATED);
+        double *m = between ? I->held : I->m;
+        unit.derivatives(m);
+        if (between)
+            memcpy(I->m + unit.x_dot, m + unit.x_dot, unit.n_x * sizeof *m);
+        c->stale &= ~(unsigned)STALE_DERIVATIVES;
+    }
+    return STATUS_OK;
+}
+
+/* ---------------------------------------------------------------- life cycle */
+
+static Status check_experiment(const Instance *I, const Experiment *e)
+{
+    if (!isfinite(e->start_time))
+        return fail(I, "expected a finite start time, got %s s.", EXACT(e->start_time));
+    if (e->stop_time_defined && !(isfinite(e->stop_time) && e->stop_time > e->start_time))
+        return fail(I, "expected a finite stop time after the start time %s s, got %s s.", EXACT(e->start_time),
+                    EXACT(e->stop_time));
+    if (!e->tolerance_defined)
+        return STATUS_OK;
+    if (!(isfinite(e->tolerance) && e->tolerance > 0.0))
+        return fail(I, "expected a finite positive tolerance, got %s.", EXACT(e->tolerance));
+    if (unit.tolerance < unit.n) {
+        const Variable *v = &unit.variables[unit.tolerance];
+        if (!(e->tolerance >= v->min && e->tolerance <= v->max))
+            return fail_problem(I, v, e->tolerance);
+    }
+    return STATUS_OK;
+}
+
+static void take_experiment(Instance *I, const Experiment *e)
+{
+    Core *c = I->core;
+    c->start_time = I->m[unit.time] = e->start_time;
+    c->tolerance_defined = e->tolerance_defined;
+    c->tolerance = e->tolerance_defined ? e->tolerance : 0.0;
+    c->stale = STALE_ALL;
+}
+
+Status setup_experiment(Instance *I, const Experiment *e)
+{
+    if (!allowed(I, INSTANTIATED) || check_experiment(I, e) != STATUS_OK)
+        return STATUS_ERROR;
+    take_experiment(I, e);
+    return STATUS_OK;
+}
+
+Status enter_initialization(Instance *I, const Experiment *e)
+{
+    if (!allowed(I, INSTANTIATED) || (e && check_experiment(I, e) != STATUS_OK))
+        return STATUS_ERROR;
+    const Core before = *I->core; /* without its values */
+    const double time = I->m[unit.time];
+    if (e)
+        take_experiment(I, e);
+    if (refresh(I, STALE_OUTPUTS) != STATUS_OK) {
+        *I->core = before;
+        I->m[unit.time] = time;
+        return STATUS_ERROR;
+    }
+    I->core->phase = INITIALIZATION;
+    return STATUS_OK;
+}
+
+Status exit_initialization(Instance *I)
+{
+    if (!allowed(I, INITIALIZATION) || refresh(I, STALE_OUTPUTS) != STATUS_OK)
+        return STATUS_ERROR;
+    memcpy(I->held, I->m, unit.n * sizeof *I->m);
+    I->core->phase = I->kind == CO_SIMULATION ? STEP : EVENT;
+    if (I->host.logs_events) {
+        Text t = {0};
+        text_add(&t, "%s: starts at t = %s s", I->name, G6(I->m[unit.time]));
+        I->host.log(&I->host, I->name, STATUS_OK, "logEvents", t.text ? t.text : "");
+        text_free(&t);
+    }
+    return STATUS_OK;
+}
+
+Status enter_configuration(Instance *I)
+{
+    if (!allowed(I, INSTANTIATED))
+        return STATUS_ERROR;
+    I->core->phase = CONFIGURATION;
+    return STATUS_OK;
+}
+
+Status exit_configuration(Instance *I)
+{
+    if (!allowed(I, CONFIGURATION))
+        return STATUS_ERROR;
+    I->core->phase = INSTANTIATED;
+    return STATUS_OK;
+}
+
+Status terminate(Instance *I)
+{
+    Core *c = I->core;
+    if (!allowed(I, INITIALIZATION | STEP | EVENT | CONTINUOUS))
+        return STATUS_ERROR;
+    if (!(c->stale & STALE_START))
+        refresh(I, STALE_OUTPUTS | STALE_DERIVATIVES);
+    c->stale = 0; /* values stay as they are */
+    c->phase = TERMINATED;
+    return STATUS_OK;
+}
+
+Status reset(Instance *I)
+{
+    if (!allowed(I, ANY_PHASE))
+        return STATUS_ERROR;
+    take_start_values(I);
+    return STATUS_OK;
+}

@@ -1,0 +1,71 @@
+#include "solver.h"
+
+#include <math.h>
+#include <string.h>
+
+#include "unit.h"
+
+#define ORDER 4.0
+#define SAFETY 0.9
+#define SHRINK 0.2
+#define GROW 5.0
+
+/* Inputs that change linearly in time, at `done` [s] after the start of the communication step. */
+static void move_inputs(const Solver *s, double done)
+{
+    for (size_t i = 0; i < unit.n; i++)
+        if (s->rate[i] != 0.0)
+            s->m[i] = s->before[i] + s->rate[i] * done;
+}
+
+static SolverFailure failure_of(const Solver *s, double time, double error)
+{
+    SolverFailure failure = {.time = time, .component = 0, .finite = false, .error = error};
+    for (size_t i = 0; i < unit.n_x; i++)
+        if (!isfinite(s->x_new[i])) {
+            failure.component = i;
+            return failure;
+        }
+    failure.finite = true;
+    for (size_t i = 1; i < unit.n_x; i++)
+        if (fabs(s->ratio[i]) > fabs(s->ratio[failure.component]))
+            failure.component = i;
+    return failure;
+}
+
+bool solver_advance(const Solver *s, double t, double duration, SolverFailure *failure)
+{
+    double done = 0.0;
+    while (done < duration) {
+        const double rest = duration - done;
+        double h = *s->h;
+        const bool last = h >= rest * (1.0 - 1e-10);
+        if (last)
+            h = rest;
+        else if (2.0 * h > rest) /* two equal steps instead of a long and a short one */
+            h = 0.5 * rest;
+
+        double error;
+        unit.solver_step(s->m, s->rate, h, s->tolerance, s->x_new, &error, s->ratio);
+        const double factor = error > 0.0 ? SAFETY * pow(error, -1.0 / ORDER) : GROW;
+        if (error <= 1.0) {
+            done = last ? duration : done + h;
+            memcpy(s->m + unit.x, s->x_new, unit.n_x * sizeof *s->x_new);
+            s->m[unit.time] = t + done;
+            if (s->rates)
+                move_inputs(s, done);
+            /* A step cut short by the communication point says little about the next one: it never shrinks h. */
+            const double grown = h * fmin(GROW, fmax(factor, SHRINK));
+            *s->h = last && h < *s->h ? fmax(grown, *s->h) : grown;
+            if (s->accepted)
+                duration = s->accepted(s->context, done, duration);
+        } else {
+            *s->h = h * (isfinite(error) ? fmin(0.9, fmax(factor, SHRINK)) : SHRINK);
+            if (*s->h < MINIMUM_STEP) {
+                *failure = failure_of(s, t + done, error);
+                return false;
+            }
+        }
+    }
+    return true;
+}

@@ -1,0 +1,38 @@
+/* The solver: moves the states of a unit between communication points by internal steps under error control. */
+#ifndef VDFMU_SOLVER_H
+#define VDFMU_SOLVER_H
+
+#include <stdbool.h>
+#include <stddef.h>
+
+#define FIRST_STEP 1e-4    /* [s] internal step tried first after the start */
+#define MINIMUM_STEP 1e-12 /* [s] 1e4 times rounding of a time of about 1 s */
+
+typedef struct {
+    double *m;            /* memory of the unit: states, inputs and time are moved */
+    const double *before; /* memory at the start of the communication step */
+    const double *rate;   /* of the inputs [1/s], zero where there is none */
+    bool rates;           /* some rate is not zero */
+    double *h;            /* [s] internal step to try next */
+    double tolerance;     /* bound of the local error, relative and absolute in SI units */
+    double *x_new, *ratio; /* (n_x) room for results of a step */
+
+    /* Called after each internal step with the time since the start of the communication step and its length [s]; returns
+     * the length from now on, at least `done`. NULL: nothing is called. */
+    double (*accepted)(void *context, double done, double duration);
+    void *context;
+} Solver;
+
+/* Why a communication step failed. */
+typedef struct {
+    double time;      /* [s] start of the internal step that failed */
+    size_t component; /* of the state */
+    bool finite;      /* false: the component is not finite; true: its error is above the tolerance */
+    double error;     /* local error over the tolerance, root mean square over all components */
+} SolverFailure;
+
+/* Move the states from time `t` by `duration` [s]. After a failure the memory is that of the last internal step: the caller
+ * puts `before` and `h` back. */
+bool solver_advance(const Solver *s, double t, double duration, SolverFailure *failure);
+
+#endif

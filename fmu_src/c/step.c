@@ -1,0 +1,174 @@
+#include "step.h"
+
+#include <math.h>
+#include <string.h>
+
+#include "solver.h"
+
+/* ---------------------------------------------------------------- intermediate updates */
+
+typedef struct {
+    Instance *I;
+    double point, size, end; /* [s] */
+    bool early;
+} Step;
+
+/* Let the importer read, set inputs and shorten the step. Returns the length of the step from now on. */
+static double intermediate_update(void *context, double done, double duration)
+{
+    Step *s = context;
+    Instance *I = s->I;
+    const bool at_end = done >= duration;
+    const double time = I->m[unit.time] = at_end ? s->end : s->point + done;
+    Update u = {.time = time, .can_return_early = I->host.early_return_allowed && !at_end, .return_time = time};
+    u.set_requested = I->set_requested = unit.n_x && !at_end;
+
+    const char *call = I->call;
+    I->core->phase = INTERMEDIATE;
+    I->core->stale = unit.n_x ? STALE_OUTPUTS | STALE_DERIVATIVES : 0;
+    I->host.update(&I->host, &u);
+    I->core->phase = STEP;
+    I->call = call;
+
+    if (!(u.return_requested && u.can_return_early))
+        return duration;
+    const double wanted = u.return_time > time ? u.return_time : time; /* now, if it is not a number */
+    if (!(wanted < s->end))
+        return duration;
+    s->end = wanted;
+    s->early = true;
+    return wanted > time ? fmax(wanted - s->point, done) : done;
+}
+
+/* ---------------------------------------------------------------- doStep */
+
+static Status check_step(const Instance *I, double point, double size)
+{
+    const double time = I->m[unit.time];
+    if (!(isfinite(size) && size > 0.0))
+        return fail(I, "expected a finite positive communication step, got %s s.", EXACT(size));
+    if (!(fabs(point - time) <= 1e-6 * size + 1e-12 * fabs(time)))
+        return fail(I, "expected the communication point t = %s s, where the last step ended, got t = %s s.", EXACT(time),
+                    EXACT(point));
+    if (!isfinite(point + size))
+        return fail(I, "expected a step that ends at a finite time, got %s s from t = %s s.", EXACT(size), EXACT(point));
+    if (I->core->rates)
+        for (size_t i = 0; i < unit.n; i++) {
+            const Variable *v = &unit.variables[i];
+            const double value = I->m[i] + I->rate[i] * size;
+            if (I->rate[i] != 0.0 && !(isfinite(value) && value >= v->min && value <= v->max))
+                return fail_problem(I, v, value);
+        }
+    return STATUS_OK;
+}
+
+static void clear_rates(Instance *I)
+{
+    if (I->core->rates)
+        memset(I->rate, 0, unit.n * sizeof *I->rate);
+    I->core->rates = false;
+}
+
+/* A unit without states: its outputs follow from the inputs at the end of the step. */
+static void calculate(Instance *I, Step *s)
+{
+    if (I->core->rates)
+        for (size_t i = 0; i < unit.n; i++)
+            I->m[i] += I->rate[i] * s->size;
+    clear_rates(I);
+    I->m[unit.time] = s->end;
+    unit.outputs(I->m);
+    if (I->host.update)
+        intermediate_update(s, s->size, s->size);
+    I->core->stale = 0;
+}
+
+static Status fail_solver(const Instance *I, const SolverFailure *f)
+{
+    const char *name = unit.variables[unit.x + f->component].name;
+    Text t = {0};
+    if (f->finite)
+        text_add(&t, "the local error of state %s is %s times the tolerance %s", name, number((char[NUMBER_SIZE]){0}, 3, f->error),
+                 number((char[NUMBER_SIZE]){0}, 3, tolerance_of(I)));
+    else
+        text_add(&t, "state %s is not finite", name);
+    fail(I, "at t = %s s %s, and the internal step reached its minimum %s s. Lower the input torque, loosen the tolerance, "
+            "or check the parameters.", G9(f->time), t.text ? t.text : name, G6(MINIMUM_STEP));
+    text_free(&t);
+    return STATUS_ERROR;
+}
+
+static Status integrate(Instance *I, Step *s)
+{
+    Core *c = I->core;
+    const size_t bytes = unit.n * sizeof *I->m;
+    const double h = c->h;
+    const unsigned stale = c->stale;
+    memcpy(I->before, I->m, bytes);
+    I->m[unit.time] = s->point;
+    const Solver solver = {
+        .m = I->m, .before = I->before, .rate = I->rate, .rates = c->rates, .h = &c->h, .tolerance = tolerance_of(I),
+        .x_new = I->x_new, .ratio = I->ratio, .accepted = I->host.update ? intermediate_update : NULL, .context = s,
+    };
+    SolverFailure failure;
+    if (!solver_advance(&solver, s->point, s->size, &failure)) {
+        memcpy(I->m, I->before, bytes);
+        c->h = h;
+        c->stale = stale;
+        return fail_solver(I, &failure);
+    }
+    clear_rates(I);
+    I->m[unit.time] = s->end;
+    unit.outputs(I->m);
+    c->stale = STALE_DERIVATIVES;
+    memcpy(I->held, I->m, bytes);
+    return STATUS_OK;
+}
+
+Status do_step(Instance *I, double point, double size, bool *early)
+{
+    if (!allowed(I, STEP) || check_step(I, point, size) != STATUS_OK)
+        return STATUS_ERROR;
+    Step s = {.I = I, .point = point, .size = size, .end = point + size};
+    Status status = STATUS_OK;
+    if (unit.n_x)
+        status = integrate(I, &s);
+    else
+        calculate(I, &s);
+    if (early)
+        *early = s.early && status == STATUS_OK;
+    return status;
+}
+
+/* ---------------------------------------------------------------- rates */
+
+Status set_input_rates(Instance *I, const Reference refs[], size_t n, const int order[], const double value[])
+{
+    if (I->kind == MODEL_EXCHANGE)
+        return refuse_phase(I, STEP);
+    if (!allowed(I, INSTANTIATED | INITIALIZATION | STEP))
+        return STATUS_ERROR;
+    if (n && !(refs && order && value))
+        return fail_null(I, !refs ? "an array of value references" : !order ? "an array of orders" : "an array of values");
+    for (size_t k = 0; k < n; k++) {
+        if (!size_of(I, refs[k]))
+            return fail_reference(I, refs[k]);
+        const Variable *v = &unit.variables[refs[k]];
+        if (v->role != INPUT)
+            return fail(I, "expected inputs, got %s.", v->name);
+        if (order[k] != 1)
+            return fail(I, "%s: expected a derivative of order 1, got one of order %d.", v->name, order[k]);
+        if (!isfinite(value[k]))
+            return fail(I, "%s: expected a finite derivative, got %s.", v->name, G9(value[k]));
+    }
+    for (size_t k = 0; k < n; k++) {
+        I->rate[refs[k]] = value[k];
+        I->core->rates = true;
+    }
+    return STATUS_OK;
+}
+
+Status get_output_rates(Instance *I)
+{
+    return fail(I, "derivatives of the outputs are not offered: the model description says that their order is at most 0.");
+}

@@ -1,0 +1,100 @@
+/* What the generated part of a unit offers to the hand-written layers.
+ *
+ * `unit.c` (tables and program) and `kernel_*.c` (traced equations) are generated for each unit; everything else in
+ * this folder is the same for all. The values of a unit lie in one array, its memory:
+ *
+ *     [ variables of the interface | derivatives of the states | time ]
+ *
+ * The position in the memory is the FMI 2 value reference. An array variable of FMI 3 lies in consecutive positions, row
+ * by row, and its value reference is the position of its first element.
+ */
+#ifndef VDFMU_UNIT_H
+#define VDFMU_UNIT_H
+
+#include <stdbool.h>
+#include <stddef.h>
+
+typedef enum { REAL, INTEGER, BOOLEAN } Type;
+
+typedef enum {
+    INPUT,            /* real, continuous */
+    OUTPUT,           /* real, continuous, calculated */
+    FIXED_PARAMETER,  /* settable until initialization ends */
+    TUNABLE_PARAMETER,
+    DERIVATIVE,       /* of a state, local, calculated */
+    TIME              /* the independent variable */
+} Role;
+
+typedef struct {
+    const char *name;            /* "q[1]" */
+    const char *measure;         /* unit, "rad"; "" if none */
+    Type type;
+    Role role;
+    double start;                /* 0 for what is calculated */
+    double min, max;             /* -INFINITY, INFINITY without limit */
+    const char *const *choices;  /* names of the values 0, 1, .. of an integer; NULL for others */
+    size_t n_choices;
+} Variable;
+
+/* A variable as FMI 3 sees it: `size` values from position `first`. */
+typedef struct {
+    const char *name;  /* "q", or "offset[2,1]" for an element that stands alone */
+    size_t first, size;
+} Array;
+
+/* A condition on several parameters together. */
+typedef struct {
+    const char *expected;     /* "f_s >= f_c" */
+    const size_t *positions;  /* of the parameters that it is about */
+    size_t n;
+} Requirement;
+
+/* Rows of a sparse pattern: row k says that position `row[k]` depends on `column[begin[k]] .. column[begin[k+1]-1]`. */
+typedef struct {
+    size_t n_rows;
+    const size_t *row, *begin, *column;
+} Pattern;
+
+typedef struct {
+    const char *name;  /* "Plant" */
+    const char *guid;  /* "{...}", also the instantiation token of FMI 3 */
+
+    size_t n;          /* length of the memory */
+    const Variable *variables;
+    size_t n_arrays;
+    const Array *arrays;      /* in the order of their first positions; the last is time */
+    size_t time;              /* position of time, n - 1 */
+    size_t n_x, x, x_dot;     /* states: number, position of the first, position of the first derivative; 0 if none */
+    size_t tolerance;         /* position of the solver's tolerance; n if the unit has no solver */
+
+    Pattern step_pattern;     /* outputs and derivatives on inputs, states and time, after initialization */
+    Pattern start_pattern;    /* outputs and derivatives on inputs, parameters and time, during initialization */
+
+    size_t n_requirements;
+    const Requirement *requirements;
+    void (*margins)(const double *m, double *margin);  /* (n_requirements); a requirement holds where margin >= 0 */
+
+    /* The program of the unit, on its memory. Of a unit without states, only what is about outputs is called. */
+    void (*start)(double *m);        /* parameters to states */
+    void (*outputs)(double *m);      /* inputs, parameters, states, time to outputs */
+    void (*derivatives)(double *m);  /* inputs, parameters, states to derivatives of the states */
+
+    /* Its derivative. `d` has the layout of the memory: seeds in what is known, zero elsewhere; on return the tangent of
+     * what was calculated. `*_reverse` goes backwards: seeds in what is calculated; the adjoint is added to what is
+     * known, and what was calculated is zero on return. */
+    void (*start_forward)(const double *m, double *d);
+    void (*outputs_forward)(const double *m, double *d);
+    void (*derivatives_forward)(const double *m, double *d);
+    void (*start_reverse)(const double *m, double *d);
+    void (*outputs_reverse)(const double *m, double *d);
+    void (*derivatives_reverse)(const double *m, double *d);
+
+    /* One step of the solver over h [s]; the inputs are m[i] + rate[i] * (time since the start of the step). NULL if the
+     * unit has no states. `ratio` is the local error by component over the tolerance, `norm` its root mean square. */
+    void (*solver_step)(const double *m, const double *rate, double h, double tolerance,
+                        double *x_new, double *norm, double *ratio);
+} Unit;
+
+extern const Unit unit;
+
+#endif

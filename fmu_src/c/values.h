@@ -1,0 +1,39 @@
+/* Getting and setting variables by value references. */
+#ifndef VDFMU_VALUES_H
+#define VDFMU_VALUES_H
+
+#include "instance.h"
+
+typedef uint32_t Reference;
+
+_Static_assert(sizeof(int) == sizeof(int32_t), "integers of FMI 2 and FMI 3 are the same");
+_Static_assert(sizeof(unsigned) == sizeof(Reference), "value references of FMI 2 and FMI 3 are the same");
+
+/* `n` references stand for `n_values` values: as many in FMI 2, the sum of the sizes of the arrays in FMI 3. */
+Status get_reals(Instance *I, const Reference refs[], size_t n, double values[], size_t n_values);
+Status get_integers(Instance *I, const Reference refs[], size_t n, int values[], size_t n_values);
+Status get_booleans(Instance *I, const Reference refs[], size_t n, int values[], size_t n_values);
+Status get_bools(Instance *I, const Reference refs[], size_t n, bool values[], size_t n_values);
+
+/* All of a call are set, or none. */
+Status set_reals(Instance *I, const Reference refs[], size_t n, const double values[], size_t n_values);
+Status set_integers(Instance *I, const Reference refs[], size_t n, const int values[], size_t n_values);
+Status set_booleans(Instance *I, const Reference refs[], size_t n, const int values[], size_t n_values);
+Status set_bools(Instance *I, const Reference refs[], size_t n, const bool values[], size_t n_values);
+
+/* Types that no variable has: refused unless nothing is asked for. */
+Status no_such_type(Instance *I, const char *type, const Reference refs[], size_t n);
+
+/* Number of values of a reference, which is also the position of the first; 0 if there is none. */
+static inline size_t size_of(const Instance *I, Reference ref)
+{
+    return ref < unit.n ? I->size_at[ref] : 0;
+}
+
+/* Say that there is no such reference. */
+Status fail_reference(const Instance *I, Reference ref);
+
+/* Say that a variable is not of the type that the call is for. */
+Status fail_type(const Instance *I, const char *type, Reference ref);
+
+#endif

@@ -1,0 +1,272 @@
+"""A whole system folded into one container FMU, which runs its units without a master.
+
+FMPy's container is an FMU 2.0 that carries the units inside it and steps them in compiled code: all units from
+the outputs at the start of the step (Jacobi), at one fixed step. Its variables are ``component.variable``.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import os
+import tempfile
+import uuid
+from collections.abc import Callable
+from hashlib import sha256
+from pathlib import Path
+from typing import Any
+
+import fmpy
+import fmpy.model_description as fmi
+import numpy as np
+from fmpy.container_fmu.cli import create_container_fmu
+from fmpy.container_fmu.config import Component, Configuration, Connection
+from fmpy.model_description import read_model_description
+
+from vdfmu import __version__
+from vdfmu.cosim.check import Checked, check_system
+from vdfmu.cosim.component import LogMessage, log_to_logging
+from vdfmu.cosim.master import Interrupted, simulate
+from vdfmu.cosim.results import Results
+from vdfmu.errors import CosimError, FmuError, UsageError
+from vdfmu.fmu.archive import pack_zip
+from vdfmu.ssp.read import load_ssp
+from vdfmu.ssp.structure import Component as Component_
+from vdfmu.ssp.structure import System
+
+__all__ = ["simulate_container", "write_container"]
+
+_NAME = "container"
+
+
+def write_container(
+    system: System | str | os.PathLike[str], path: str | os.PathLike[str], *, step: float
+) -> Path:
+    """Write the container FMU of a system.
+
+    Parameters
+    ----------
+    system : System or path
+        An SSP 1.0 of FMI 2.0 units with binaries of their own; Python FMUs do not run inside a container.
+    path : path
+        The FMU to write.
+    step : float [s]
+        The step at which the units exchange values. The container's own step must be a multiple.
+
+    Returns
+    -------
+    Path
+        `path`.
+
+    Raises
+    ------
+    SspError
+        If the system cannot be run, see :func:`vdfmu.cosim.check.check_system`.
+    UsageError
+        If a connection changes units or values, or a unit needs Python.
+    FmuError
+        If the file cannot be written.
+    """
+    if not step > 0.0:
+        raise UsageError(f"step: expected a positive time, got {step:g} s.")
+    checked = check_system(
+        system if isinstance(system, System) else load_ssp(Path(system)), algorithm="jacobi"
+    )
+    changing = [str(link) for link in checked.links if not link.conversion.trivial]
+    if changing:
+        raise UsageError(f"{changing[0]}: a container FMU passes values on unchanged; remove the conversion.")
+    path = Path(path)
+    try:
+        with tempfile.TemporaryDirectory(prefix="vdfmu_container_") as folder:
+            _write(checked, path, step, Path(folder))
+    except OSError as error:
+        raise FmuError(f"{path}: cannot be written: {error}. Choose another folder or free space.") from error
+    return path
+
+
+def _write(checked: Checked, path: Path, step: float, folder: Path) -> None:
+    components: dict[str, Component] = {}
+    for name, description in checked.descriptions.items():
+        file = folder / f"{name}.fmu"
+        file.write_bytes(checked.fmus[description.source])
+        model = read_model_description(str(file))
+        if model.coSimulation.needsExecutionTool:
+            raise UsageError(
+                f"{description.source}: needs Python, which a container does not load. Build native FMUs: "
+                "`vdfmu build --backend native`."
+            )
+        components[name] = Component(name, file, model)
+    model, mappings = _model(checked, components, step)
+    # the container carries values over in this order during initialization, so it is that of the dependencies
+    connections: list[Connection] = []
+    for link in checked.schedule.initial:
+        start, end = components[link.start[0]], components[link.end[0]]
+        source, sink = _variable(start, link.start[1]), _variable(end, link.end[1])
+        last = connections[-1] if connections else None
+        if (
+            last
+            and (last.startElement, last.endElement) == (start, end)
+            and last.startConnectors[0].type == source.type
+        ):
+            last.startConnectors.append(source)
+            last.endConnectors.append(sink)
+        else:
+            connections.append(Connection(start, [source], end, [sink]))
+    for connection in connections:
+        for variable in connection.startConnectors:
+            variable.type = _FMI_3_TYPE.get(variable.type, variable.type)
+    configuration = Configuration(
+        parallelDoStep=False,
+        modelDescription=model,
+        components=list(components.values()),
+        connections=connections,
+        variableMappings=mappings,
+    )
+    path.parent.mkdir(parents=True, exist_ok=True)
+    unzipped, whole = folder / "unzipped", folder / "container.fmu"
+    unzipped.mkdir()  # it is emptied first
+    create_container_fmu(configuration, unzipped, whole)
+    os.replace(whole, path)
+
+
+_FMI_3_TYPE = {"Real": "Float64", "Integer": "Int32"}
+"""How the container's configuration names the types of FMI 2.0; fmpy translates them for variables only."""
+
+
+def _variable(component: Component, name: str) -> fmi.ModelVariable:
+    return next(v for v in component.modelDescription.modelVariables if v.name == name)
+
+
+def _model(
+    checked: Checked, components: dict[str, Component], step: float
+) -> tuple[fmi.ModelDescription, dict[fmi.ModelVariable, list[tuple[Component, fmi.ModelVariable]]]]:
+    """Return the container's model description, and which variable of a unit each of its variables is."""
+    connected = {link.end for link in checked.links}
+    units: dict[str, Any] = {}
+    # value reference 0 is the time; fmpy numbers the variables as they come
+    time = fmi.ModelVariable(name="time", type="Real", causality="independent", variability="continuous")
+    variables, mappings = [time], {}
+    for name, component in components.items():
+        given = {variable.name: value for variable, value in checked.starts.get(name, ())}
+        for definition in component.modelDescription.unitDefinitions:
+            units.setdefault(definition.name, definition)
+        for inner in component.modelDescription.modelVariables:
+            if inner.causality not in ("input", "output", "parameter") or (name, inner.name) in connected:
+                continue
+            outer = fmi.ModelVariable(
+                name=f"{name}.{inner.name}",
+                type=inner.type,
+                description=inner.description,
+                causality=inner.causality,
+                variability=inner.variability,
+                initial=inner.initial,
+                unit=inner.unit,
+                min=inner.min,
+                max=inner.max,
+                start=_text(given[inner.name]) if inner.name in given else inner.start,
+            )
+            variables.append(outer)
+            mappings[outer] = [(component, inner)]
+    outputs = [fmi.Unknown(variable=v) for v in variables if v.causality == "output"]
+    tokens = "\n".join(c.modelDescription.instantiationToken for c in components.values())
+    content = f"{tokens}\n{step!r}\n{[(v.name, v.start) for v in variables]}"
+    token = "{" + str(uuid.UUID(bytes=sha256(content.encode()).digest()[:16])) + "}"
+    experiment = fmi.DefaultExperiment(
+        startTime=f"{checked.system.start or 0.0!r}",
+        stopTime=None if checked.system.stop is None else repr(checked.system.stop),
+        stepSize=repr(step),
+    )
+    model = fmi.ModelDescription(
+        fmiVersion="2.0",
+        modelName=checked.system.name,
+        instantiationToken=token,
+        description=f"The system {checked.system.name} as one FMU; its units exchange values every {step:g} s",
+        generationTool=f"vdfmu {__version__}, fmpy {fmpy.__version__}",
+        variableNamingConvention="structured",
+        coSimulation=fmi.CoSimulation(modelIdentifier="container_fmu", fixedInternalStepSize=step),
+        unitDefinitions=list(units.values()),
+        defaultExperiment=experiment,
+        modelVariables=variables,
+        outputs=outputs,
+        initialUnknowns=[fmi.Unknown(variable=unknown.variable) for unknown in outputs],
+    )
+    return model, mappings
+
+
+def _text(value: float | int | bool | str) -> str:
+    return (
+        str(value).lower()
+        if isinstance(value, bool)
+        else repr(value)
+        if isinstance(value, float)
+        else str(value)
+    )
+
+
+def simulate_container(
+    container: str | os.PathLike[str],
+    system: System,
+    *,
+    stop: float,
+    step: float,
+    progress: Callable[[int, int], None] | None = None,
+    log: Callable[[LogMessage], None] | None = None,
+) -> Results:
+    """Run a container FMU under the master and name its signals as those of its units.
+
+    Parameters
+    ----------
+    container : path
+        Of :func:`write_container`.
+    system : System
+        What is in it.
+    stop, step : float [s]
+        End of the run, and the container's step.
+    progress, log : callable, optional
+        As in :func:`vdfmu.cosim.simulate`.
+
+    Returns
+    -------
+    Results
+        As of a ``jacobi`` run of the system.
+
+    Raises
+    ------
+    SspError, UsageError, CosimError, Interrupted
+        As :func:`vdfmu.cosim.simulate`.
+    """
+    container = Path(container)
+    member = f"resources/{container.name}"
+    with tempfile.TemporaryDirectory(prefix="vdfmu_container_") as folder:
+        package = Path(folder) / f"{container.stem}.ssp"
+        pack_zip(package, {member: container.read_bytes()})
+        only = Component_(_NAME, member, "CoSimulation", {})
+        folded = System(package, container.stem, (only,), (), {}, None, None)
+
+        def say(message: LogMessage) -> None:
+            text = message.text.replace(f"{_NAME}.", "", 1)
+            (log or log_to_logging)(dataclasses.replace(message, text=text))
+
+        try:
+            results = simulate(
+                folded, start=0.0, stop=stop, step=step, algorithm="jacobi", progress=progress, log=say
+            )
+        except (CosimError, Interrupted) as error:
+            if error.results is not None:
+                error.results = _unfold(error.results, system)
+            raise
+    return _unfold(results, system)
+
+
+def _unfold(results: Results, system: System) -> Results:
+    """Give the signals the names of the units', and add what the units' inputs were.
+
+    In a step the container feeds each input with the output at its start.
+    """
+    outputs = results.renamed(lambda name: name.removeprefix(f"{_NAME}."))
+    before = np.maximum(np.arange(len(results)) - 1, 0)
+    inputs = {
+        ".".join(c.end): (outputs[source][before], outputs.units[source])
+        for c in system.connections
+        if (source := ".".join(c.start)) in outputs
+    }
+    return outputs.with_reals(inputs)
