@@ -7,11 +7,14 @@ import warnings
 from html import escape, unescape
 from itertools import groupby
 from typing import Any
+from xml.etree.ElementTree import Element
 
 from mkdocs.structure.files import File
 
-from vdfmu.fmu.description import model_description
+from vdfmu.fmu.description import model_description, native_model_description
+from vdfmu.fmu.description3 import model_description_3
 from vdfmu.fmu.interface import UNIT_NAMES, Interface, Variable, interface
+from vdfmu.fmu.layout import Array, Layout, general_description
 from vdfmu.model import load_robot
 
 with warnings.catch_warnings():  # it opens its font in a way that Python 3.11 calls deprecated
@@ -62,46 +65,56 @@ def interface_page() -> str:
     lines = [_HEAD]
     for unit in UNIT_NAMES:
         table = interface(unit, arm)
+        layout = Layout(table)
         prismatic = {v.group: v.unit for v in interface(unit, slider) if v.index[:1] == (1,)}
         lines += [f"## {table.model_name}", "", f"{table.description}. Unit `{unit}` of the system."]
-        for causality in ("input", "output", "parameter"):
+        for causality, title in _TITLES.items():
             groups = [
-                list(g) for _, g in groupby((v for v in table if v.causality == causality), lambda v: v.group)
+                list(g)
+                for _, g in groupby((v for v in layout if v.causality == causality), lambda v: v.group)
             ]
             if groups:
-                lines += [
-                    "",
-                    f"**{causality.capitalize()}s**",
-                    "",
-                    *_rows(table, causality, groups, prismatic),
-                ]
+                lines += ["", f"**{title}**", "", *_rows(layout, causality, groups, prismatic)]
         lines.append("")
-    return "\n".join(lines)
+    return "\n".join([*lines, _FLAGS, _capabilities(), ""])
 
 
-_COLUMNS = {
-    "input": ("name", "value reference", "unit", "start", "description"),
-    "output": ("name", "value reference", "unit", "depends on inputs", "description"),
-    "parameter": ("name", "value reference", "variability", "unit", "start", "min", "max", "description"),
+_TITLES = {
+    "input": "Inputs",
+    "output": "Outputs",
+    "parameter": "Parameters",
+    "local": "Derivatives of the states (native FMUs)",
 }
+_COLUMNS = {
+    "input": ("name", "value reference", "FMI 3.0", "unit", "start", "description"),
+    "output": ("name", "value reference", "FMI 3.0", "unit", "depends on inputs", "description"),
+    "parameter": (
+        "name", "value reference", "FMI 3.0", "variability", "unit", "start", "min", "max", "description",
+    ),
+    "local": ("name", "value reference", "FMI 3.0", "unit", "description"),
+}  # fmt: skip
 
 
 def _rows(
-    table: Interface, causality: str, groups: list[list[Variable]], prismatic: dict[str, str | None]
+    layout: Layout, causality: str, groups: list[list[Variable]], prismatic: dict[str, str | None]
 ) -> list[str]:
+    table: Interface = layout.table
     columns = _COLUMNS[causality]
     lines = ["| " + " | ".join(columns) + " |", "| --- " * len(columns) + "|"]
+    position = {v.name: i for i, v in enumerate(layout)}
     for group in groups:
         first, last = group[0], group[-1]
         unit = ", ".join(f"`{u}`" for u in dict.fromkeys(v.unit for v in group) if u)
         other = prismatic.get(first.group)
         if other and other != first.unit and first.unit:
             unit += f", prismatic `{other}`"
-        references = [table.reference[v.name] for v in (first, last)]
-        used = {table.variables[r].group: None for v in group for r in table.direct_dependencies(v)}
+        references = [position[v.name] for v in (first, last)]
+        outputs = group if causality == "output" else []
+        used = {table.variables[r].group: None for v in outputs for r in table.direct_dependencies(v)}
         cells = {
             "name": f"`{first.name}`" + (f" .. `{last.name}`" if len(group) > 1 else ""),
             "value reference": str(references[0]) + (f" .. {references[1]}" if len(group) > 1 else ""),
+            "FMI 3.0": _array(layout.arrays[layout.owners[references[0]]], len(group)),
             "variability": first.variability
             if first.type == "Real"
             else f"{first.variability}, {first.type}",
@@ -110,16 +123,22 @@ def _rows(
             "min": "" if first.minimum is None else f"{first.minimum:g}",
             "max": "" if first.maximum is None else f"{first.maximum:g}",
             "depends on inputs": ", ".join(f"`{name}`" for name in used) or "none",
-            "description": "; ".join(dict.fromkeys(_general(v.description) for v in group)),
+            "description": _text("; ".join(dict.fromkeys(general_description(v.description) for v in group))),
         }
         lines.append("| " + " | ".join(cells[column] for column in columns) + " |")
     return lines
 
 
-def _general(description: str) -> str:
-    """Return a description without what tells one variable of a group from the next."""
-    text = re.sub(r"^Joint \d+: |,? axis [\d,]+$|, row \d+, column \d+$| [\d,]+$", "", description)
-    return text[0].upper() + text[1:]
+def _text(description: str) -> str:
+    """Return a description whose frame, ``{I}``, is not taken for attributes of the cell."""
+    return description.replace("{", "&#123;").replace("}", "&#125;")
+
+
+def _array(array: Array, members: int) -> str:
+    """Return what FMI 3.0 makes of a group: one array, or its elements by themselves."""
+    if array.shape:
+        return "array " + " × ".join(map(str, array.shape))
+    return "scalar" if members == 1 else "scalars"
 
 
 def _range(values: list[Any]) -> str:
@@ -130,19 +149,39 @@ def _range(values: list[Any]) -> str:
 
 
 def _capabilities() -> str:
-    root = model_description(interface("plant", load_robot("planar_2dof")), "{}", "")
-    flags = root.find("CoSimulation").attrib  # pyright: ignore[reportOptionalMemberAccess]
-    return "\n".join(f"| `{k}` | `{v}` |" for k, v in flags.items() if k != "modelIdentifier")
+    layout = Layout(interface("plant", load_robot("planar_2dof")))
+    roots = (
+        ("Python, co-simulation", model_description(layout.table, "{}", "").find("CoSimulation")),
+        *_interfaces("2.0", native_model_description(layout, "{}", "", ())),
+        *_interfaces("3.0", model_description_3(layout, "{}", "")),
+    )
+    flags: dict[str, None] = {}
+    for _, element in roots:
+        flags |= dict.fromkeys(element.attrib)  # pyright: ignore[reportOptionalMemberAccess]
+    del flags["modelIdentifier"]
+    lines = [
+        "| flag | " + " | ".join(name for name, _ in roots) + " |",
+        "| --- " * (len(roots) + 1) + "|",
+    ]
+    for flag in flags:
+        values = (element.get(flag) for _, element in roots)  # pyright: ignore[reportOptionalMemberAccess]
+        lines.append(f"| `{flag}` | " + " | ".join(f"`{v}`" if v else "" for v in values) + " |")
+    return "\n".join(lines)
 
 
-_HEAD = f"""---
+def _interfaces(version: str, root: Element) -> list[tuple[str, Element | None]]:
+    names = {"CoSimulation": "co-simulation", "ModelExchange": "model exchange"}
+    return [(f"FMI {version}, {name}", root.find(tag)) for tag, name in names.items()]
+
+
+_HEAD = """---
 hide: [toc]
 ---
 
 # FMU interface
 
 This page is made from the variable table, `vdfmu/fmu/table.py`, when the documentation is built. The same table
-gives the slaves, the model descriptions, the connectors of the SSP and its parameter sets.
+gives the slaves, the C tables, the model descriptions, the connectors of the SSP and its parameter sets.
 
 It shows the interface for the paper's arm, `manipulator_6dof`. Another robot has the same groups with its own number
 of joints. Names count from 1. Start values of the robot's parameters are those of its file. What is zero by
@@ -152,10 +191,14 @@ error is in it when its amplitude is not zero, `f_ck` when the friction is `spli
 A *fixed* parameter can be set until the initialization ends, a *tunable* one at every communication point. A minimum
 of 1e-12 stands for "positive": FMI has no strict bounds. `1e+12` at `tau_max` stands for "no limit".
 
-All units are FMI 2.0 co-simulation units written in Python. Their capability flags:
+The column *FMI 3.0* says whether the variables of a row are one array there; an array has the value reference of its
+first element. Native FMUs of FMI 3.0 also have `time`, with the last value reference. Derivatives of the states are
+variables of native FMUs only. See [Native FMUs](native.md#variables).
+The [capability flags](#capability-flags) are at the end.
 
-| flag | value |
-| --- | --- |
-{_capabilities()}
+"""
 
+_FLAGS = """## Capability flags
+
+Those of the plant. The other units have no model exchange and no early return.
 """

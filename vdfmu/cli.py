@@ -1,4 +1,4 @@
-"""The command line: ``vdfmu run``, ``build``, ``ssp``, ``check`` and ``models``.
+"""The command line: ``vdfmu run``, ``build``, ``ssp``, ``container``, ``check`` and ``models``.
 
 Exit codes: 0 done, 1 a check or a unit failed, 2 wrong usage or input, 130 stopped with Ctrl-C.
 """
@@ -42,6 +42,12 @@ ScenarioArgument = Annotated[str, typer.Argument(help="Name of a shipped scenari
 RobotOption = Annotated[
     str | None,
     typer.Option("--robot", help="Robot in place of the scenario's: a name or the path of a TOML file."),
+]
+BackendOption = Annotated[
+    str | None,
+    typer.Option(
+        "--backend", help="Kind of FMU, native or python; default native where its compiler is installed."
+    ),
 ]
 SetOption = Annotated[
     list[str] | None,
@@ -96,6 +102,10 @@ def run(
     no_reference: Annotated[
         bool, typer.Option("--no-reference", help="Do not solve the references.")
     ] = False,
+    backend: BackendOption = None,
+    container: Annotated[
+        bool, typer.Option("--container", help="Fold the units into one container FMU and run that.")
+    ] = False,
     settings: SetOption = None,
 ) -> None:
     """Run a scenario: build what is stale, co-simulate, solve the references, compare, write tables and figures."""
@@ -111,6 +121,8 @@ def run(
             master=master,
             out=out,
             reference=not no_reference,
+            backend=backend,
+            container=container,
             settings=_settings(settings),
             progress=bars.update,
             log=bars.log,
@@ -126,23 +138,65 @@ def run(
     _say(f"Written to {folder}: {', '.join(sorted(p.name for p in folder.iterdir()))}")
 
 
-@app.command(epilog="Example: [bold]vdfmu build tracking --out fmus[/bold]")
+@app.command(
+    epilog="Example: [bold]vdfmu build tracking --backend native --fmi 3.0 --platform all --out fmus[/bold]"
+)
 @_stoppable
 def build(
     scenario: ScenarioArgument = "tracking",
     robot: RobotOption = None,
     out: Annotated[Path, typer.Option(help="Folder of the FMUs.")] = Path("fmus"),
+    backend: BackendOption = None,
+    fmi: Annotated[str, typer.Option(help="Version of FMI: 2.0, or 3.0 for native FMUs.")] = "2.0",
+    platform: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="Platform of native FMUs, such as x86_64-windows, or all; default this machine's. Repeatable."
+        ),
+    ] = None,
     settings: SetOption = None,
 ) -> None:
     """Build the four FMUs of a scenario's robot, with the scenario's values as start values."""
     from vdfmu.fmu import build_fmus
     from vdfmu.ssp.parameters import system_values
+    from vdfmu.study.run import choose_backend
 
     chosen = load_scenario(scenario, robot)
-    for path in build_fmus(
-        chosen.robot, out, start_values=system_values(chosen, _settings(settings))
-    ).values():
+    built = build_fmus(
+        chosen.robot,
+        out,
+        start_values=system_values(chosen, _settings(settings)),
+        backend=choose_backend(backend),
+        fmi_version=fmi,
+        platforms=platform,
+    )
+    for path in built.values():
         _say(str(path))
+
+
+@app.command(epilog="Example: [bold]vdfmu container tracking --out tracking.fmu[/bold]")
+@_stoppable
+def container(
+    scenario: ScenarioArgument = "tracking",
+    robot: RobotOption = None,
+    out: Annotated[Path | None, typer.Option(help="File to write; default SCENARIO.fmu.")] = None,
+    step: Annotated[float | None, typer.Option(help="Step at which the units exchange values.")] = None,
+    settings: SetOption = None,
+) -> None:
+    """Fold the system of a scenario into one native FMU that steps its units without a master."""
+    import tempfile
+
+    from vdfmu.cosim.container import write_container
+    from vdfmu.ssp.parameters import system_values
+    from vdfmu.ssp.write import write_ssp
+    from vdfmu.study.run import cached_fmus, prepare
+
+    chosen = prepare(scenario, robot=robot, step=step)
+    values = system_values(chosen, _settings(settings))
+    with tempfile.TemporaryDirectory(prefix="vdfmu_") as folder:
+        package = write_ssp(chosen, cached_fmus(chosen.robot, "native"), Path(folder) / "system.ssp", values)
+        path = out if out is not None else Path(f"{chosen.name}.fmu")
+        _say(str(write_container(package, path, step=chosen.step)))
 
 
 @app.command(epilog="Example: [bold]vdfmu ssp two_joint --out two_joint.ssp[/bold]")
@@ -151,17 +205,18 @@ def ssp(
     scenario: ScenarioArgument = "tracking",
     robot: RobotOption = None,
     out: Annotated[Path | None, typer.Option(help="File to write; default SCENARIO.ssp.")] = None,
+    backend: BackendOption = None,
     settings: SetOption = None,
 ) -> None:
     """Pack the system of a scenario as an SSP 1.0, with FMUs and parameters inside."""
     from vdfmu.ssp.parameters import system_values
     from vdfmu.ssp.write import write_ssp
-    from vdfmu.study.run import cached_fmus
+    from vdfmu.study.run import cached_fmus, choose_backend
 
     chosen = load_scenario(scenario, robot)
     path = out if out is not None else Path(f"{chosen.name}.ssp")
     values = system_values(chosen, _settings(settings))
-    _say(str(write_ssp(chosen, cached_fmus(chosen.robot), path, values)))
+    _say(str(write_ssp(chosen, cached_fmus(chosen.robot, choose_backend(backend)), path, values)))
 
 
 @app.command(epilog="Example: [bold]vdfmu check fmus/Plant.fmu[/bold]")

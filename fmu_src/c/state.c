@@ -264,6 +264,16 @@ static Status read_core(const Instance *I, Cursor *c, Core *core)
     return STATUS_OK;
 }
 
+/* The bytes may be anything: only what looks like a GUID is shown. */
+static Status fail_guid(const Instance *I, const char *guid, size_t n)
+{
+    bool shown = n > 0 && n < 100;
+    for (size_t i = 0; shown && i < n; i++)
+        shown = guid[i] > ' ' && guid[i] <= '~';
+    return fail(I, "expected a state of %s with GUID %s, got one with %s%.*s.", unit.name, unit.guid,
+                shown ? "GUID " : "another GUID", shown ? (int)n : 0, guid);
+}
+
 Status state_from_bytes(Instance *I, const unsigned char *bytes, size_t size, void **state)
 {
     if (!allowed(I, ANY_PHASE))
@@ -287,8 +297,7 @@ Status state_from_bytes(Instance *I, const unsigned char *bytes, size_t size, vo
         return fail(I, "the state is damaged: its checksum is not that of its bytes.");
     const size_t room = size - HEADER - SUM;
     if (guid > room || guid != strlen(unit.guid) || memcmp(c.from, unit.guid, (size_t)guid) != 0)
-        return fail(I, "expected a state of %s with GUID %s, got one with GUID %.*s.", unit.name, unit.guid,
-                    guid <= room && guid < 100 ? (int)guid : 0, (const char *)c.from);
+        return fail_guid(I, (const char *)c.from, guid <= room ? (size_t)guid : 0);
     if (kind != (uint64_t)I->kind)
         return fail(I, "expected a state of an instance for %s, got one of an instance for %s.",
                     I->kind == CO_SIMULATION ? "co-simulation" : "model exchange",

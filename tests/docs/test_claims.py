@@ -9,7 +9,7 @@ import pytest
 from vdfmu.equations.elimination import factorize, solve
 from vdfmu.equations.mapping import joint_space_mass_matrix
 from vdfmu.equations.plant import equilibrium_torque
-from vdfmu.kernel.rodas import GAMMA
+from vdfmu.kernel.rodas import ALPHA, GAMMA, GAMMA_I
 from vdfmu.model import load_scenario
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -72,6 +72,13 @@ def test_pivots_stay_positive(arm, kernel_of):
             pivoted = np.linalg.solve(W, b)
             # Some 50 roundings, as no pivot is small.
             assert np.abs(solve(LU, b) - pivoted).max() < 1e-14 * np.abs(pivoted).max()
+
+
+def test_coefficients_of_time_on_the_page_are_those_of_the_step():
+    page = (ROOT / "docs/solver.md").read_text(encoding="utf-8")
+    for letter, values in ((r"\alpha_i", ALPHA), (r"\gamma_i", GAMMA_I)):
+        cells = " | ".join(f"{value:.4g}".replace("-", "−") for value in values)
+        assert f"| ${letter}$ | {cells} |" in page
 
 
 def growth(arm, kernel, K_p, K_v, source):

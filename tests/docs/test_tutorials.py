@@ -98,8 +98,8 @@ def test_readme_example_runs(tmp_path, monkeypatch):
     assert run_page(ROOT / "README.md") >= 2
 
 
-def test_there_are_four_tutorials():
-    assert [page.stem for page in PAGES] == ["dynamics", "fmpy", "own_robot", "sweep"]
+def test_there_are_five_tutorials():
+    assert [page.stem for page in PAGES] == ["dynamics", "fmpy", "native", "own_robot", "sweep"]
 
 
 def test_outputs_compare_with_gaps():

@@ -89,7 +89,7 @@ def test_the_guid_changes_with_sources_scripts_and_pythonfmu(planar: Robot) -> N
         first.guid,
         Content("plant", planar, {}, digest="another").guid,
         Content("plant", planar, {}, version="9.9.9").guid,
-        Content("plant", planar, {}, pythonfmu="9.9.9").guid,
+        Content("plant", planar, {}, tool="pythonfmu 9.9.9").guid,
         Content("controller", planar, {}).guid,
     }
     assert len(guids) == 5

@@ -45,7 +45,7 @@ def test_an_fmu_of_other_sources_is_refused(copy_of: CopyOf, words_of_refusal: R
 def test_another_version_is_told_before_anything_that_only_that_version_can_read(
     copy_of: CopyOf, words_of_refusal: Refusal
 ) -> None:
-    folder = change(copy_of("plant"), version="9.9.9", robot={"arms": 2}, start_values=None, pythonfmu=None)
+    folder = change(copy_of("plant"), version="9.9.9", robot={"arms": 2}, start_values=None, tool=None)
     assert "was built with vdfmu 9.9.9" in words_of_refusal(folder)
 
 
@@ -83,7 +83,7 @@ def test_a_damaged_content_file_is_refused(
         ({"start_values": {"mass[9]": 1.0}}, "plant has no variable 'mass[9]'"),
         ({"start_values": {"mass[1]": "heavy"}}, "mass[1]: expected a number, got 'heavy'"),
         ({"start_values": 3}, "TypeError"),
-        ({"pythonfmu": None}, "KeyError: 'pythonfmu'"),
+        ({"tool": None}, "KeyError: 'tool'"),
     ],
 )
 def test_a_content_file_with_wrong_entries_is_refused(

@@ -10,7 +10,8 @@ import dataclasses
 import os
 import tempfile
 import uuid
-from collections.abc import Callable
+import zipfile
+from collections.abc import Callable, Sequence
 from hashlib import sha256
 from pathlib import Path
 from typing import Any
@@ -23,10 +24,12 @@ from fmpy.container_fmu.config import Component, Configuration, Connection
 from fmpy.model_description import read_model_description
 
 from vdfmu import __version__
-from vdfmu.cosim.check import Checked, check_system
+from vdfmu.cosim.check import Checked, Link, check_system
 from vdfmu.cosim.component import LogMessage, log_to_logging
+from vdfmu.cosim.description import Description
 from vdfmu.cosim.master import Interrupted, simulate
 from vdfmu.cosim.results import Results
+from vdfmu.cosim.schedule import cycles, topological
 from vdfmu.errors import CosimError, FmuError, UsageError
 from vdfmu.fmu.archive import pack_zip
 from vdfmu.ssp.read import load_ssp
@@ -89,31 +92,21 @@ def _write(checked: Checked, path: Path, step: float, folder: Path) -> None:
         file = folder / f"{name}.fmu"
         file.write_bytes(checked.fmus[description.source])
         model = read_model_description(str(file))
-        if model.coSimulation.needsExecutionTool:
+        if model.coSimulation is not None and model.coSimulation.needsExecutionTool:
             raise UsageError(
                 f"{description.source}: needs Python, which a container does not load. Build native FMUs: "
                 "`vdfmu build --backend native`."
             )
         components[name] = Component(name, file, model)
     model, mappings = _model(checked, components, step)
-    # the container carries values over in this order during initialization, so it is that of the dependencies
     connections: list[Connection] = []
-    for link in checked.schedule.initial:
-        start, end = components[link.start[0]], components[link.end[0]]
-        source, sink = _variable(start, link.start[1]), _variable(end, link.end[1])
-        last = connections[-1] if connections else None
-        if (
-            last
-            and (last.startElement, last.endElement) == (start, end)
-            and last.startConnectors[0].type == source.type
-        ):
-            last.startConnectors.append(source)
-            last.endConnectors.append(sink)
-        else:
-            connections.append(Connection(start, [source], end, [sink]))
-    for connection in connections:
-        for variable in connection.startConnectors:
-            variable.type = _FMI_3_TYPE.get(variable.type, variable.type)
+    for bundle in _bundles(checked):
+        start, end = components[bundle[0].start[0]], components[bundle[0].end[0]]
+        sources = [_variable(start, link.start[1]) for link in bundle]
+        for source in sources:
+            kind: Any = _FMI_3_TYPE.get(source.type, source.type)
+            source.type = kind
+        connections.append(Connection(start, sources, end, [_variable(end, link.end[1]) for link in bundle]))
     configuration = Configuration(
         parallelDoStep=False,
         modelDescription=model,
@@ -125,7 +118,41 @@ def _write(checked: Checked, path: Path, step: float, folder: Path) -> None:
     unzipped, whole = folder / "unzipped", folder / "container.fmu"
     unzipped.mkdir()  # it is emptied first
     create_container_fmu(configuration, unzipped, whole)
-    os.replace(whole, path)
+    # packed anew: the same system gives the same bytes, and the archive does not hold a part of itself
+    with zipfile.ZipFile(whole) as archive:
+        names = [name for name in archive.namelist() if not name.endswith("/") and name != "Container.zip"]
+        members = {name: archive.read(name) for name in names}
+    pack_zip(path, members)
+
+
+def _bundles(checked: Checked) -> list[list[Link]]:
+    """Return the links that the container carries over together, in the order that the initialization needs.
+
+    It does so with one call a bundle: all links of a type between two units make one, unless bundles then depend
+    on each other in a circle.
+    """
+    whole: dict[tuple[str, str, str], list[Link]] = {}
+    for link in checked.schedule.initial:
+        whole.setdefault((link.start[0], link.end[0], link.source.type), []).append(link)
+    edges = {
+        (before, after)
+        for before, feeding in whole.items()
+        for after, fed in whole.items()
+        if before[1] == after[0] and _feeds(checked.descriptions[after[0]], feeding, fed)
+    }
+    if cycles(list(whole), edges):
+        return [[link] for link in checked.schedule.initial]
+    return [whole[key] for key in topological(list(whole), edges)]
+
+
+def _feeds(unit: Description, feeding: Sequence[Link], fed: Sequence[Link]) -> bool:
+    """Tell whether what comes into a unit decides what goes out of it during initialization."""
+    arriving = {link.end[1] for link in feeding}
+    for link in fed:
+        known = unit.initial_dependencies.get(link.start[1])
+        if known is None or arriving & known:
+            return True
+    return False
 
 
 _FMI_3_TYPE = {"Real": "Float64", "Integer": "Int32"}
@@ -148,7 +175,7 @@ def _model(
     for name, component in components.items():
         given = {variable.name: value for variable, value in checked.starts.get(name, ())}
         for definition in component.modelDescription.unitDefinitions:
-            units.setdefault(definition.name, definition)
+            units.setdefault(str(definition.name), definition)
         for inner in component.modelDescription.modelVariables:
             if inner.causality not in ("input", "output", "parameter") or (name, inner.name) in connected:
                 continue
@@ -167,7 +194,7 @@ def _model(
             variables.append(outer)
             mappings[outer] = [(component, inner)]
     outputs = [fmi.Unknown(variable=v) for v in variables if v.causality == "output"]
-    tokens = "\n".join(c.modelDescription.instantiationToken for c in components.values())
+    tokens = "\n".join(str(c.modelDescription.instantiationToken) for c in components.values())
     content = f"{tokens}\n{step!r}\n{[(v.name, v.start) for v in variables]}"
     token = "{" + str(uuid.UUID(bytes=sha256(content.encode()).digest()[:16])) + "}"
     experiment = fmi.DefaultExperiment(
@@ -193,13 +220,7 @@ def _model(
 
 
 def _text(value: float | int | bool | str) -> str:
-    return (
-        str(value).lower()
-        if isinstance(value, bool)
-        else repr(value)
-        if isinstance(value, float)
-        else str(value)
-    )
+    return str(value).lower() if isinstance(value, bool) else str(value)
 
 
 def simulate_container(

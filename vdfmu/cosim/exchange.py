@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from ctypes import c_double, c_size_t, c_uint
+from ctypes import byref, c_double, c_size_t, c_uint, c_void_p
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -114,7 +114,13 @@ class Bank:
         place = part.ctypes.data - self.memory.ctypes.data
         values = (C_TYPE[self.kind] * n).from_buffer(self.memory, place)  # pyright: ignore[reportArgumentType]
         function = slave.function(f"fmi2{verb}{self.kind}")
-        return function, slave.component, references, c_size_t(n), values, f"{verb.lower()}{self.kind}"
+        name = f"{verb.lower()}{self.kind}"
+        return function, _component(slave), byref(references), c_size_t.from_param(n), byref(values), name
+
+
+def _component(slave: Slave) -> Any:
+    """Return the instance as an argument that is made ready once: ctypes would do it anew in each call."""
+    return c_void_p.from_param(slave.component.value)  # pyright: ignore[reportArgumentType]
 
 
 def look_up(table: Mapping[int, int], value: int, link: Link) -> int:
@@ -165,7 +171,7 @@ class Exchange:
 
     def stages(self, step: float) -> list[Stage]:
         """Return the units in the order of the schedule, each with its calls."""
-        size, keep = c_double(step), 1
+        size, keep = c_double.from_param(step), 1
         stages: list[Stage] = []
         for name in self.checked.schedule.units:
             slave = self.slaves[name]
@@ -178,7 +184,7 @@ class Exchange:
             sets = [bank.call(slave, "Set") for bank in self.banks]
             gets = [bank.call(slave, "Get") for bank in self.banks]
             step_call: Call = (
-                slave.function("fmi2DoStep"), slave.component, self.clock, size, keep, "doStep",
+                slave.function("fmi2DoStep"), _component(slave), self.clock, size, keep, "doStep",
             )  # fmt: skip
             stage.calls = [call for call in (*sets, step_call, *gets) if call is not None]
             stages.append(stage)

@@ -8,10 +8,9 @@ import uuid
 from collections.abc import Mapping
 from functools import cached_property, lru_cache
 from hashlib import sha256
+from importlib.metadata import version as version_of
 from pathlib import Path
 from typing import Any
-
-import pythonfmu as pythonfmu_package
 
 from vdfmu import __version__
 from vdfmu.data import data_path
@@ -20,20 +19,39 @@ from vdfmu.fmu.interface import MODEL_NAMES, Interface, interface
 from vdfmu.kernel.structure import source_digest
 from vdfmu.model import Robot, robot_from_dict
 
-__all__ = ["CONTENT_FILE", "Content", "installed_digest"]
+__all__ = ["BACKENDS", "CONTENT_FILE", "FMI_VERSIONS", "Content", "installed_digest"]
 
 CONTENT_FILE = "vdfmu.json"
+BACKENDS = ("python", "native")
+FMI_VERSIONS = ("2.0", "3.0")
 _SOURCES = ("model", "equations", "kernel", "fmu")
+_OF_BACKEND = {
+    "python": (_SOURCES, ("python/*.py",)),
+    "native": ((*_SOURCES, "fmu/native"), ("c/*.[ch]", "icons/*")),
+}
+"""Packages and data files that decide what the FMUs of a backend are."""
 _CAST = {"Real": float, "Integer": int, "Boolean": bool}
 
 
 @lru_cache
-def installed_digest() -> str:
-    """Digest of all that decides what FMUs compute: vdfmu's sources, the scripts, CasADi's version."""
-    digest = sha256(source_digest(*_SOURCES).encode())
-    for script in sorted((data_path("fmu_src") / "python").glob("*.py")):
-        digest.update(script.read_bytes().replace(b"\r\n", b"\n"))
+def installed_digest(backend: str = "python") -> str:
+    """Digest of all that decides what FMUs compute: vdfmu's sources, scripts or C files, CasADi's version."""
+    packages, patterns = _OF_BACKEND[backend]
+    digest = sha256(source_digest(*packages).encode())
+    for pattern in patterns:
+        for file in sorted(data_path("fmu_src").glob(pattern)):
+            digest.update(f"{file.name}\n".encode())
+            digest.update(file.read_bytes().replace(b"\r\n", b"\n"))
     return digest.hexdigest()
+
+
+def _tool(backend: str) -> str:
+    """Name and version of what makes the library of an FMU."""
+    if backend == "python":
+        return f"pythonfmu {version_of('pythonfmu')}"
+    from vdfmu.fmu.native.compile import compiler_version
+
+    return compiler_version()
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -46,18 +64,28 @@ class Content:
     robot : Robot
     start_values : mapping of str to float
         Start values that differ from those of the variable table.
+    backend : "python" or "native"
+    fmi_version : "2.0" or "3.0"
     version, digest : str
-        Version of vdfmu that built the FMU, and :func:`installed_digest` there.
-    pythonfmu : str
-        Version of pythonfmu, whose binaries the FMU carries.
+        Version of vdfmu that built the FMU, and :func:`installed_digest` there; empty: those of here.
+    tool : str
+        Name and version of what made the FMU's libraries; empty: that of here.
     """
 
     unit: str
     robot: Robot
     start_values: Mapping[str, float]
+    backend: str = "python"
+    fmi_version: str = "2.0"
     version: str = __version__
-    digest: str = dataclasses.field(default_factory=installed_digest)
-    pythonfmu: str = pythonfmu_package.__version__
+    digest: str = ""
+    tool: str = ""
+
+    def __post_init__(self) -> None:
+        if not self.digest:
+            object.__setattr__(self, "digest", installed_digest(self.backend))
+        if not self.tool:
+            object.__setattr__(self, "tool", _tool(self.backend))
 
     @property
     def model_name(self) -> str:
@@ -93,13 +121,15 @@ class Content:
         variables = [dataclasses.replace(v, start=start[v.name]) if v.name in start else v for v in table]
         return Interface(self.unit, self.robot, variables)
 
-    def to_json(self) -> str:
-        """Text of the content file."""
-        data = {
+    def to_json(self, **further: Any) -> str:
+        """Text of the content file, with `further` entries."""
+        data = further | {
             "unit": self.unit,
+            "backend": self.backend,
+            "fmi_version": self.fmi_version,
             "version": self.version,
             "digest": self.digest,
-            "pythonfmu": self.pythonfmu,
+            "tool": self.tool,
             "start_values": {name: float(value) for name, value in sorted(self.start_values.items())},
             "robot": self.robot.to_dict(),
         }
@@ -107,7 +137,7 @@ class Content:
 
     @staticmethod
     def read(resources: Path, unit: str) -> Content:
-        """Content of an unpacked FMU from its folder ``resources``.
+        """Content of an unpacked Python FMU from its folder ``resources``.
 
         Raises
         ------
@@ -122,8 +152,8 @@ class Content:
                 raise FmuError(f"{file} belongs to unit {found!r}, expected {unit!r}. Build the FMU again.")
             _check_version(f"{MODEL_NAMES[unit]}.fmu", version, digest)
             robot = robot_from_dict(data["robot"], file)
-            values, tool = dict(data["start_values"]), str(data["pythonfmu"])
-            content = Content(unit, robot, values, version, digest, tool)
+            values, tool = dict(data["start_values"]), str(data["tool"])
+            content = Content(unit, robot, values, version=version, digest=digest, tool=tool)
             content.table()
         except FmuError:
             raise

@@ -107,7 +107,7 @@ class UnitSlave(Fmi2Slave):
     def to_xml(self, model_options: dict[str, str] | None = None) -> Element:
         """Model description from the variable table, with units, dependencies and InitialUnknowns."""
         content = self._content
-        return model_description(content.table(), content.guid, f"pythonfmu {content.pythonfmu}")
+        return model_description(content.table(), content.guid, content.tool)
 
     def log(
         self,

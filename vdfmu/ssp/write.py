@@ -12,7 +12,7 @@ from lxml import etree  # pyright: ignore[reportAttributeAccessIssue]  # lxml sh
 
 from vdfmu.data import data_path
 from vdfmu.errors import SspError, VdfmuError
-from vdfmu.fmu.build import pack_zip
+from vdfmu.fmu.archive import pack_zip
 from vdfmu.fmu.interface import Interface, Variable, interface
 from vdfmu.fmu.units import UNITS
 from vdfmu.model import Scenario

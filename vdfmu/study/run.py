@@ -13,27 +13,33 @@ from typing import Any
 
 from vdfmu import __version__
 from vdfmu.cosim import Interrupted, LogMessage, Results, simulate
+from vdfmu.cosim.container import simulate_container, write_container
 from vdfmu.cosim.reference import REFERENCE_OF, reference
 from vdfmu.errors import CosimError, FmuError, UsageError, VdfmuError
 from vdfmu.fmu import build_fmus
 from vdfmu.fmu.content import Content
+from vdfmu.fmu.native import native_available
 from vdfmu.kernel.functions import cache_folder
 from vdfmu.model import Robot, Scenario, load_robot, load_scenario
 from vdfmu.model.check import check_step
 from vdfmu.model.read import Problems
 from vdfmu.report.plots import contrast_figures, run_figures
 from vdfmu.ssp.parameters import system_values
+from vdfmu.ssp.read import load_ssp
 from vdfmu.ssp.write import write_ssp
 from vdfmu.study.contrast import contrast
 from vdfmu.study.summary import compare, sampling_warnings, tracking_errors
 
-__all__ = ["cached_fmus", "prepare", "run"]
+__all__ = ["BACKENDS", "cached_fmus", "choose_backend", "prepare", "run"]
 
 Progress = Callable[[str, int, int], None]
 """Called with the stage, the number of finished steps and their total."""
 
+BACKENDS = ("python", "native")
+
 _OUTPUTS = (
     "results.csv",
+    "container.fmu",
     "summary.json",
     "system.ssp",
     *(f"figure_{number}.png" for number in (7, 8, 10, 11, 13, 14)),
@@ -74,17 +80,32 @@ def prepare(
     return scenario
 
 
-def cached_fmus(robot: Robot) -> dict[str, Path]:
+def choose_backend(backend: str | None) -> str:
+    """Return the backend that is asked for, or the default: native where its compiler is installed.
+
+    Raises
+    ------
+    UsageError
+        For an unknown one.
+    """
+    if backend is None:
+        return "native" if native_available() else "python"
+    if backend not in BACKENDS:
+        raise UsageError(f"backend: expected {' or '.join(BACKENDS)}, got {backend!r}.")
+    return backend
+
+
+def cached_fmus(robot: Robot, backend: str = "python") -> dict[str, Path]:
     """FMUs of a robot in the cache, built if they are not there: their folder is named by their content.
 
     Where the cache cannot be written they are built in a temporary folder, which goes with the process.
     """
-    folder = cache_folder() / "fmus" / Content("plant", robot, {}).guid.strip("{}")
+    folder = cache_folder() / "fmus" / Content("plant", robot, {}, backend).guid.strip("{}")
     try:
-        return build_fmus(robot, folder)
+        return build_fmus(robot, folder, backend=backend)
     except FmuError:
         _spare_folders.append(tempfile.TemporaryDirectory(prefix="vdfmu_fmus_"))
-        return build_fmus(robot, _spare_folders[-1].name)
+        return build_fmus(robot, _spare_folders[-1].name, backend=backend)
 
 
 def run(
@@ -96,6 +117,8 @@ def run(
     master: str | None = None,
     out: str | os.PathLike[str] | None = None,
     reference: bool = True,
+    backend: str | None = None,
+    container: bool = False,
     settings: Mapping[str, Any] | None = None,
     progress: Progress | None = None,
     log: Callable[[LogMessage], None] | None = None,
@@ -115,6 +138,10 @@ def run(
         Folder for the files; default ``results/<scenario>``. Files of an earlier run in it are replaced.
     reference : bool, optional
         Whether to solve the references and compare, which takes longer than the run itself.
+    backend : "native" or "python", optional
+        Kind of FMU; default native where its compiler is installed.
+    container : bool, optional
+        Fold the native units into one FMU, ``container.fmu``, and run that. It steps them as ``jacobi`` does.
     settings : mapping of str to value, optional
         Parameters, ``{"controller.K_p[1]": 3000}``; without an index for all joints.
     progress : callable, optional
@@ -145,6 +172,9 @@ def run(
         _make_empty(folder)
         return _run_contrast(scenario, folder)
 
+    backend = choose_backend(backend)
+    if container:
+        scenario = _for_container(scenario, backend, master)
     text_settings = {key: str(value) for key, value in (settings or {}).items()}
     values = system_values(scenario, text_settings)
     warnings = sampling_warnings(values, scenario.robot, scenario.step)
@@ -153,19 +183,18 @@ def run(
             log(LogMessage("", 0.0, "warning", "", warning))
     _make_empty(folder)
     report("build", 0, 1)
-    package = write_ssp(scenario, cached_fmus(scenario.robot), folder / "system.ssp", values)
+    package = write_ssp(scenario, cached_fmus(scenario.robot, backend), folder / "system.ssp", values)
+    if container:
+        write_container(package, folder / "container.fmu", step=scenario.step)
     report("build", 1, 1)
-    summary = _head(scenario) | {"backend": "python", "settings": text_settings, "warnings": warnings}
+    summary = _head(scenario) | {
+        "backend": backend,
+        "container": container,
+        "settings": text_settings,
+        "warnings": warnings,
+    }
     try:
-        results = simulate(
-            package,
-            start=0.0,
-            stop=scenario.stop,
-            step=scenario.step,
-            algorithm=scenario.master,
-            progress=lambda done, total: report("co-simulation", done, total),
-            log=log,
-        )
+        results = _simulate(scenario, package, container, report, log)
     except (CosimError, Interrupted) as error:
         _keep(error, folder, summary)
         raise
@@ -180,6 +209,34 @@ def run(
         _write_summary(summary, folder)
     run_figures(results, scenario, folder)
     return results
+
+
+def _for_container(scenario: Scenario, backend: str, master: str | None) -> Scenario:
+    if backend != "native":
+        raise UsageError("container: needs native FMUs; Python FMUs do not run inside one.")
+    if master not in (None, "jacobi"):
+        raise UsageError(f"container: it steps its units as jacobi does, got master {master!r}.")
+    return dataclasses.replace(scenario, master="jacobi")
+
+
+def _simulate(
+    scenario: Scenario,
+    package: Path,
+    container: bool,
+    report: Progress,
+    log: Callable[[LogMessage], None] | None,
+) -> Results:
+    stop, step = scenario.stop, scenario.step
+
+    def progress(done: int, total: int) -> None:
+        report("co-simulation", done, total)
+
+    if container:
+        folded = package.with_name("container.fmu")
+        return simulate_container(folded, load_ssp(package), stop=stop, step=step, progress=progress, log=log)
+    return simulate(
+        package, start=0.0, stop=stop, step=step, algorithm=scenario.master, progress=progress, log=log
+    )
 
 
 def _run_contrast(scenario: Scenario, folder: Path) -> Results:

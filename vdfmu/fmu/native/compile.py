@@ -1,0 +1,290 @@
+"""Compilation with the C compiler of the package ziglang: one compiler on every machine, for every platform.
+
+The same sources give the same bits: objects are compiled under relative names without debug information, and
+what the linker takes from the clock is replaced. Objects and libraries are cached by the digest of all that they
+are made from, so that FMUs that differ in start values share the compiled equations.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import signal
+import struct
+import subprocess
+import tempfile
+from collections.abc import Generator, Mapping, Sequence
+from concurrent.futures import FIRST_EXCEPTION, ThreadPoolExecutor, wait
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+from hashlib import sha256
+from importlib.metadata import PackageNotFoundError, version
+from importlib.util import find_spec
+from pathlib import Path, PurePosixPath
+
+from vdfmu.errors import FmuError
+from vdfmu.fmu.native.platforms import PLATFORMS, Platform, this_platform
+from vdfmu.fmu.native.store import load, store
+from vdfmu.kernel.functions import cache_folder
+
+__all__ = ["Job", "compile_libraries", "compile_library", "compiler_version", "native_available"]
+
+_FLAGS = (
+    "-std=c11", "-O3", "-ffp-contract=off", "-fno-math-errno", "-fvisibility=hidden",
+    "-Wall", "-Wextra", "-I.", "-DDISABLE_PREFIX",
+)  # fmt: skip
+_LINK_FLAGS = ("-shared", "-s")
+_INCLUDE = re.compile(rb'^\s*#\s*include\s*["<]([^">]+)[">]', re.MULTILINE)
+
+
+def native_available() -> bool:
+    """Tell whether native FMUs can be built, and run, here: whether the compiler is installed."""
+    try:
+        this_platform()
+        _zig()
+    except FmuError:
+        return False
+    return True
+
+
+def compiler_version() -> str:
+    """Name and version of the compiler; its name alone where it is not installed."""
+    try:
+        return f"ziglang {version('ziglang')}"
+    except PackageNotFoundError:
+        return "ziglang"
+
+
+@lru_cache
+def _zig() -> str:
+    """Path of the compiler's program."""
+    spec = find_spec("ziglang")
+    for folder in (spec.submodule_search_locations if spec else None) or ():
+        for name in ("zig", "zig.exe"):
+            program = Path(folder) / name
+            if program.is_file():
+                return str(program)
+    raise FmuError(
+        "native FMUs need the C compiler of the package ziglang, which is not installed. Install it with "
+        "`pip install vdfmu[native]`, or build with the backend `python`."
+    )
+
+
+@dataclass(frozen=True)
+class Job:
+    """One library to make.
+
+    Attributes
+    ----------
+    name : str
+        Model name.
+    sources : mapping of str to bytes
+        File name to content, of C files and headers.
+    platform : str
+        One of :data:`~vdfmu.fmu.native.platforms.PLATFORMS`.
+    flags : tuple of str
+        Further flags of the compiler and the linker.
+    """
+
+    name: str
+    sources: Mapping[str, bytes]
+    platform: str
+    flags: tuple[str, ...] = ()
+
+    @cached_property
+    def target(self) -> Platform:
+        """Platform of the name."""
+        return PLATFORMS[self.platform]
+
+    @cached_property
+    def objects(self) -> dict[str, str]:
+        """C file to the key of its object."""
+        return {name: self._key(self._needed(name)) for name in sorted(self.sources) if name.endswith(".c")}
+
+    def _needed(self, name: str) -> dict[str, bytes]:
+        """Return a file and those of the sources that it includes, by way of others too."""
+        found: dict[str, bytes] = {}
+        names = [name]
+        while names:
+            one = names.pop()
+            if one not in found and one in self.sources:
+                found[one] = self.sources[one]
+                names += [header.decode() for header in _INCLUDE.findall(found[one])]
+        return found
+
+    @cached_property
+    def key(self) -> str:
+        """Key of the library."""
+        return self._key(self.sources)
+
+    def _key(self, files: Mapping[str, bytes]) -> str:
+        digest = sha256(repr((compiler_version(), self.target, _FLAGS, _LINK_FLAGS, self.flags)).encode())
+        for name, text in sorted(files.items()):
+            digest.update(f"\n{name} {len(text)}\n".encode())
+            digest.update(text)
+        return digest.hexdigest()
+
+
+def compile_library(
+    sources: Mapping[str, bytes], platform: str, *, name: str, flags: Sequence[str] = ()
+) -> bytes:
+    """Return a shared library; see :func:`compile_libraries`."""
+    return compile_libraries([Job(name, sources, platform, tuple(flags))])[0]
+
+
+def compile_libraries(jobs: Sequence[Job]) -> list[bytes]:
+    """Return the shared library of each job: from the cache, or compiled with all processors.
+
+    Raises
+    ------
+    FmuError
+        If the compiler is not installed, refuses a file, or the disk is full.
+    """
+    found = [load("native", job.key) for job in jobs]
+    missing = [job for job, library in zip(jobs, found, strict=True) if library is None]
+    if missing:
+        _zig()
+        try:
+            with _Workshop() as workshop:
+                made = workshop.make(missing)
+        except OSError as error:
+            raise FmuError(f"the native FMUs cannot be compiled: {error}. {_ROOM}") from error
+        for job, library in zip(missing, made, strict=True):
+            store("native", job.key, library)
+        rest = iter(made)
+        found = [library if library is not None else next(rest) for library in found]
+    return [library for library in found if library is not None]
+
+
+_ROOM = "Free space there, or choose other folders with TMPDIR and VDFMU_CACHE_DIR."
+
+
+class _Workshop:
+    """A temporary folder with one subfolder for each job, and the processes that work in it."""
+
+    def __enter__(self) -> _Workshop:
+        self._temporary = tempfile.TemporaryDirectory(prefix="vdfmu_native_", ignore_cleanup_errors=True)
+        self._folder = Path(self._temporary.name)
+        self._running: set[subprocess.Popen[bytes]] = set()
+        self._stopped = False
+        self._environment = os.environ | {
+            "ZIG_LOCAL_CACHE_DIR": str(self._folder / "zig"),
+            "ZIG_GLOBAL_CACHE_DIR": os.environ.get("ZIG_GLOBAL_CACHE_DIR") or self._support_folder(),
+        }
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._stop()
+        self._temporary.cleanup()
+
+    def _support_folder(self) -> str:
+        """Folder in which zig keeps what it compiles of its own for each platform, with locks of its own."""
+        folder = cache_folder() / "zig"
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            with tempfile.TemporaryFile(dir=folder):
+                return str(folder)
+        except OSError:
+            return str(self._folder / "zig_support")
+
+    def make(self, jobs: Sequence[Job]) -> list[bytes]:
+        """Return the library of each job."""
+        places = [self._folder / str(i) for i in range(len(jobs))]
+        for job, place in zip(jobs, places, strict=True):
+            place.mkdir()
+            for name, text in job.sources.items():
+                (place / name).write_bytes(text)
+        with self._pool() as pool:
+            objects = self._compile(pool, jobs, places)
+            links = [
+                pool.submit(self._link, job, place, objects) for job, place in zip(jobs, places, strict=True)
+            ]
+            return [link.result() for link in links]
+
+    @contextmanager
+    def _pool(self) -> Generator[ThreadPoolExecutor]:
+        """Threads that wait for processes; an error or an interrupt ends the processes."""
+        with ThreadPoolExecutor(max_workers=os.cpu_count() or 1) as pool:
+            try:
+                yield pool
+            except BaseException:
+                pool.shutdown(wait=False, cancel_futures=True)
+                self._stop()
+                raise
+
+    def _compile(
+        self, pool: ThreadPoolExecutor, jobs: Sequence[Job], places: Sequence[Path]
+    ) -> dict[str, Path]:
+        """Return key to file of all objects. Two jobs with the same object compile it once, the longest first."""
+        objects: dict[str, Path] = {}
+        missing: list[tuple[int, Job, Path, str, str]] = []
+        for job, place in zip(jobs, places, strict=True):
+            for name, key in job.objects.items():
+                if key in objects:
+                    continue
+                objects[key] = place / f"{PurePosixPath(name).stem}.o"
+                stored = load("native", key)
+                if stored is None:
+                    missing.append((-len(job.sources[name]), job, place, name, key))
+                else:
+                    objects[key].write_bytes(stored)
+        missing.sort(key=lambda item: item[0])
+        tasks = [pool.submit(self._object, *item[1:]) for item in missing]
+        done, _ = wait(tasks, return_when=FIRST_EXCEPTION)
+        for task in done:
+            task.result()
+        return objects
+
+    def _object(self, job: Job, place: Path, name: str, key: str) -> None:
+        file = f"{PurePosixPath(name).stem}.o"
+        self._run(job, place, name, ["-c", *_FLAGS, *job.target.flags, *job.flags, "-o", file, name])
+        store("native", key, (place / file).read_bytes())
+
+    def _link(self, job: Job, place: Path, objects: Mapping[str, Path]) -> bytes:
+        files = [os.path.relpath(objects[key], place) for key in job.objects.values()]
+        library = f"{job.name}{job.target.suffix}"
+        extra = ["-lm"] if job.platform.endswith("linux") else []
+        # the name inside the library is that of its file, not of the folder in which it was made
+        if job.platform.endswith("darwin"):
+            extra.append(f"-Wl,-install_name,@rpath/{library}")
+        self._run(job, place, library, [*_LINK_FLAGS, *job.flags, "-o", library, *files, *extra])
+        return _without_time((place / library).read_bytes())
+
+    def _run(self, job: Job, place: Path, what: str, arguments: Sequence[str]) -> None:
+        command = [_zig(), "cc", "-target", job.target.target, *arguments]
+        # in a session of its own a process does not get Ctrl-C, and its children end with it
+        process = subprocess.Popen(
+            command, cwd=place, env=self._environment, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL,
+            stderr=subprocess.PIPE, start_new_session=os.name == "posix",
+        )  # fmt: skip
+        self._running.add(process)
+        if self._stopped:
+            self._stop()
+        try:
+            _, said = process.communicate()
+        finally:
+            self._running.discard(process)
+        if process.returncode != 0:
+            words = said.decode("utf-8", "replace").strip()
+            hint = f" {_ROOM}" if "NoSpaceLeft" in words or "No space left" in words else ""
+            raise FmuError(f"{job.name} for {job.platform}: {what} cannot be compiled:\n{words}{hint}")
+
+    def _stop(self) -> None:
+        self._stopped = True
+        for process in list(self._running):
+            try:
+                if os.name == "posix":
+                    os.killpg(process.pid, signal.SIGKILL)
+                else:
+                    process.kill()
+            except OSError:  # it has just ended
+                continue
+
+
+def _without_time(library: bytes) -> bytes:
+    """Library without the time of its making, which the header of a Windows library holds."""
+    if library[:2] != b"MZ":
+        return library
+    (header,) = struct.unpack_from("<I", library, 0x3C)
+    return library[: header + 8] + bytes(4) + library[header + 12 :]

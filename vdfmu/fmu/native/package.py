@@ -1,0 +1,141 @@
+"""What a native FMU holds, and its build."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from functools import lru_cache
+from importlib.metadata import files as installed_files
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Literal
+
+from vdfmu.data import PACKAGE, data_path
+from vdfmu.errors import FmuError
+from vdfmu.fmu.archive import guid_of, pack_zip, read_member
+from vdfmu.fmu.content import CONTENT_FILE, Content
+from vdfmu.fmu.description import document, native_model_description
+from vdfmu.fmu.description3 import build_description, model_description_3
+from vdfmu.fmu.layout import Layout
+from vdfmu.fmu.native.compile import Job, compile_libraries
+from vdfmu.fmu.native.documentation import documentation_files
+from vdfmu.fmu.native.generate import generated_sources
+from vdfmu.fmu.native.platforms import binaries, chosen_platforms
+from vdfmu.fmu.native.reference_results import reference_files
+from vdfmu.fmu.terminals import icon_files
+
+__all__ = ["build_native_fmus", "fmi_headers", "unit_sources"]
+
+_CONTENT = f"extra/vdfmu/{CONTENT_FILE}"
+_MAJOR: dict[str, Literal[2, 3]] = {"2.0": 2, "3.0": 3}
+_THIRD_PARTY = """
+The libraries in binaries/ contain parts of the run-time support of the compiler zig: compiler-rt (Apache-2.0 WITH
+LLVM-exception) and zig (MIT); those for Windows also parts of mingw-w64 (ZPL-2.1 and public domain).
+"""
+
+
+def build_native_fmus(
+    contents: Sequence[Content], paths: Mapping[str, Path], platforms: Sequence[str] | str | None
+) -> None:
+    """Write the FMUs that are not up to date.
+
+    Parameters
+    ----------
+    contents : sequence of Content
+    paths : mapping of unit to Path
+    platforms : sequence of str, str or None
+        See :func:`~vdfmu.fmu.native.platforms.chosen_platforms`.
+    """
+    names = chosen_platforms(platforms)
+    stale = [content for content in contents if not _up_to_date(paths[content.unit], content, names)]
+    layouts = [Layout(content.table()) for content in stale]
+    sources = [unit_sources(content, layout) for content, layout in zip(stale, layouts, strict=True)]
+    jobs = [
+        Job(content.model_name, files | fmi_headers(content.fmi_version), name)
+        for content, files in zip(stale, sources, strict=True)
+        for name in names
+    ]
+    made = iter(compile_libraries(jobs))
+    for content, layout, files in zip(stale, layouts, sources, strict=True):
+        libraries = {name: next(made) for name in names}
+        path = paths[content.unit]
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            pack_zip(path, _members(content, layout, files, libraries))
+        except OSError as error:
+            raise FmuError(
+                f"{path}: cannot be written: {error}. Choose another folder or free space."
+            ) from error
+
+
+def unit_sources(content: Content, layout: Layout | None = None) -> dict[str, bytes]:
+    """Return file name to content of the folder ``sources`` of an FMU.
+
+    With :func:`fmi_headers` beside them, and ``-I.``, all C files compile to the library.
+    """
+    layout = layout or Layout(content.table())
+    files = {name: text.encode() for name, text in generated_sources(layout, content.guid).items()}
+    other = "fmi3.c" if content.fmi_version == "2.0" else "fmi2.c"
+    for file in sorted((data_path("fmu_src") / "c").glob("*.[ch]")):
+        if file.name != other:
+            files[file.name] = file.read_bytes().replace(b"\r\n", b"\n")
+    return files
+
+
+@lru_cache
+def fmi_headers(fmi_version: str) -> dict[str, bytes]:
+    """Return file name to content of the headers of FMI, as fmpy has them.
+
+    By the standard an importer has its own; an FMU does not carry them.
+    """
+    spec = find_spec("fmpy")
+    for folder in (spec.submodule_search_locations if spec else None) or ():
+        headers = sorted((Path(folder) / "c-code").glob(f"fmi{_MAJOR[fmi_version]}*.h"))
+        if headers:
+            return {header.name: header.read_bytes().replace(b"\r\n", b"\n") for header in headers}
+    raise FmuError("fmpy has no headers of FMI (folder fmpy/c-code). Install fmpy again.")
+
+
+def _up_to_date(path: Path, content: Content, platforms: Sequence[str]) -> bool:
+    if guid_of(path) != content.guid:
+        return False
+    try:
+        inside = json.loads(read_member(path, _CONTENT) or b"{}").get("platforms", [])
+    except (ValueError, AttributeError):
+        return False
+    return set(platforms) <= set(inside)
+
+
+def _members(
+    content: Content, layout: Layout, sources: Mapping[str, bytes], libraries: Mapping[str, bytes]
+) -> dict[str, bytes]:
+    """Path to content of everything in the FMU."""
+    major = _MAJOR[content.fmi_version]
+    c_files = [name for name in sorted(sources) if name.endswith(".c")]
+    guid, tool = content.guid, f"vdfmu {content.version}, {content.tool}"
+    members = {f"sources/{name}": text for name, text in sources.items()}
+    if major == 2:
+        root = native_model_description(layout, guid, tool, c_files)
+    else:
+        root = model_description_3(layout, guid, tool)
+        definitions = {"DISABLE_PREFIX": "1"}
+        build = build_description(c_files, definitions, content.model_name)
+        members["sources/buildDescription.xml"] = document(build)
+    members["modelDescription.xml"] = document(root)
+    members |= binaries(content.model_name, libraries, content.fmi_version)
+    members |= icon_files(layout, major)
+    members |= documentation_files(content, layout)
+    members |= reference_files(content, layout)
+    members["documentation/licenses/license.txt"] = (_license() + _THIRD_PARTY).encode()
+    members[_CONTENT] = content.to_json(platforms=list(libraries)).encode()
+    return members
+
+
+@lru_cache
+def _license() -> str:
+    """Text of the licence: an installed package has it among its metadata, a source tree at its root."""
+    listed = [Path(str(file.locate())) for file in installed_files("vdfmu") or () if file.name == "LICENSE"]
+    for place in (*listed, PACKAGE.parent / "LICENSE"):
+        if place.is_file():
+            return place.read_text(encoding="utf-8")
+    raise FmuError("the licence of vdfmu is not among its installed files. Install vdfmu again.")
