@@ -159,14 +159,13 @@ def build(
     """Build the four FMUs of a scenario's robot, with the scenario's values as start values."""
     from vdfmu.fmu import build_fmus
     from vdfmu.ssp.parameters import system_values
-    from vdfmu.study.run import choose_backend
 
     chosen = load_scenario(scenario, robot)
     built = build_fmus(
         chosen.robot,
         out,
         start_values=system_values(chosen, _settings(settings)),
-        backend=choose_backend(backend),
+        backend=backend,
         fmi_version=fmi,
         platforms=platform,
     )
@@ -211,12 +210,12 @@ def ssp(
     """Pack the system of a scenario as an SSP 1.0, with FMUs and parameters inside."""
     from vdfmu.ssp.parameters import system_values
     from vdfmu.ssp.write import write_ssp
-    from vdfmu.study.run import cached_fmus, choose_backend
+    from vdfmu.study.run import cached_fmus
 
     chosen = load_scenario(scenario, robot)
     path = out if out is not None else Path(f"{chosen.name}.ssp")
     values = system_values(chosen, _settings(settings))
-    _say(str(write_ssp(chosen, cached_fmus(chosen.robot, choose_backend(backend)), path, values)))
+    _say(str(write_ssp(chosen, cached_fmus(chosen.robot, backend), path, values)))
 
 
 @app.command(epilog="Example: [bold]vdfmu check fmus/Plant.fmu[/bold]")

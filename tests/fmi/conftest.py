@@ -151,7 +151,7 @@ def fmus(
     robots: dict[str, Robot], tmp_path_factory: pytest.TempPathFactory
 ) -> Mapping[str, Mapping[str, Path]]:
     """FMUs by robot and unit, built when they are first asked for."""
-    return Lazy(lambda robot: build_fmus(robots[robot], tmp_path_factory.mktemp(robot)))
+    return Lazy(lambda robot: build_fmus(robots[robot], tmp_path_factory.mktemp(robot), backend="python"))
 
 
 @pytest.fixture(scope="session")

@@ -25,14 +25,14 @@ BUILD = """
 import sys
 from vdfmu.fmu import build_fmus
 from vdfmu.model import load_robot
-build_fmus(load_robot("planar_2dof"), sys.argv[1])
+build_fmus(load_robot("planar_2dof"), sys.argv[1], backend="python")
 """
 
 
 def test_a_second_build_has_the_same_bytes(
     planar: Robot, fmus: Mapping[str, Mapping[str, Path]], tmp_path: Path
 ) -> None:
-    for unit, path in build_fmus(planar, tmp_path).items():
+    for unit, path in build_fmus(planar, tmp_path, backend="python").items():
         assert path.read_bytes() == fmus["planar_2dof"][unit].read_bytes(), unit
 
 
@@ -55,8 +55,8 @@ def test_a_cold_cache_of_traced_functions_changes_no_byte(
 
 
 def test_an_fmu_that_is_up_to_date_is_left_alone(planar: Robot, tmp_path: Path) -> None:
-    before = {unit: path.stat() for unit, path in build_fmus(planar, tmp_path).items()}
-    after = {unit: path.stat() for unit, path in build_fmus(planar, tmp_path).items()}
+    before = {unit: path.stat() for unit, path in build_fmus(planar, tmp_path, backend="python").items()}
+    after = {unit: path.stat() for unit, path in build_fmus(planar, tmp_path, backend="python").items()}
     for unit in UNIT_NAMES:
         assert before[unit].st_mtime_ns == after[unit].st_mtime_ns
         assert before[unit].st_ino == after[unit].st_ino
@@ -76,11 +76,11 @@ def test_a_change_gives_another_guid_and_a_new_file(planar: Robot, tmp_path: Pat
     def guid(path: Path) -> str:
         return fmpy.read_model_description(path).guid
 
-    old = guid(build_fmus(planar, tmp_path)["plant"])
+    old = guid(build_fmus(planar, tmp_path, backend="python")["plant"])
     robot, values = change(planar)
-    new = guid(build_fmus(robot, tmp_path, start_values=values)["plant"])
+    new = guid(build_fmus(robot, tmp_path, start_values=values, backend="python")["plant"])
     assert new != old
-    assert guid(build_fmus(planar, tmp_path)["plant"]) == old
+    assert guid(build_fmus(planar, tmp_path, backend="python")["plant"]) == old
 
 
 def test_the_guid_changes_with_sources_scripts_and_pythonfmu(planar: Robot) -> None:
@@ -98,15 +98,15 @@ def test_the_guid_changes_with_sources_scripts_and_pythonfmu(planar: Robot) -> N
 
 @pytest.mark.parametrize("damage", [b"", b"not a zip", None])
 def test_what_cannot_be_read_is_built_anew(planar: Robot, tmp_path: Path, damage: bytes | None) -> None:
-    path = build_fmus(planar, tmp_path, units=["controller"])["controller"]
+    path = build_fmus(planar, tmp_path, units=["controller"], backend="python")["controller"]
     good = path.read_bytes()
     path.write_bytes(good[: len(good) // 2] if damage is None else damage)
-    build_fmus(planar, tmp_path, units=["controller"])
+    build_fmus(planar, tmp_path, units=["controller"], backend="python")
     assert path.read_bytes() == good
 
 
 def test_others_may_read_the_files_and_nothing_else_is_left(planar: Robot, tmp_path: Path) -> None:
-    built = build_fmus(planar, tmp_path)
+    built = build_fmus(planar, tmp_path, backend="python")
     assert sorted(tmp_path.iterdir()) == sorted(built.values())
     for path in built.values():
         assert stat.S_IMODE(path.stat().st_mode) == 0o644
@@ -150,7 +150,7 @@ fmpy.simulate_fmu(sys.argv[2], stop_time=0.01)
 
 def test_building_leaves_the_search_path_alone(planar: Robot, tmp_path: Path) -> None:
     before = list(sys.path)
-    build_fmus(planar, tmp_path)
+    build_fmus(planar, tmp_path, backend="python")
     assert sys.path == before
 
 
@@ -166,7 +166,7 @@ def test_the_page_inside_describes_every_variable(
 
 def test_a_name_with_signs_of_html_is_shown_as_it_is(planar: Robot, tmp_path: Path) -> None:
     odd = dataclasses.replace(planar, name="arm <2> & more")
-    path = build_fmus(odd, tmp_path, units=["controller"])["controller"]
+    path = build_fmus(odd, tmp_path, units=["controller"], backend="python")["controller"]
     with zipfile.ZipFile(path) as archive:
         page = html.fromstring(archive.read("documentation/index.html").decode())
     assert "Robot: arm <2> & more." in page.text_content()
@@ -181,7 +181,7 @@ def test_start_values_are_those_of_the_instance_and_of_the_description(
 ) -> None:
     """Static equilibrium at q = 0: tau_s[1] = g (m1 a1 + m2 (l1 + b)), see the robot's file."""
     values = {"plant": {"mass[1]": 3.0, "q_dot_0[2]": 0.5, "equilibrium": False, "tau_s_0[1]": 2.0}}
-    path = build_fmus(planar, tmp_path, start_values=values)["plant"]
+    path = build_fmus(planar, tmp_path, start_values=values, backend="python")["plant"]
     starts = {v.name: v.start for v in fmpy.read_model_description(path).modelVariables}
     assert [starts[name] for name in values["plant"]] == ["3.0", "0.5", "false", "2.0"]
     row = fmpy.simulate_fmu(str(path), stop_time=1e-3, output_interval=1e-3)[0]
@@ -196,7 +196,9 @@ def test_start_values_are_those_of_the_instance_and_of_the_description(
 
 def test_numpy_numbers_will_do_as_start_values(planar: Robot, tmp_path: Path) -> None:
     values = {"feedforward": {"mode": np.int64(1), "Lambda[1]": np.float64(2.5)}}
-    path = build_fmus(planar, tmp_path, units=["feedforward"], start_values=values)["feedforward"]
+    path = build_fmus(planar, tmp_path, units=["feedforward"], start_values=values, backend="python")[
+        "feedforward"
+    ]
     starts = {v.name: v.start for v in fmpy.read_model_description(path).modelVariables}
     assert (starts["mode"], starts["Lambda[1]"]) == ("1", "2.5")
 
@@ -226,24 +228,24 @@ def test_start_values_that_could_not_start_are_refused(
     planar: Robot, tmp_path: Path, unit: str, values: dict[str, Any], words: str
 ) -> None:
     with pytest.raises(UsageError, match=words):
-        build_fmus(planar, tmp_path, start_values={unit: values})
+        build_fmus(planar, tmp_path, start_values={unit: values}, backend="python")
     assert list(tmp_path.iterdir()) == []
 
 
 def test_a_robot_that_is_not_physical_is_refused(planar: Robot, tmp_path: Path) -> None:
     with pytest.raises(ModelError, match=r"joints\[2\].link.mass: expected a finite number > 0") as caught:
-        build_fmus(planar.with_parameters(mass=[0.0, -1.0], ell=0.5), tmp_path)
+        build_fmus(planar.with_parameters(mass=[0.0, -1.0], ell=0.5), tmp_path, backend="python")
     assert len(caught.value.problems) == 4
 
 
 def test_unknown_units_and_folders_that_cannot_be_written_are_refused(planar: Robot, tmp_path: Path) -> None:
     with pytest.raises(UsageError, match="There is no unit 'motor'. There are: trajectory"):
-        build_fmus(planar, tmp_path, units=["motor"])
+        build_fmus(planar, tmp_path, units=["motor"], backend="python")
     with pytest.raises(UsageError, match="There is no unit 'motor'"):
-        build_fmus(planar, tmp_path, start_values={"motor": {}})
+        build_fmus(planar, tmp_path, start_values={"motor": {}}, backend="python")
     (tmp_path / "file").write_text("")
     with pytest.raises(FmuError, match=r"file/Trajectory.fmu: cannot be written: .*Choose another folder"):
-        build_fmus(planar, tmp_path / "file")
+        build_fmus(planar, tmp_path / "file", backend="python")
 
 
 def test_the_content_file_reads_back(planar: Robot, tmp_path: Path) -> None:

@@ -11,9 +11,25 @@ from vdfmu.fmu.archive import guid_of
 from vdfmu.fmu.behaviour import robot_problems
 from vdfmu.fmu.content import BACKENDS, FMI_VERSIONS, Content
 from vdfmu.fmu.interface import MODEL_NAMES, UNIT_NAMES, start_values
+from vdfmu.fmu.native import native_available
 from vdfmu.model import Robot, check_robot
 
-__all__ = ["build_fmus"]
+__all__ = ["build_fmus", "choose_backend"]
+
+
+def choose_backend(backend: str | None) -> str:
+    """Return the backend that is asked for, or the default: native where its compiler is installed.
+
+    Raises
+    ------
+    UsageError
+        For an unknown one.
+    """
+    if backend is None:
+        return "native" if native_available() else "python"
+    if backend not in BACKENDS:
+        raise UsageError(f"There is no backend {backend!r}. There are: {', '.join(BACKENDS)}.")
+    return backend
 
 
 def build_fmus(
@@ -22,7 +38,7 @@ def build_fmus(
     *,
     units: Sequence[str] = UNIT_NAMES,
     start_values: Mapping[str, Mapping[str, float]] | None = None,
-    backend: str = "python",
+    backend: str | None = None,
     fmi_version: str = "2.0",
     platforms: Sequence[str] | str | None = None,
 ) -> dict[str, Path]:
@@ -41,7 +57,8 @@ def build_fmus(
     start_values : mapping of unit to mapping of variable to number, optional
         Start values in place of those of the variable table.
     backend : "python" or "native", optional
-        A Python FMU runs in a Python that has vdfmu; a native one needs nothing but its platform.
+        A Python FMU runs in a Python that has vdfmu; a native one needs nothing but its platform. Default
+        native where its compiler is installed.
     fmi_version : "2.0" or "3.0", optional
         Python FMUs are of FMI 2.0.
     platforms : sequence of str, or "all", optional
@@ -61,6 +78,7 @@ def build_fmus(
     FmuError
         If a file cannot be written, or the compiler is missing or fails.
     """
+    backend = choose_backend(backend)
     _check_names(units, start_values or {}, backend, fmi_version, platforms)
     check_robot(robot)
     out = Path(out_dir)
@@ -100,8 +118,6 @@ def _check_names(
     unknown = [unit for unit in (*units, *start_values) if unit not in MODEL_NAMES]
     if unknown:
         raise UsageError(f"There is no unit {unknown[0]!r}. There are: {', '.join(UNIT_NAMES)}.")
-    if backend not in BACKENDS:
-        raise UsageError(f"There is no backend {backend!r}. There are: {', '.join(BACKENDS)}.")
     if fmi_version not in FMI_VERSIONS:
         raise UsageError(f"There is no FMI {fmi_version!r} here. There are: {', '.join(FMI_VERSIONS)}.")
     if backend == "python" and fmi_version != "2.0":

@@ -17,8 +17,8 @@ from vdfmu.cosim.container import simulate_container, write_container
 from vdfmu.cosim.reference import REFERENCE_OF, reference
 from vdfmu.errors import CosimError, FmuError, UsageError, VdfmuError
 from vdfmu.fmu import build_fmus
+from vdfmu.fmu.build import choose_backend
 from vdfmu.fmu.content import Content
-from vdfmu.fmu.native import native_available
 from vdfmu.kernel.functions import cache_folder
 from vdfmu.model import Robot, Scenario, load_robot, load_scenario
 from vdfmu.model.check import check_step
@@ -30,12 +30,10 @@ from vdfmu.ssp.write import write_ssp
 from vdfmu.study.contrast import contrast
 from vdfmu.study.summary import compare, sampling_warnings, tracking_errors
 
-__all__ = ["BACKENDS", "cached_fmus", "choose_backend", "prepare", "run"]
+__all__ = ["cached_fmus", "prepare", "run"]
 
 Progress = Callable[[str, int, int], None]
 """Called with the stage, the number of finished steps and their total."""
-
-BACKENDS = ("python", "native")
 
 _OUTPUTS = (
     "results.csv",
@@ -80,26 +78,12 @@ def prepare(
     return scenario
 
 
-def choose_backend(backend: str | None) -> str:
-    """Return the backend that is asked for, or the default: native where its compiler is installed.
-
-    Raises
-    ------
-    UsageError
-        For an unknown one.
-    """
-    if backend is None:
-        return "native" if native_available() else "python"
-    if backend not in BACKENDS:
-        raise UsageError(f"backend: expected {' or '.join(BACKENDS)}, got {backend!r}.")
-    return backend
-
-
-def cached_fmus(robot: Robot, backend: str = "python") -> dict[str, Path]:
+def cached_fmus(robot: Robot, backend: str | None = None) -> dict[str, Path]:
     """FMUs of a robot in the cache, built if they are not there: their folder is named by their content.
 
     Where the cache cannot be written they are built in a temporary folder, which goes with the process.
     """
+    backend = choose_backend(backend)
     folder = cache_folder() / "fmus" / Content("plant", robot, {}, backend).guid.strip("{}")
     try:
         return build_fmus(robot, folder, backend=backend)
