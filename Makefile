@@ -12,7 +12,7 @@ demo: $(VENV)/demo  ## run the paper's tracking simulation (Section IV-B)
 test: $(VENV)/test  ## run all tests
 	$(BIN)/python -m pytest -n 2 $(PYTEST_ARGS)
 
-bench: $(VENV)/test  ## measure times and growth exponents
+bench: $(VENV)/bench  ## measure times and growth exponents
 	$(BIN)/python -m benchmarks
 
 docs: $(VENV)/docs  ## build the documentation into site/; a warning is an error
@@ -37,6 +37,6 @@ $(VENV)/demo: $(VENV)/python pyproject.toml constraints.txt
 	$(PIP_INSTALL) -e ".[native]"
 	touch $@
 
-$(VENV)/test $(VENV)/docs $(VENV)/dev: $(VENV)/%: $(VENV)/python pyproject.toml constraints.txt
+$(VENV)/test $(VENV)/bench $(VENV)/docs $(VENV)/dev: $(VENV)/%: $(VENV)/python pyproject.toml constraints.txt
 	$(PIP_INSTALL) -e ".[$*]"
 	touch $@

@@ -6,8 +6,8 @@ Python API
     A shipped robot or scenario by name, or a file by path.
 ``inverse_dynamics``, ``forward_dynamics``
     Rigid links, link-side torques, one state or a batch.
-``build_fmus``, ``write_ssp``
-    The four units as FMUs, and the system that wires them.
+``build_fmus``, ``write_ssp``, ``write_container``
+    The four units as FMUs, the system that wires them, and the system as one FMU.
 ``run``
     A whole scenario: co-simulation, references, comparison, files.
 ``simulate``, ``load_ssp``
@@ -21,6 +21,7 @@ __version__ = "0.1.0"
 
 if TYPE_CHECKING:
     from vdfmu.cosim import Results, simulate
+    from vdfmu.cosim.container import write_container
     from vdfmu.dynamics import forward_dynamics, inverse_dynamics
     from vdfmu.errors import VdfmuError
     from vdfmu.fmu import build_fmus
@@ -44,6 +45,7 @@ _WHERE = {
     "run": "vdfmu.study",
     "scenario_names": "vdfmu.model",
     "simulate": "vdfmu.cosim",
+    "write_container": "vdfmu.cosim.container",
     "write_ssp": "vdfmu.ssp.write",
 }
 
@@ -63,6 +65,7 @@ __all__ = [
     "run",
     "scenario_names",
     "simulate",
+    "write_container",
     "write_ssp",
 ]
 
