@@ -1,0 +1,66 @@
+"""Random sequences of calls: no crash, nothing that the sanitizers report, no change by a call that fails, no leak.
+
+VDFMU_FUZZ_SECONDS makes it longer than the some seconds it takes in the tests: `VDFMU_FUZZ_SECONDS=3600 pytest
+tests/native/test_fuzz.py`.
+"""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from .binding import Model
+from .conftest import GCC, HERE, SANITIZERS, program, run
+
+SECONDS = float(os.environ.get("VDFMU_FUZZ_SECONDS", "12"))
+
+
+@pytest.mark.parametrize("unit", ["plant", "feedforward"])
+def test_random_calls_find_nothing(
+    model: Callable[..., Model], sanitized: Callable[..., list[Path]], tmp_path: Path, unit: str
+) -> None:
+    """The same inputs every time, 500 for each seed, as many seeds as the time allows."""
+    target = tmp_path / "fuzz"
+    run([program("gcc", "gcc"), *GCC, *SANITIZERS, "-DMAIN", f"-I{model(unit).folder / 'sources'}", HERE / "fuzz.c",
+         *sanitized(unit), "-o", target, "-lm"])  # fmt: skip
+    end = time.monotonic() + SECONDS / 3.0
+    seed = 0
+    while seed == 0 or time.monotonic() < end:
+        seed += 1
+        assert "500 inputs" in run([target, 500, seed], ASAN_OPTIONS="detect_leaks=1", seconds=600)
+
+
+def fuzzer(tmp_path: Path) -> str:
+    """Path of a clang with libFuzzer."""
+    clang = program("clang", "clang")
+    (tmp_path / "empty.c").write_text("int LLVMFuzzerTestOneInput(void) { return 0; }\n")
+    done = subprocess.run(
+        [clang, "-fsanitize=fuzzer,address", "empty.c", "-o", "empty"], cwd=tmp_path, capture_output=True
+    )
+    if done.returncode or subprocess.run([tmp_path / "empty", "-runs=1"], capture_output=True).returncode:
+        pytest.skip("needs clang with libFuzzer: apt install clang libclang-rt-dev")
+    return clang
+
+
+@pytest.mark.slow
+def test_calls_that_reach_new_code_find_nothing(model: Callable[..., Model], tmp_path: Path) -> None:
+    """LibFuzzer changes inputs towards code that none has reached; VDFMU_FUZZ_CORPUS keeps them."""
+    folder, target = model("plant").folder / "sources", tmp_path / "fuzz"
+    flags = [
+        "-fsanitize=fuzzer,address,undefined,float-cast-overflow",
+        "-fno-sanitize-recover=all",
+        "-DDISABLE_PREFIX",
+    ]
+    run([fuzzer(tmp_path), *GCC, *flags, f"-I{folder}", *sorted(folder.glob("*.c")), HERE / "fuzz.c",
+         "-o", target, "-lm"], seconds=300)  # fmt: skip
+    corpus = Path(os.environ.get("VDFMU_FUZZ_CORPUS", tmp_path / "corpus"))
+    corpus.mkdir(parents=True, exist_ok=True)
+    run([target, corpus, "-seed=1", f"-max_total_time={max(1, round(SECONDS / 3))}", "-max_len=1024", "-timeout=60",
+         "-print_final_stats=1", f"-artifact_prefix={corpus.parent}/"], cwd=tmp_path,
+        seconds=SECONDS + 300)  # fmt: skip
+    assert len(list(corpus.iterdir())) > 50  # it did reach new code, time and again
