@@ -1,27 +1,65 @@
-"""The system of a scenario, packed for a benchmark."""
+"""The system of a scenario, packed and run for a benchmark."""
 
 from __future__ import annotations
 
 import logging
 import tempfile
-from collections.abc import Generator
+import time
+import zipfile
+from collections.abc import Callable, Generator, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass, field
 from pathlib import Path
+
+import numpy as np
 
 from vdfmu.cosim import LogMessage, Results, simulate
 from vdfmu.fmu import build_fmus
+from vdfmu.fmu.archive import pack_zip
+from vdfmu.fmu.native.compile import compile_library
+from vdfmu.fmu.native.platforms import this_platform
 from vdfmu.model import Scenario
 from vdfmu.ssp.write import write_ssp
 
-__all__ = ["packed", "quiet_run"]
+__all__ = ["Clock", "least", "median", "packed", "quiet", "quiet_run", "write_emptied"]
 
 
 @contextmanager
-def packed(scenario: Scenario) -> Generator[Path]:
-    """Build the four Python FMUs and the package of a scenario in a temporary folder."""
+def packed(scenario: Scenario, backend: str = "python") -> Generator[Path]:
+    """Build the four FMUs and the package of a scenario in a temporary folder."""
     with tempfile.TemporaryDirectory(prefix="vdfmu-bench-") as folder:
-        fmus = build_fmus(scenario.robot, Path(folder) / "fmus")
+        fmus = build_fmus(scenario.robot, Path(folder) / "fmus", backend=backend)
         yield write_ssp(scenario, fmus, Path(folder) / f"{scenario.name}.ssp")
+
+
+def write_emptied(package: Path, path: Path) -> Path:
+    """Copy an FMU, or a package of FMUs, with libraries that do nothing: what is left is the time of the master."""
+    members = _members(package)
+    if package.suffix == ".fmu":
+        source = Path(__file__).with_name("empty_unit.c").read_bytes()
+        library = compile_library(
+            {"empty_unit.c": source}, this_platform(), name="empty", flags=("-fvisibility=default",)
+        )
+        members |= {name: library for name in members if name.startswith("binaries/")}
+    for name in members:
+        if name.endswith(".fmu") and package.suffix == ".ssp":
+            with tempfile.TemporaryDirectory(prefix="vdfmu-bench-") as folder:
+                full, hollow = Path(folder) / "full.fmu", Path(folder) / "hollow.fmu"
+                full.write_bytes(members[name])
+                members[name] = write_emptied(full, hollow).read_bytes()
+    pack_zip(path, members)
+    return path
+
+
+def _members(path: Path) -> dict[str, bytes]:
+    with zipfile.ZipFile(path) as archive:
+        return {name: archive.read(name) for name in archive.namelist() if not name.endswith("/")}
+
+
+def quiet(message: LogMessage) -> None:
+    """Drop the messages of the units other than errors."""
+    if message.status in ("error", "fatal"):
+        logging.getLogger("benchmarks").error("%s", message)
 
 
 def quiet_run(
@@ -31,6 +69,7 @@ def quiet_run(
     stop: float,
     algorithm: str = "gauss-seidel",
     tolerance: float | None = None,
+    progress: Callable[[int, int], None] | None = None,
 ) -> Results:
     """Run a package; messages of the units other than errors are dropped.
 
@@ -38,13 +77,50 @@ def quiet_run(
     ----------
     tolerance : float, optional
         Of the plant's solver, in place of the package's.
+    progress : callable, optional
+        See :func:`vdfmu.cosim.simulate`.
     """
-
-    def log(message: LogMessage) -> None:
-        if message.status in ("error", "fatal"):
-            logging.getLogger("benchmarks").error("%s", message)
-
     parameters = None if tolerance is None else {"plant.tolerance": tolerance}
     return simulate(
-        package, start=0.0, stop=stop, step=step, algorithm=algorithm, parameters=parameters, log=log
-    )
+        package, start=0.0, stop=stop, step=step, algorithm=algorithm, parameters=parameters,
+        progress=progress, log=quiet,
+    )  # fmt: skip
+
+
+@dataclass
+class Clock:
+    """Takes the time of a run block by block; give its :meth:`progress` to the run.
+
+    A block is a hundredth of the run. Its least time over several runs is the same work without what other programs
+    took meanwhile.
+
+    Attributes
+    ----------
+    marks : list of (steps done, wall time, processor time)
+    """
+
+    marks: list[tuple[int, float, float]] = field(default_factory=list)
+
+    def progress(self, done: int, total: int) -> None:
+        """Note the times of the end of a block."""
+        self.marks.append((done, time.perf_counter(), time.process_time()))
+
+    @property
+    def wall(self) -> np.ndarray:
+        """Wall time of each block over the steps of the run [s]; their sum is the time of a step."""
+        return np.diff([wall for _, wall, _ in self.marks]) / self.marks[-1][0]
+
+    @property
+    def processor(self) -> np.ndarray:
+        """The same of the processor time of all threads [s]."""
+        return np.diff([processor for _, _, processor in self.marks]) / self.marks[-1][0]
+
+
+def least(rounds: Sequence[np.ndarray]) -> float:
+    """Time of a step [s] from the least time of each block over the rounds."""
+    return float(np.sum(np.min(rounds, axis=0)))
+
+
+def median(rounds: Sequence[np.ndarray]) -> float:
+    """Median over the rounds of the time of a step [s]."""
+    return float(np.median(np.sum(rounds, axis=1)))

@@ -336,8 +336,8 @@ class _Bars:
         if message.status == "note":
             name, _, what = message.text.partition(": ")
             self._notes.setdefault(what, []).append(name)
-        elif message.status not in ("ok", "fatal"):  # the error that ends the run quotes what is fatal
-            self.say(f"{message.unit or message.status}: {message.text}")
+        elif message.status not in ("ok", "error", "fatal"):  # the error that ends the run quotes these
+            self.say(str(message) if message.unit else f"{message.status}: {message.text}")
 
 
 def main() -> None:

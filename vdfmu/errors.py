@@ -43,6 +43,10 @@ class FmuError(VdfmuError):
     """An FMU that cannot be built or used."""
 
 
+class StorageError(FmuError):
+    """An FMU that cannot be written: a full disk, a folder without the right to write."""
+
+
 class UsageError(VdfmuError):
     """A wrong option, an unknown name or an unknown parameter."""
 

@@ -59,7 +59,7 @@ static Status check_unknowns(const Instance *I, const Reference refs[], size_t n
 static Status check(Instance *I, const Direction *a, bool adjoint)
 {
     size_t n_knowns, n_unknowns;
-    if (!allowed(I, INITIALIZATION | STEP | EVENT | CONTINUOUS) ||
+    if (!allowed(I, INITIALIZATION | STEP | EVENT | CONTINUOUS | TERMINATED) ||
         check_unknowns(I, a->unknowns, a->n_unknowns, &n_unknowns) != STATUS_OK ||
         check_knowns(I, a->knowns, a->n_knowns, &n_knowns) != STATUS_OK)
         return STATUS_ERROR;
@@ -126,7 +126,7 @@ Status adjoint_derivative(Instance *I, const Direction *a)
 
 static const Pattern *pattern_now(const Instance *I)
 {
-    const bool before = I->core->phase & (INSTANTIATED | CONFIGURATION | INITIALIZATION);
+    const bool before = I->core->phase & (INSTANTIATED | INITIALIZATION);
     return before ? &unit.start_pattern : &unit.step_pattern;
 }
 

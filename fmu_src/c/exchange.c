@@ -7,7 +7,8 @@
 
 Status enter_event_mode(Instance *I)
 {
-    if (!allowed(I, CONTINUOUS))
+    /* FMI 2 allows it in event mode too, where nothing changes. */
+    if (!allowed(I, I->host.arrays ? CONTINUOUS : EVENT | CONTINUOUS))
         return STATUS_ERROR;
     I->core->phase = EVENT;
     return STATUS_OK;
@@ -116,6 +117,8 @@ Status get_event_indicators(Instance *I, size_t n)
 
 Status get_number(const Instance *I, size_t *n, size_t value)
 {
+    if (I->kind == CO_SIMULATION)
+        return refuse_phase(I, CONTINUOUS);
     if (!allowed(I, ANY_PHASE))
         return STATUS_ERROR;
     if (!n)

@@ -73,7 +73,7 @@ fmi2Component fmi2Instantiate(fmi2String instanceName, fmi2Type fmuType, fmi2Str
         .log = log_message,
         .logger = (void (*)(void))functions->logger,
         .type_names = {"Real", "Integer", "Boolean"},
-        .logs_events = loggingOn != 0,
+        .logged = logged_at_start(loggingOn != 0),
     };
     return instance_new(&host, "instantiate", instanceName, fmuGUID, fmuType == fmi2CoSimulation ? CO_SIMULATION : MODEL_EXCHANGE);
 }

@@ -46,7 +46,7 @@ static Host host_of(fmi3InstanceEnvironment environment, fmi3LogMessageCallback 
         .logger = (void (*)(void))logger,
         .type_names = {"Float64", "Int32", "Boolean"},
         .arrays = true,
-        .logs_events = logs,
+        .logged = logged_at_start(logs),
     };
 }
 
@@ -141,8 +141,8 @@ fmi3Status fmi3EnterInitializationMode(fmi3Instance instance, fmi3Boolean tolera
     }
 
 CHANGE_OF_MODE(fmi3ExitInitializationMode, "exitInitializationMode", exit_initialization(I))
-CHANGE_OF_MODE(fmi3EnterConfigurationMode, "enterConfigurationMode", enter_configuration(I))
-CHANGE_OF_MODE(fmi3ExitConfigurationMode, "exitConfigurationMode", exit_configuration(I))
+CHANGE_OF_MODE(fmi3EnterConfigurationMode, "enterConfigurationMode", refuse_configuration(I))
+CHANGE_OF_MODE(fmi3ExitConfigurationMode, "exitConfigurationMode", refuse_configuration(I))
 CHANGE_OF_MODE(fmi3EnterEventMode, "enterEventMode", enter_event_mode(I))
 CHANGE_OF_MODE(fmi3EnterContinuousTimeMode, "enterContinuousTimeMode", enter_continuous_time_mode(I))
 CHANGE_OF_MODE(fmi3EnterStepMode, "enterStepMode", fail(I, "this unit has no event mode in co-simulation to return from."))

@@ -11,15 +11,28 @@
 
 #define TIMED (STEP | INTERMEDIATE | EVENT | CONTINUOUS)
 
-static void say(const Instance *I, Status status, const char *category, const char *format, va_list arguments)
+typedef enum { LOG_EVENTS, LOG_WARNING, LOG_DISCARD, LOG_ERROR, LOG_FATAL, LOG_ALL, N_CATEGORIES } Category;
+
+static const char *const categories[] = {
+    "logEvents", "logStatusWarning", "logStatusDiscard", "logStatusError", "logStatusFatal", "logAll",
+};
+
+static bool is_logged(const Instance *I, Category category)
 {
+    return I->host.logged >> category & 1;
+}
+
+static void say(const Instance *I, Status status, Category category, const char *format, va_list arguments)
+{
+    if (!is_logged(I, category))
+        return;
     Text t = {0};
     text_add(&t, "%s: %s", I->name, I->call);
     if (I->core && I->core->phase & TIMED)
         text_add(&t, " at t = %s s", G9(I->m[unit.time]));
     text_add(&t, " failed: ");
     text_add_list(&t, format, arguments);
-    I->host.log(&I->host, I->name, status, category, t.text ? t.text : "out of memory");
+    I->host.log(&I->host, I->name, status, categories[category], t.text ? t.text : "out of memory");
     text_free(&t);
 }
 
@@ -27,7 +40,7 @@ Status fail(const Instance *I, const char *format, ...)
 {
     va_list arguments;
     va_start(arguments, format);
-    say(I, STATUS_ERROR, "logStatusError", format, arguments);
+    say(I, STATUS_ERROR, LOG_ERROR, format, arguments);
     va_end(arguments);
     return STATUS_ERROR;
 }
@@ -36,7 +49,7 @@ Status discard(const Instance *I, const char *format, ...)
 {
     va_list arguments;
     va_start(arguments, format);
-    say(I, STATUS_DISCARD, "logStatusDiscard", format, arguments);
+    say(I, STATUS_DISCARD, LOG_DISCARD, format, arguments);
     va_end(arguments);
     return STATUS_DISCARD;
 }
@@ -62,7 +75,6 @@ Status refuse_phase(const Instance *I, unsigned phases)
         const char *when;
     } all[] = {
         {INSTANTIATED, "before enterInitializationMode"},
-        {CONFIGURATION, "in configuration mode"},
         {INITIALIZATION, "between enterInitializationMode and exitInitializationMode"},
         {STEP, "after exitInitializationMode and before terminate"},
         {EVENT, "in event mode"},
@@ -85,30 +97,36 @@ Status refuse_phase(const Instance *I, unsigned phases)
     return STATUS_ERROR;
 }
 
-static const char *const categories_known[] = {
-    "logEvents", "logStatusWarning", "logStatusDiscard", "logStatusError", "logStatusFatal", "logAll",
-};
-#define N_CATEGORIES (sizeof categories_known / sizeof *categories_known)
+#define ALL_CATEGORIES ((1u << N_CATEGORIES) - 1)
+#define STATUS_CATEGORIES (1u << LOG_WARNING | 1u << LOG_DISCARD | 1u << LOG_ERROR | 1u << LOG_FATAL)
 
-Status set_debug_logging(Instance *I, bool on, size_t n, const char *const categories[])
+unsigned logged_at_start(bool logging_on)
+{
+    return logging_on ? ALL_CATEGORIES : STATUS_CATEGORIES;
+}
+
+Status set_debug_logging(Instance *I, bool on, size_t n, const char *const names[])
 {
     if (!allowed(I, ANY_PHASE))
         return STATUS_ERROR;
-    if (n && !categories)
+    if (n && !names)
         return fail_null(I, "an array of categories");
-    bool events = n == 0;
+    unsigned named = 0;
     for (size_t k = 0; k < n; k++) {
-        if (!categories[k])
+        if (!names[k])
             return fail_null(I, "the name of a category");
         size_t i = 0;
-        while (i < N_CATEGORIES && strcmp(categories[k], categories_known[i]) != 0)
+        while (i < N_CATEGORIES && strcmp(names[k], categories[i]) != 0)
             i++;
         if (i == N_CATEGORIES)
             return fail(I, "expected categories out of logEvents, logStatusWarning, logStatusDiscard, logStatusError, "
-                           "logStatusFatal, logAll, got %.100s.", categories[k]);
-        events = events || i == 0 || i == N_CATEGORIES - 1;
+                           "logStatusFatal, logAll, got %.100s.", names[k]);
+        named |= i == LOG_ALL ? ALL_CATEGORIES : 1u << i;
     }
-    I->host.logs_events = on && events;
+    if (n == 0)
+        I->host.logged = logged_at_start(on);
+    else
+        I->host.logged = on ? I->host.logged | named : I->host.logged & ~named;
     return STATUS_OK;
 }
 
@@ -117,7 +135,7 @@ Status set_debug_logging(Instance *I, bool on, size_t n, const char *const categ
 static void take_start_values(Instance *I)
 {
     Core *c = I->core;
-    *c = (Core){.phase = INSTANTIATED, .stale = STALE_ALL, .h = FIRST_STEP};
+    *c = (Core){.phase = INSTANTIATED, .stale = STALE_ALL, .stop_time = INFINITY, .h = FIRST_STEP};
     for (size_t i = 0; i < unit.n; i++) {
         I->m[i] = I->held[i] = unit.variables[i].start;
         I->rate[i] = 0.0;
@@ -292,14 +310,14 @@ static Status check_experiment(const Instance *I, const Experiment *e)
 {
     if (!isfinite(e->start_time))
         return fail(I, "expected a finite start time, got %s s.", EXACT(e->start_time));
-    if (e->stop_time_defined && !(isfinite(e->stop_time) && e->stop_time > e->start_time))
-        return fail(I, "expected a finite stop time after the start time %s s, got %s s.", EXACT(e->start_time),
+    if (e->stop_time_defined && !(isfinite(e->stop_time) && e->stop_time >= e->start_time))
+        return fail(I, "expected a finite stop time not before the start time %s s, got %s s.", EXACT(e->start_time),
                     EXACT(e->stop_time));
     if (!e->tolerance_defined)
         return STATUS_OK;
     if (!(isfinite(e->tolerance) && e->tolerance > 0.0))
         return fail(I, "expected a finite positive tolerance, got %s.", EXACT(e->tolerance));
-    if (unit.tolerance < unit.n) {
+    if (unit.tolerance < unit.n && I->kind == CO_SIMULATION) { /* in model exchange the solver is the importer's */
         const Variable *v = &unit.variables[unit.tolerance];
         if (!(e->tolerance >= v->min && e->tolerance <= v->max))
             return fail_problem(I, v, e->tolerance);
@@ -311,6 +329,7 @@ static void take_experiment(Instance *I, const Experiment *e)
 {
     Core *c = I->core;
     c->start_time = I->m[unit.time] = e->start_time;
+    c->stop_time = e->stop_time_defined ? e->stop_time : INFINITY;
     c->tolerance_defined = e->tolerance_defined;
     c->tolerance = e->tolerance_defined ? e->tolerance : 0.0;
     c->stale = STALE_ALL;
@@ -347,29 +366,18 @@ Status exit_initialization(Instance *I)
         return STATUS_ERROR;
     memcpy(I->held, I->m, unit.n * sizeof *I->m);
     I->core->phase = I->kind == CO_SIMULATION ? STEP : EVENT;
-    if (I->host.logs_events) {
+    if (is_logged(I, LOG_EVENTS)) {
         Text t = {0};
         text_add(&t, "%s: starts at t = %s s", I->name, G6(I->m[unit.time]));
-        I->host.log(&I->host, I->name, STATUS_OK, "logEvents", t.text ? t.text : "");
+        I->host.log(&I->host, I->name, STATUS_OK, categories[LOG_EVENTS], t.text ? t.text : "");
         text_free(&t);
     }
     return STATUS_OK;
 }
 
-Status enter_configuration(Instance *I)
+Status refuse_configuration(const Instance *I)
 {
-    if (!allowed(I, INSTANTIATED))
-        return STATUS_ERROR;
-    I->core->phase = CONFIGURATION;
-    return STATUS_OK;
-}
-
-Status exit_configuration(Instance *I)
-{
-    if (!allowed(I, CONFIGURATION))
-        return STATUS_ERROR;
-    I->core->phase = INSTANTIATED;
-    return STATUS_OK;
+    return fail(I, "there is nothing to configure: %s has no structural parameters.", unit.name);
 }
 
 Status terminate(Instance *I)

@@ -17,13 +17,12 @@ typedef enum { CO_SIMULATION, MODEL_EXCHANGE } Kind;
 /* One bit each, so that a call names those in which it is allowed. */
 typedef enum {
     INSTANTIATED = 1,
-    CONFIGURATION = 2, /* FMI 3 */
-    INITIALIZATION = 4,
-    STEP = 8,          /* co-simulation */
-    INTERMEDIATE = 16, /* FMI 3 co-simulation: inside an intermediate update */
-    EVENT = 32,        /* model exchange */
-    CONTINUOUS = 64,   /* model exchange */
-    TERMINATED = 128
+    INITIALIZATION = 2,
+    STEP = 4,         /* co-simulation */
+    INTERMEDIATE = 8, /* FMI 3 co-simulation: inside an intermediate update */
+    EVENT = 16,       /* model exchange */
+    CONTINUOUS = 32,  /* model exchange */
+    TERMINATED = 64
 } Phase;
 
 #define LAST_PHASE TERMINATED
@@ -37,7 +36,7 @@ typedef struct {
     unsigned phase, stale;
     bool tolerance_defined; /* by the experiment: `tolerance` goes before the parameter */
     bool rates;             /* some rate is not zero */
-    double start_time, tolerance;
+    double start_time, stop_time, tolerance; /* stop_time: INFINITY if it is not defined */
     double h;        /* [s] internal step that the solver tries next */
     double values[]; /* memory, rates of the inputs, memory at the end of the last step; n each */
 } Core;
@@ -64,7 +63,8 @@ typedef struct Host {
     void (*intermediate)(void);
     const char *type_names[3];  /* of REAL, INTEGER, BOOLEAN */
     bool arrays;                /* a value reference names an array, and time is offered */
-    bool logs_events, early_return_allowed;
+    unsigned logged; /* categories that are turned on, one bit each */
+    bool early_return_allowed;
 } Host;
 
 typedef struct {
@@ -101,6 +101,8 @@ static inline bool allowed(const Instance *I, unsigned phases)
 /* Life cycle. `call` is the name of the FMI function that makes the instance. */
 Instance *instance_new(const Host *host, const char *call, const char *name, const char *guid, Kind kind);
 void instance_free(Instance *I);
+/* Messages about a status are on from the start, others with `logging_on`. */
+unsigned logged_at_start(bool logging_on);
 Status set_debug_logging(Instance *I, bool on, size_t n, const char *const categories[]);
 
 typedef struct {
@@ -111,8 +113,7 @@ typedef struct {
 Status setup_experiment(Instance *I, const Experiment *e);
 Status enter_initialization(Instance *I, const Experiment *e); /* NULL: that of setup_experiment */
 Status exit_initialization(Instance *I);
-Status enter_configuration(Instance *I);
-Status exit_configuration(Instance *I);
+Status refuse_configuration(const Instance *I);
 Status terminate(Instance *I);
 Status reset(Instance *I);
 

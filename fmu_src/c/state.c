@@ -104,7 +104,7 @@ void states_free(Instance *I)
 /* ---------------------------------------------------------------- bytes
  *
  *     magic 8 | version 4 | kind 4 | size of all 8 | length of GUID 4 | GUID |
- *     phase 4 | flags 4 | start time, tolerance, h 3 x 8 | n 8 | values 3 n x 8 | checksum of all before 8
+ *     phase 4 | flags 4 | start time, stop time, tolerance, h 4 x 8 | n 8 | values 3 n x 8 | checksum of all before 8
  *
  * Numbers are little-endian whatever the machine.
  */
@@ -159,7 +159,7 @@ static uint64_t checksum(const unsigned char *bytes, size_t size) /* FNV-1a */
 
 static size_t bytes_size(void)
 {
-    return HEADER + strlen(unit.guid) + 4 + 4 + 3 * 8 + 8 + 3 * unit.n * 8 + SUM;
+    return HEADER + strlen(unit.guid) + 4 + 4 + 4 * 8 + 8 + 3 * unit.n * 8 + SUM;
 }
 
 Status state_size(const Instance *I, const void *state, size_t *size)
@@ -198,6 +198,7 @@ Status state_to_bytes(const Instance *I, const void *state, unsigned char *bytes
     put(&c, core->phase, 4);
     put(&c, core->stale | (core->tolerance_defined ? FLAG_TOLERANCE : 0u) | (core->rates ? FLAG_RATES : 0u), 4);
     put_double(&c, core->start_time);
+    put_double(&c, core->stop_time);
     put_double(&c, core->tolerance);
     put_double(&c, core->h);
     put(&c, unit.n, 8);
@@ -222,18 +223,19 @@ static bool plausible(const Variable *v, double value)
 static bool plausible_core(const Core *core, Kind kind)
 {
     const unsigned of_kind = kind == CO_SIMULATION ? STEP : EVENT | CONTINUOUS;
-    const unsigned phases = INSTANTIATED | CONFIGURATION | INITIALIZATION | TERMINATED | of_kind;
+    const unsigned phases = INSTANTIATED | INITIALIZATION | TERMINATED | of_kind;
     if (!(core->phase & phases) || core->phase & (core->phase - 1))
         return false;
-    if (core->stale & STALE_START ? core->phase & ~(unsigned)(INSTANTIATED | CONFIGURATION | INITIALIZATION)
-                                  : core->phase & (INSTANTIATED | CONFIGURATION))
+    if (core->stale & STALE_START ? core->phase & ~(unsigned)(INSTANTIATED | INITIALIZATION)
+                                  : core->phase & INSTANTIATED)
         return false;
-    if (!isfinite(core->start_time) || !(isfinite(core->h) && core->h > 0.0))
+    if (!isfinite(core->start_time) || !(core->stop_time >= core->start_time) || !(isfinite(core->h) && core->h > 0.0))
         return false;
     if (!(core->tolerance_defined ? isfinite(core->tolerance) && core->tolerance > 0.0 : core->tolerance == 0.0))
         return false;
     const double *m = core->values, *rate = m + unit.n, *held = rate + unit.n;
-    if (core->tolerance_defined && unit.tolerance < unit.n && !plausible(&unit.variables[unit.tolerance], core->tolerance))
+    if (core->tolerance_defined && unit.tolerance < unit.n && kind == CO_SIMULATION &&
+        !plausible(&unit.variables[unit.tolerance], core->tolerance))
         return false;
     for (size_t i = 0; i < unit.n; i++) {
         const Variable *v = &unit.variables[i];
@@ -254,6 +256,7 @@ static Status read_core(const Instance *I, Cursor *c, Core *core)
     core->tolerance_defined = (flags & FLAG_TOLERANCE) != 0;
     core->rates = (flags & FLAG_RATES) != 0;
     core->start_time = take_double(c);
+    core->stop_time = take_double(c);
     core->tolerance = take_double(c);
     core->h = take_double(c);
     const uint64_t n = take(c, 8);

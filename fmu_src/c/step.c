@@ -52,6 +52,10 @@ static Status check_step(const Instance *I, double point, double size)
                     EXACT(point));
     if (!isfinite(point + size))
         return fail(I, "expected a step that ends at a finite time, got %s s from t = %s s.", EXACT(size), EXACT(point));
+    const double stop = I->core->stop_time;
+    if (point + size > stop + 1e-6 * size + 1e-12 * fabs(stop))
+        return fail(I, "expected a step that ends by the stop time t = %s s, got one that ends at t = %s s.", EXACT(stop),
+                    EXACT(point + size));
     if (I->core->rates)
         for (size_t i = 0; i < unit.n; i++) {
             const Variable *v = &unit.variables[i];

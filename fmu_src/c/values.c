@@ -117,7 +117,7 @@ enum { CALCULATED = 1 << OUTPUT | 1 << DERIVATIVE };
 
 static Status ready_to_read(Instance *I, unsigned roles, const Reference refs[], size_t n)
 {
-    if (I->core->phase & (INSTANTIATED | CONFIGURATION))
+    if (I->core->phase & INSTANTIATED)
         for (size_t k = 0; k < n; k++) {
             const Role role = unit.variables[refs[k]].role;
             if (role == OUTPUT || role == DERIVATIVE)

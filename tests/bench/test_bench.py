@@ -12,17 +12,24 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from benchmarks import growth, master_step, order, rigid
+from benchmarks import c_loops, growth, importers, master_step, native, order, rigid, work_precision
 from benchmarks.__main__ import main
 from benchmarks.chains import random_motion, repeated_link
+from benchmarks.compiled import CompiledFunction, write_library
 from benchmarks.counting import Count, count_operations
 from benchmarks.fit import exact_polynomial, fit_exponent, upper_half
 from benchmarks.report import Report, Table
+from benchmarks.system import Clock, least, median
 from benchmarks.timing import Case, Stopwatch, measure
 from vdfmu.cosim.exchange import Exchange
 from vdfmu.equations.rigid_body import net_force
-from vdfmu.kernel import Integrator, KernelFunction
-from vdfmu.model import check_robot, load_scenario
+from vdfmu.fmu.native.compile import native_available
+from vdfmu.kernel import Integrator, Kernel, KernelFunction
+from vdfmu.model import check_robot, load_robot, load_scenario
+
+needs_compiler = pytest.mark.skipif(
+    not native_available(), reason="the compiler of native FMUs is not installed"
+)
 
 
 @pytest.fixture
@@ -230,6 +237,121 @@ def test_rigid(report: Report) -> None:
     assert found[1].difference < 1e-9
     rigid.tabulate(found, report)
     report.save(rigid.draw(found))
+    saved(report)
+
+
+def test_least_of_blocks_leaves_out_what_disturbed_a_round() -> None:
+    rounds = [np.array([1.0, 9.0, 2.0]), np.array([5.0, 1.0, 2.0]), np.array([1.0, 1.0, 3.0])]
+    assert least(rounds) == 4.0
+    assert median(rounds) == 8.0
+
+
+def test_clock_divides_by_the_steps() -> None:
+    clock = Clock()
+    for done in (0, 50, 100):
+        clock.progress(done, 100)
+    assert clock.wall.shape == clock.processor.shape == (2,)
+    assert clock.wall.sum() * 100 == pytest.approx(clock.marks[-1][1] - clock.marks[0][1], rel=1e-9)
+
+
+@needs_compiler
+def test_compiled_function_is_the_traced_one(tmp_path: Path) -> None:
+    kernel = Kernel(load_robot("planar_2dof"))
+    compiled = CompiledFunction(
+        write_library(kernel, ["plant_derivative"], tmp_path), kernel, "plant_derivative"
+    )
+    traced = kernel.function("plant_derivative")
+    random = np.random.default_rng(3)
+    for name, values in traced.args.items():
+        values[:] = kernel.p if name == "p" else random.uniform(-0.5, 0.5, len(values))
+        compiled.args[name][:] = values
+    traced.run()
+    compiled.run()
+    # one rounding of the largest term apart at most: libraries differ in sin and cos
+    np.testing.assert_allclose(compiled.results["x_dot"], traced.results["x_dot"], rtol=1e-12, atol=1e-12)
+
+
+@needs_compiler
+def test_native(report: Report) -> None:
+    found = native.study(
+        load_scenario("planar_tracking"), stop=0.2, stop_python=0.1, rounds=2, say=report.say
+    )
+    assert found.differences[native.PYTHON] < 1e-9  # the bound of the project
+    assert found.differences[native.CONTAINER] < 1e-12  # the same calls in the same order
+    assert found.differences[native.LOOP] == 0.0  # the very calls of the master
+    assert {name: set(parts) for name, parts in found.units.items()} == {
+        "trajectory": {"do_step", "get"},
+        **dict.fromkeys(("feedforward", "controller", "plant"), {"set", "do_step", "get"}),
+    }
+    assert (
+        found.master["number of calls"] == 11
+    )  # set, doStep and get of four units, of which one has no inputs
+    native.tabulate(found, report)
+    report.save(native.draw(found))
+    saved(report)
+    assert report.tables[1].rows[-1][0] == "total"
+
+
+@needs_compiler
+def test_importers(report: Report) -> None:
+    others = [name for name in importers.PACKAGES if not importers.missing(name)]
+    found = importers.study(load_scenario("planar_tracking"), others, stop=0.1, rounds=1, say=report.say)
+    assert found.importers == [importers.MASTER, importers.CONTAINER, *others]
+    # the same units and values, exchanged at the same times
+    assert max(found.differences.values()) < 1e-9
+    importers.tabulate(found, report)
+    report.save(importers.draw(found))
+    saved(report)
+
+
+@needs_compiler
+def test_work_precision(report: Report) -> None:
+    found = work_precision.study(
+        load_robot("planar_2dof"), stop=0.02, tolerances=[1e-5, 1e-7], rounds=1, say=report.say
+    )
+    assert found.check < 1e-9  # the reference agrees with another solver
+    for method in work_precision.METHODS:
+        loose, tight = found.of(method)
+        # a hundred times the tolerance: the local error is controlled, of all states
+        assert tight.error < 1e-5
+        assert tight.error < loose.error
+        assert (tight.calls is None) == (method == work_precision.COSIM)
+    work_precision.tabulate(found, report)
+    report.save(work_precision.draw(found))
+    saved(report)
+
+
+def test_time_at_an_error_is_interpolated() -> None:
+    found = work_precision.WorkPrecision("", 1.0, 0.0, 1e-6, 1e-6)
+    found.points = [
+        work_precision.Point("A", tolerance, time, error)
+        for tolerance, time, error in ((1e-4, 1.0, 1e-4), (1e-8, 100.0, 1e-8))
+    ]
+    assert found.time_at("A", 1e-6) == pytest.approx(10.0, rel=1e-12)
+    assert found.time_at("A", 1e-3) is None
+    assert found.time_at("B", 1e-6) is None
+
+
+@pytest.mark.slow
+def test_c_loops(report: Report) -> None:
+    lacking = c_loops.missing()
+    if lacking:
+        pytest.skip(lacking)
+    found = list(
+        c_loops.compare(
+            [repeated_link(3)],
+            c_loops.PROCESSORS[:1],
+            processes=1,
+            rounds=1,
+            calls=64,
+            say=report.say,
+            flags=("-O0",),
+        )
+    )
+    assert [c.algorithm for c in found] == list(c_loops.ALGORITHMS)
+    assert max(c.difference for c in found) < 1e-9
+    c_loops.tabulate(found, report)
+    report.save(c_loops.draw(found))
     saved(report)
 
 

@@ -113,7 +113,10 @@ def test_a_container_that_cannot_be_made_says_why(runs, tmp_path):
 
 
 def test_a_unit_that_fails_in_a_container_is_named(tmp_path):
-    with pytest.raises(CosimError, match=r"plant: doStep.*state .*\[\d\]"):
+    # the container says which of its units failed, and why; the error is that unit's
+    with pytest.raises(
+        CosimError, match=r"^plant: doStep at t = \S+ s failed: at t = \S+ s .*state .*\[\d\]"
+    ):
         vdfmu.run(
             "planar_tracking", stop=STOP, out=tmp_path, container=True, reference=False,
             settings={"controller.K_p": 1e12},

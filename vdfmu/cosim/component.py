@@ -52,7 +52,8 @@ class LogMessage:
     text: str
 
     def __str__(self) -> str:
-        return f"{self.unit}: {self.text}" if self.unit else self.text
+        named = not self.unit or self.text.startswith(f"{self.unit}: ")  # some units name themselves
+        return self.text if named else f"{self.unit}: {self.text}"
 
 
 def log_to_logging(message: LogMessage) -> None:

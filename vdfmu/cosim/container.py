@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import os
+import re
 import tempfile
 import uuid
 import zipfile
@@ -274,8 +275,19 @@ def simulate_container(
         except (CosimError, Interrupted) as error:
             if error.results is not None:
                 error.results = _unfold(error.results, system)
+            if isinstance(error, CosimError):
+                raise _of_unit(error) from None
             raise
     return _unfold(results, system)
+
+
+def _of_unit(error: CosimError) -> CosimError:
+    """Return the error of the unit in the container that failed, where it named itself."""
+    named = re.fullmatch(
+        r"(?:\[.+?\] )?([^:]+): (\w+)(?: at t = \S+ s)? failed: (.*)", error.reason, re.DOTALL
+    )
+    unit, call, reason = named.groups() if named else (error.unit, error.call, error.reason)
+    return CosimError(unit, call, error.time, reason, error.results)
 
 
 def _unfold(results: Results, system: System) -> Results:

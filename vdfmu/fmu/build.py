@@ -6,7 +6,7 @@ import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from vdfmu.errors import FmuError, UsageError
+from vdfmu.errors import StorageError, UsageError
 from vdfmu.fmu.archive import guid_of
 from vdfmu.fmu.behaviour import robot_problems
 from vdfmu.fmu.content import BACKENDS, FMI_VERSIONS, Content
@@ -78,6 +78,8 @@ def build_fmus(
     FmuError
         If a file cannot be written, or the compiler is missing or fails.
     """
+    if backend is None and (fmi_version == "3.0" or platforms is not None):
+        backend = "native"  # what only native FMUs have asks for them
     backend = choose_backend(backend)
     _check_names(units, start_values or {}, backend, fmi_version, platforms)
     check_robot(robot)
@@ -102,7 +104,7 @@ def build_fmus(
 
                 build_python_fmu(content, path)
         except OSError as error:
-            raise FmuError(
+            raise StorageError(
                 f"{path}: cannot be written: {error}. Choose another folder or free space."
             ) from error
     return built

@@ -15,7 +15,7 @@ from vdfmu import __version__
 from vdfmu.cosim import Interrupted, LogMessage, Results, simulate
 from vdfmu.cosim.container import simulate_container, write_container
 from vdfmu.cosim.reference import REFERENCE_OF, reference
-from vdfmu.errors import CosimError, FmuError, UsageError, VdfmuError
+from vdfmu.errors import CosimError, StorageError, UsageError, VdfmuError
 from vdfmu.fmu import build_fmus
 from vdfmu.fmu.build import choose_backend
 from vdfmu.fmu.content import Content
@@ -87,7 +87,7 @@ def cached_fmus(robot: Robot, backend: str | None = None) -> dict[str, Path]:
     folder = cache_folder() / "fmus" / Content("plant", robot, {}, backend).guid.strip("{}")
     try:
         return build_fmus(robot, folder, backend=backend)
-    except FmuError:
+    except StorageError:
         _spare_folders.append(tempfile.TemporaryDirectory(prefix="vdfmu_fmus_"))
         return build_fmus(robot, _spare_folders[-1].name, backend=backend)
 
@@ -149,6 +149,10 @@ def run(
     folder = Path(out) if out is not None else Path("results") / scenario.name
     report = progress or (lambda stage, done, total: None)
     if scenario.kind == "contrast":
+        if backend is not None or container:
+            raise UsageError(
+                f"scenario {scenario.name} has no units, so there is no backend and no container."
+            )
         if settings:
             raise UsageError(
                 f"scenario {scenario.name} has no units, so there is nothing to set: {', '.join(settings)}."
@@ -156,6 +160,8 @@ def run(
         _make_empty(folder)
         return _run_contrast(scenario, folder)
 
+    if container and backend is None:
+        backend = "native"
     backend = choose_backend(backend)
     if container:
         scenario = _for_container(scenario, backend, master)

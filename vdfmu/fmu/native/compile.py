@@ -149,7 +149,8 @@ def compile_libraries(jobs: Sequence[Job]) -> list[bytes]:
             with _Workshop() as workshop:
                 made = workshop.make(missing)
         except OSError as error:
-            raise FmuError(f"the native FMUs cannot be compiled: {error}. {_ROOM}") from error
+            where = error.filename or tempfile.gettempdir()
+            raise FmuError(f"the native FMUs cannot be compiled: {where}: {error.strerror}. {_ROOM}") from error
         for job, library in zip(missing, made, strict=True):
             store("native", job.key, library)
         rest = iter(made)
@@ -254,8 +255,9 @@ class _Workshop:
     def _run(self, job: Job, place: Path, what: str, arguments: Sequence[str]) -> None:
         command = [_zig(), "cc", "-target", job.target.target, *arguments]
         # in a session of its own a process does not get Ctrl-C, and its children end with it
+        environment = self._environment
         process = subprocess.Popen(
-            command, cwd=place, env=self._environment, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL,
+            command, cwd=place, env=environment, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL,
             stderr=subprocess.PIPE, start_new_session=os.name == "posix",
         )  # fmt: skip
         self._running.add(process)
@@ -265,10 +267,17 @@ class _Workshop:
             _, said = process.communicate()
         finally:
             self._running.discard(process)
-        if process.returncode != 0:
-            words = said.decode("utf-8", "replace").strip()
-            hint = f" {_ROOM}" if "NoSpaceLeft" in words or "No space left" in words else ""
-            raise FmuError(f"{job.name} for {job.platform}: {what} cannot be compiled:\n{words}{hint}")
+        if process.returncode == 0:
+            return
+        words = said.decode("utf-8", "replace")
+        full = "NoSpaceLeft" in words or "No space left" in words
+        spare = str(self._folder / "zig_support")
+        if full and environment["ZIG_GLOBAL_CACHE_DIR"] != spare:  # without the cache it only takes longer
+            self._environment = self._environment | {"ZIG_GLOBAL_CACHE_DIR": spare}
+            return self._run(job, place, what, arguments)
+        told = "\n".join(line for line in words.splitlines() if line and not line.startswith("warning(zcu)"))
+        hint = f" {_ROOM}" if full else ""
+        raise FmuError(f"{job.name} for {job.platform}: {what} cannot be compiled:\n{told}{hint}")
 
     def _stop(self) -> None:
         self._stopped = True

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Literal
 
 from vdfmu.data import PACKAGE, data_path
-from vdfmu.errors import FmuError
+from vdfmu.errors import FmuError, StorageError
 from vdfmu.fmu.archive import guid_of, pack_zip, read_member
 from vdfmu.fmu.content import CONTENT_FILE, Content
 from vdfmu.fmu.description import document, native_model_description
@@ -63,7 +63,7 @@ def build_native_fmus(
             path.parent.mkdir(parents=True, exist_ok=True)
             pack_zip(path, _members(content, layout, files, libraries))
         except OSError as error:
-            raise FmuError(
+            raise StorageError(
                 f"{path}: cannot be written: {error}. Choose another folder or free space."
             ) from error
 

@@ -89,13 +89,11 @@ def chosen_platforms(chosen: Sequence[str] | str | None) -> tuple[str, ...]:
     if chosen is None:
         return (this_platform(),)
     names = [chosen] if isinstance(chosen, str) else list(chosen)
-    if "all" in names:
-        return tuple(PLATFORMS)
-    unknown = [name for name in names if name not in PLATFORMS]
+    unknown = [name for name in names if name not in (*PLATFORMS, "all")]
     if unknown or not names:
         what = f"There is no platform {unknown[0]!r}." if unknown else "No platform is chosen."
         raise UsageError(f"{what} There are: {', '.join(PLATFORMS)}; and all.")
-    return tuple(name for name in PLATFORMS if name in names)
+    return tuple(name for name in PLATFORMS if name in names or "all" in names)
 
 
 def binaries(model_name: str, libraries: Mapping[str, bytes], fmi_version: str) -> dict[str, bytes]:

@@ -1,0 +1,345 @@
+"""The native FMUs under the master, folded into a container and in a loop of compiled code, and where the time goes."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from benchmarks.native_plan import Plan, interpreter_parts, ready
+from benchmarks.report import COLOURS, Report, Table, new_figure, tidy
+from benchmarks.system import Clock, least, median, packed, quiet, quiet_run, write_emptied
+from vdfmu.cosim import Results
+from vdfmu.cosim.container import simulate_container, write_container
+from vdfmu.fmu.native.compile import native_available
+from vdfmu.model import Scenario, load_scenario
+from vdfmu.ssp.read import load_ssp
+
+__all__ = ["Native", "run", "study"]
+
+TITLE = "Native FMUs: real-time factor and where the time of a step goes"
+UNITS = ("trajectory", "feedforward", "controller", "plant")
+PYTHON, NATIVE, JACOBI, CONTAINER = (
+    "Python FMUs", "native FMUs, gauss-seidel", "native FMUs, jacobi", "container FMU",
+)  # fmt: skip
+EMPTY, EMPTY_CONTAINER = "empty FMUs, gauss-seidel", "container FMU of empty FMUs"
+LOOP, LOOP_CONTAINER = "native FMUs in a compiled loop", "container FMU in a compiled loop"
+
+
+@dataclass
+class Native:
+    """Times of one step [s].
+
+    Attributes
+    ----------
+    wall, processor : dict of case to list of (100,) arrays
+        Blocks of each round, see :class:`benchmarks.system.Clock`; all cases take turns.
+    units : dict of unit to (dict of "set" | "do_step" | "get" to time)
+        Inside the units' libraries.
+    container : dict of "do_step" | "get" to time
+        Inside the container's library, with its units.
+    master, container_master : dict of "calls" | "gather" | "record" to time
+        Parts of the master's step with the four empty units, and with an empty container.
+    differences : dict of case to float [rad]
+        Largest difference of the plant's positions to those of the same algorithm in another form.
+    """
+
+    step: float
+    stop: float
+    stop_python: float
+    wall: dict[str, list[np.ndarray]] = field(default_factory=dict)
+    processor: dict[str, list[np.ndarray]] = field(default_factory=dict)
+    units: dict[str, dict[str, float]] = field(default_factory=dict)
+    container: dict[str, float] = field(default_factory=dict)
+    master: dict[str, float] = field(default_factory=dict)
+    container_master: dict[str, float] = field(default_factory=dict)
+    differences: dict[str, float] = field(default_factory=dict)
+
+    def least(self, case: str) -> float:
+        """Time of a step, of each block the least over the rounds [s]."""
+        return least(self.wall[case])
+
+    def ratio(self, a: str, b: str) -> float:
+        """Time of `a` over that of `b`."""
+        return self.least(a) / self.least(b)
+
+    @property
+    def in_units(self) -> float:
+        """Time inside the libraries of the four units [s]."""
+        return sum(sum(parts.values()) for parts in self.units.values())
+
+
+def run(report: Report, quick: bool = False) -> None:
+    """Measure, tabulate and draw."""
+    if not native_available():
+        report.facts["skipped"] = "the compiler of native FMUs is not installed (pip install vdfmu[native])"
+        report.say(f"skipped: {report.facts['skipped']}")
+        return
+    scenario = load_scenario("tracking")
+    stop_python = 0.5 if quick else scenario.stop
+    found = study(
+        scenario,
+        stop=2.0 if quick else scenario.stop,
+        stop_python=stop_python,
+        rounds=3 if quick else 5,
+        say=report.say,
+    )
+    tabulate(found, report)
+    report.save(draw(found))
+
+
+def study(
+    scenario: Scenario, *, stop: float, stop_python: float, rounds: int, say: Callable[[str], None]
+) -> Native:
+    """Run the system in all forms, in turns.
+
+    Parameters
+    ----------
+    stop, stop_python : float [s]
+        Simulated time, and that of the Python FMUs, which are slower by orders.
+    """
+    found = Native(scenario.step, stop, stop_python)
+    step, n = scenario.step, round(stop / scenario.step)
+    with packed(scenario) as python, packed(scenario, "native") as package:
+        folder = package.parent
+        container = write_container(package, folder / "container.fmu", step=step)
+        empty = write_emptied(package, folder / "empty.ssp")
+        empty_container = write_container(empty, folder / "empty.fmu", step=step)
+        system = load_ssp(package)
+        last: dict[str, Results] = {}
+        loop: dict[str, dict[str, np.ndarray]] = {}
+
+        def under_master(case: str, package: Path, stop: float, algorithm: str = "gauss-seidel") -> None:
+            clock = Clock()
+            last[case] = quiet_run(
+                package, step=step, stop=stop, algorithm=algorithm, progress=clock.progress
+            )
+            _note(found, case, clock.wall, clock.processor)
+
+        def in_container(case: str, fmu: Path) -> None:
+            clock = Clock()
+            last[case] = simulate_container(
+                fmu, system, stop=stop, step=step, progress=clock.progress, log=quiet
+            )
+            _note(found, case, clock.wall, clock.processor)
+
+        def in_loop(case: str, path: Path, algorithm: str) -> None:
+            with ready(path, algorithm, stop) as exchange:
+                plan = Plan(exchange, step)
+                wall, _, rows = plan.run(n)
+                loop[case] = dict(zip(plan.signals, rows.T, strict=True))
+            _note(found, case, wall, None)
+
+        say(f"{rounds} rounds of all forms: {stop:g} s at {step * 1e3:g} ms, Python FMUs {stop_python:g} s")
+        quiet_run(python, step=step, stop=20 * step)  # loads what is loaded once
+        for _ in range(rounds):
+            under_master(PYTHON, python, stop_python)
+            under_master(NATIVE, package, stop)
+            under_master(JACOBI, package, stop, "jacobi")
+            in_container(CONTAINER, container)
+            in_loop(LOOP, package, "gauss-seidel")
+            in_loop(LOOP_CONTAINER, container, "jacobi")
+            under_master(EMPTY, empty, stop)
+            in_container(EMPTY_CONTAINER, empty_container)
+
+        say("parts of a step")
+        units: dict[tuple[str, str], list[np.ndarray]] = defaultdict(list)
+        inner: dict[tuple[str, str], list[np.ndarray]] = defaultdict(list)
+        for _ in range(rounds):
+            for path, algorithm, kept in ((package, "gauss-seidel", units), (container, "jacobi", inner)):
+                with ready(path, algorithm, stop) as exchange:
+                    for name, blocks in Plan(exchange, step).run(n, clocks=True)[1].items():
+                        kept[name].append(blocks)
+        found.units = {unit: {} for unit in UNITS}
+        for (unit, what), rounds_of in units.items():
+            if what != "gather":
+                found.units[unit][what] = max(least(rounds_of), 0.0)
+        found.container = {what: least(rounds_of) for (_, what), rounds_of in inner.items()}
+        found.master = interpreter_parts(empty, "gauss-seidel", step, 20 * rounds)
+        hollow = write_emptied(container, folder / "hollow.fmu")
+        found.container_master = interpreter_parts(hollow, "jacobi", step, 20 * rounds)
+
+    q = {case: results.array("plant.q") for case, results in last.items()}
+    shared = min(len(q[PYTHON]), len(q[NATIVE]))
+    found.differences = {
+        PYTHON: float(np.max(np.abs(q[PYTHON][:shared] - q[NATIVE][:shared]))),
+        CONTAINER: float(np.max(np.abs(q[CONTAINER] - q[JACOBI]))),
+        LOOP: max(
+            float(np.max(np.abs(loop[LOOP][name] - last[NATIVE][name]))) for name in last[NATIVE].names
+        ),
+    }
+    return found
+
+
+def _note(found: Native, case: str, wall: np.ndarray, processor: np.ndarray | None) -> None:
+    found.wall.setdefault(case, []).append(wall)
+    if processor is not None:
+        found.processor.setdefault(case, []).append(processor)
+
+
+# ------------------------------------------------------------------ reporting
+
+
+def tabulate(found: Native, report: Report) -> None:
+    """Show and keep the tables and facts."""
+    us = 1e6
+    table = Table(
+        "native",
+        f"Tracking at {found.step * 1e3:g} ms in all forms, time of one step [us]",
+        [("form", ""), ("simulated [s]", "g"), ("least", ".2f"), ("median", ".2f"), ("processor", ".2f"),
+         ("real-time factor", ".1f"), ("times as fast as Python FMUs", ".1f"), ("as native, gauss-seidel", ".2f")],
+    )  # fmt: skip
+    for case in (PYTHON, NATIVE, JACOBI, CONTAINER, LOOP, LOOP_CONTAINER, EMPTY, EMPTY_CONTAINER):
+        time = found.least(case)
+        real = case not in (EMPTY, EMPTY_CONTAINER)
+        processor = found.processor.get(case)
+        table.add(
+            case, found.stop_python if case == PYTHON else found.stop, us * time, us * median(found.wall[case]),
+            us * least(processor) if processor else None, found.step / time if real else None,
+            found.ratio(PYTHON, case) if real else None, found.ratio(NATIVE, case),
+        )  # fmt: skip
+    table.notes += [
+        f"Times of the steps alone, of {len(found.wall[NATIVE])} rounds in which all forms take turns. Least: the sum "
+        "over a hundred blocks of the run, of each its shortest wall time in any round; processor: the same of the "
+        "processor's time; median: of the whole runs. Factor and ratios are of the least.",
+        "In a compiled loop: the same calls and copies from C, what remains is the time of the units. "
+        "Empty FMUs: the same interface with functions that return at once, what remains is the time of the master.",
+        f"Positions differ by at most {found.differences[PYTHON]:.1e} rad between Python and native FMUs, "
+        f"{found.differences[CONTAINER]:.1e} rad between container and jacobi; all signals by at most "
+        f"{found.differences[LOOP]:.1e} between the compiled loop and the master.",
+    ]
+    report.show(table)
+
+    parts = Table(
+        "native_parts",
+        "Where the time of a step goes [us], native FMUs, gauss-seidel",
+        [("part", ""), ("set", ".3f"), ("doStep", ".3f"), ("get", ".3f"), ("sum", ".3f"), ("share", ".1%")],
+    )
+    total = found.least(NATIVE)
+    for unit in UNITS:
+        own = found.units[unit]
+        values = [us * own[k] if k in own else None for k in ("set", "do_step", "get")]
+        parts.add(f"in {unit}", *values, us * sum(own.values()), sum(own.values()) / total)
+    parts.add("in all units", None, None, None, us * found.in_units, found.in_units / total)
+    for key, value in _master(found).items():
+        parts.add(f"master: {_LABELS[key]}", None, None, None, us * value, value / total)
+    parts.add("total", None, None, None, us * total, 1.0)
+    floor = found.master["calls"]
+    above = total - found.in_units
+    parts.notes += [
+        "In the units: clocks around the calls in the compiled loop, less their own cost, least as above. "
+        "Master: its parts with empty units, each in a loop; the rest is what they leave of the run.",
+        f"{found.master['number of calls']:.0f} FMI calls through ctypes take {us * floor:.2f} us even if they do "
+        f"nothing. That is the floor for a master in this interpreter; this one takes {us * above:.2f} us above the "
+        f"units, {above / floor:.2f} times the floor.",
+        f"Container: {us * sum(found.container.values()):.2f} us inside its library, of which "
+        f"{us * found.container['do_step']:.2f} us in doStep and {us * found.container['get']:.2f} us in getReal of "
+        f"all outputs; {us * (found.least(CONTAINER) - sum(found.container.values())):.2f} us in the master.",
+        f"The units alone take {us * found.in_units:.2f} us, so no form of these FMUs can be more than "
+        f"{total / found.in_units:.2f} times as fast as they are under the master.",
+    ]
+    report.show(parts)
+    report.facts |= {
+        "us_per_step": {case: us * found.least(case) for case in found.wall},
+        "real_time_factor": {
+            case: found.step / found.least(case) for case in (PYTHON, NATIVE, JACOBI, CONTAINER)
+        },
+        "native_over_python": found.ratio(PYTHON, NATIVE),
+        "container_over_native": found.ratio(NATIVE, CONTAINER),
+        "units_us": {unit: {k: us * v for k, v in own.items()} for unit, own in found.units.items()},
+        "master_us": {k: us * v for k, v in _master(found).items()},
+        "container_us": {k: us * v for k, v in found.container.items()},
+        "ctypes_floor_us": us * floor,
+        "differences_rad": found.differences,
+    }
+
+
+_LABELS = {
+    "calls": "FMI calls through ctypes",
+    "gather": "gather inputs",
+    "record": "record the row",
+    "rest": "rest",
+}
+
+
+def _master(found: Native) -> dict[str, float]:
+    """Parts of the master [s], which with the units make up the run."""
+    parts = {key: found.master[key] for key in ("calls", "gather", "record")}
+    return parts | {"rest": found.least(NATIVE) - found.in_units - sum(parts.values())}
+
+
+_COLOURS = {
+    "plant doStep": COLOURS["blue"], "feedforward doStep": "#86b6de", "other doStep": "#c3daee",
+    "set and get in the units": COLOURS["green"], "code of the container": "#9ccba5",
+    "calls": COLOURS["orange"], "gather": "#555555", "record": "#8c8c8c", "rest": "#c4c4c4",
+}  # fmt: skip
+
+
+def _bars(found: Native) -> dict[str, dict[str, float]]:
+    """Forms, each with its parts [s]."""
+    do_step = {unit: parts["do_step"] for unit, parts in found.units.items()}
+    inside = {
+        "plant doStep": do_step["plant"],
+        "feedforward doStep": do_step["feedforward"],
+        "other doStep": do_step["trajectory"] + do_step["controller"],
+    }
+    exchange = {"set and get in the units": found.in_units - sum(inside.values())}
+    whole = sum(found.container.values())
+    of_master = {key: found.container_master[key] for key in ("calls", "record")}
+    container = inside | exchange | {"code of the container": max(whole - found.in_units, 0.0)}
+    return {
+        "master, gauss-seidel": inside | exchange | _master(found),
+        "master, container": container
+        | of_master
+        | {"rest": max(found.least(CONTAINER) - whole - sum(of_master.values()), 0.0)},
+        "compiled loop": inside | exchange | {"rest": max(found.least(LOOP) - found.in_units, 0.0)},
+        "master, empty FMUs": {
+            key: found.master[key] for key in ("calls", "gather", "record")
+        } | {"rest": max(found.least(EMPTY) - sum(found.master[k] for k in ("calls", "gather", "record")), 0.0)},
+    }  # fmt: skip
+
+
+def draw(found: Native) -> Figure:
+    """Above: a step in all forms. Below: what it is made of."""
+    figure = new_figure(8.6, 5.4)
+    above, below = figure.subplots(2, 1, height_ratios=(4, 5))
+    forms = (PYTHON, NATIVE, JACOBI, CONTAINER)
+    for y, case in enumerate(forms):
+        value = 1e6 * found.least(case)
+        above.barh(y, value, height=0.6, color=COLOURS["orange" if case == PYTHON else "blue"])
+        text = f"{value:.1f} µs, real-time factor {1e6 * found.step / value:.1f}"
+        above.annotate(text, (value, y), (4, 0), textcoords="offset points", va="center", fontsize=8)
+    above.set_xscale("log")
+    above.set_xlim(1.0, 12e6 * found.least(PYTHON))
+    above.set_yticks(range(len(forms)), forms)
+    above.set_title(f"tracking at {1e-3 / found.step:g} kHz: time of one step [µs]", loc="left")
+
+    labelled: set[str] = set()
+    bars = _bars(found)
+    for y, parts in enumerate(bars.values()):
+        left = 0.0
+        for key, value in parts.items():
+            below.barh(
+                y, 1e6 * value, left=left, height=0.62, color=_COLOURS[key], edgecolor="white", linewidth=0.6,
+                label=None if key in labelled else _LABELS.get(key, key),
+            )  # fmt: skip
+            labelled.add(key)
+            left += 1e6 * value
+        below.annotate(f"{left:.1f}", (left, y), (4, 0), textcoords="offset points", va="center", fontsize=8)
+    below.set_yticks(range(len(bars)), list(bars))
+    below.set_xlim(left=0.0)
+    below.margins(x=0.08)
+    below.set_xlabel("what a step is made of [µs]")
+    for axes in (above, below):
+        axes.invert_yaxis()
+        tidy(axes, "x")
+        axes.tick_params(axis="y", length=0)
+    handles: Any
+    handles, labels = below.get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=3, frameon=False, fontsize=8)
+    return figure
