@@ -12,7 +12,7 @@ import numpy as np
 from vdfmu.fmu.native.compile import compile_library
 from vdfmu.fmu.native.platforms import PLATFORMS, this_platform
 from vdfmu.kernel import Kernel
-from vdfmu.kernel.c_code import c_function, c_prototype
+from vdfmu.kernel.c_code import c_function
 
 __all__ = ["CompiledFunction", "write_library"]
 
@@ -30,11 +30,7 @@ def write_library(kernel: Kernel, names: Sequence[str], folder: Path, flags: Seq
     FmuError
         If the compiler is not installed.
     """
-    # a library of one file without headers has the key of its object in the cache of the compiler
     sources = {
-        "kernel.h": "".join(f"{c_prototype(kernel.casadi_function(name))};\n" for name in names).encode()
-    }
-    sources |= {
         f"kernel_{name}.c": f"#include <math.h>\n\n{c_function(kernel.casadi_function(name))}".encode()
         for name in names
     }

@@ -155,7 +155,7 @@ static const Array *array_of(size_t position)
 
 Status count_dependencies(const Instance *I, Reference dependent, size_t *n)
 {
-    if (!allowed(I, ANY_PHASE))
+    if (!allowed(I, ANY_PHASE | INTERMEDIATE))
         return STATUS_ERROR;
     if (!size_of(I, dependent))
         return fail_reference(I, dependent);

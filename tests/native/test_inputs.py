@@ -328,9 +328,9 @@ def test_within_a_step_nothing_else_is_allowed(native: Native) -> None:
             ("SetFloat64", *unit.write_arguments(q, [2.0, 1.0])),
             ("GetDirectionalDerivative", one, 1, one, 1, room, 2, room, 2),
             ("GetAdjointDerivative", one, 1, one, 1, room, 2, room, 2),
-            ("GetNumberOfVariableDependencies", q[0].reference, ct.byref(size)),
             ("CompletedIntegratorStep", True, flags, ct.addressof(flags) + 1),
         ]  # fmt: skip
+        unit.do("GetNumberOfVariableDependencies", q[0].reference, ct.byref(size))  # allowed there
         for name, *arguments in calls:
             count = len(unit.messages)
             found.append((name, unit.call(name, *arguments), [m.text for m in unit.messages[count:]]))

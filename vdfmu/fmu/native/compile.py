@@ -100,7 +100,11 @@ class Job:
     @cached_property
     def objects(self) -> dict[str, str]:
         """C file to the key of its object."""
-        return {name: self._key(self._needed(name)) for name in sorted(self.sources) if name.endswith(".c")}
+        return {
+            name: self._key("object", self._needed(name))
+            for name in sorted(self.sources)
+            if name.endswith(".c")
+        }
 
     def _needed(self, name: str) -> dict[str, bytes]:
         """Return a file and those of the sources that it includes, by way of others too."""
@@ -116,10 +120,12 @@ class Job:
     @cached_property
     def key(self) -> str:
         """Key of the library."""
-        return self._key(self.sources)
+        return self._key("library", self.sources)
 
-    def _key(self, files: Mapping[str, bytes]) -> str:
-        digest = sha256(repr((compiler_version(), self.target, _FLAGS, _LINK_FLAGS, self.flags)).encode())
+    def _key(self, kind: str, files: Mapping[str, bytes]) -> str:
+        digest = sha256(
+            repr((kind, compiler_version(), self.target, _FLAGS, _LINK_FLAGS, self.flags)).encode()
+        )
         for name, text in sorted(files.items()):
             digest.update(f"\n{name} {len(text)}\n".encode())
             digest.update(text)
@@ -150,7 +156,9 @@ def compile_libraries(jobs: Sequence[Job]) -> list[bytes]:
                 made = workshop.make(missing)
         except OSError as error:
             where = error.filename or tempfile.gettempdir()
-            raise FmuError(f"the native FMUs cannot be compiled: {where}: {error.strerror}. {_ROOM}") from error
+            raise FmuError(
+                f"the native FMUs cannot be compiled: {where}: {error.strerror}. {_ROOM}"
+            ) from error
         for job, library in zip(missing, made, strict=True):
             store("native", job.key, library)
         rest = iter(made)
