@@ -207,15 +207,22 @@ def ssp(
     backend: BackendOption = None,
     settings: SetOption = None,
 ) -> None:
-    """Pack the system of a scenario as an SSP 1.0, with FMUs and parameters inside."""
+    """Pack the system of a scenario as an SSP 1.0, with FMUs and parameters inside.
+
+    The FMUs have the scenario's values as start values too, for importers that apply no parameter sets.
+    """
+    import tempfile
+
+    from vdfmu.fmu import build_fmus
     from vdfmu.ssp.parameters import system_values
     from vdfmu.ssp.write import write_ssp
-    from vdfmu.study.run import cached_fmus
 
     chosen = load_scenario(scenario, robot)
     path = out if out is not None else Path(f"{chosen.name}.ssp")
     values = system_values(chosen, _settings(settings))
-    _say(str(write_ssp(chosen, cached_fmus(chosen.robot, backend), path, values)))
+    with tempfile.TemporaryDirectory(prefix="vdfmu_") as folder:
+        fmus = build_fmus(chosen.robot, folder, start_values=values, backend=backend)
+        _say(str(write_ssp(chosen, fmus, path, values)))
 
 
 @app.command(epilog="Example: [bold]vdfmu check fmus/Plant.fmu[/bold]")

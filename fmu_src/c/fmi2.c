@@ -75,7 +75,8 @@ fmi2Component fmi2Instantiate(fmi2String instanceName, fmi2Type fmuType, fmi2Str
         .type_names = {"Real", "Integer", "Boolean"},
         .logged = logged_at_start(loggingOn != 0),
     };
-    return instance_new(&host, "instantiate", instanceName, fmuGUID, fmuType == fmi2CoSimulation ? CO_SIMULATION : MODEL_EXCHANGE);
+    const Kind kind = fmuType == fmi2CoSimulation ? CO_SIMULATION : fmuType == fmi2ModelExchange ? MODEL_EXCHANGE : NO_KIND;
+    return instance_new(&host, "instantiate", instanceName, fmuGUID, kind);
 }
 
 void fmi2FreeInstance(fmi2Component c)

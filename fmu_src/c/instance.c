@@ -209,6 +209,8 @@ Instance *instance_new(const Host *host, const char *call, const char *name, con
     take_start_values(I);
     if (!guid || strcmp(guid, unit.guid) != 0)
         fail(I, "expected the GUID or instantiation token %s, got %.100s.", unit.guid, guid ? guid : "a null pointer");
+    else if (kind == NO_KIND)
+        fail(I, "expected an instance for model exchange (0) or co-simulation (1), got another type.");
     else if (kind == MODEL_EXCHANGE && unit.n_x == 0)
         fail(I, "%s has no continuous states and is for co-simulation only.", unit.name);
     else
@@ -383,10 +385,9 @@ Status refuse_configuration(const Instance *I)
 Status terminate(Instance *I)
 {
     Core *c = I->core;
-    if (!allowed(I, INITIALIZATION | STEP | EVENT | CONTINUOUS))
+    if (!allowed(I, STEP | EVENT | CONTINUOUS))
         return STATUS_ERROR;
-    if (!(c->stale & STALE_START))
-        refresh(I, STALE_OUTPUTS | STALE_DERIVATIVES);
+    refresh(I, STALE_OUTPUTS | STALE_DERIVATIVES);
     c->stale = 0; /* values stay as they are */
     c->phase = TERMINATED;
     return STATUS_OK;

@@ -12,7 +12,7 @@
 /* The numbers are those of fmi2Status and fmi3Status. */
 typedef enum { STATUS_OK = 0, STATUS_DISCARD = 2, STATUS_ERROR = 3 } Status;
 
-typedef enum { CO_SIMULATION, MODEL_EXCHANGE } Kind;
+typedef enum { CO_SIMULATION, MODEL_EXCHANGE, NO_KIND } Kind;
 
 /* One bit each, so that a call names those in which it is allowed. */
 typedef enum {

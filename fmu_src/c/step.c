@@ -50,6 +50,9 @@ static Status check_step(const Instance *I, double point, double size)
     if (!(fabs(point - time) <= 1e-6 * size + 1e-12 * fabs(time)))
         return fail(I, "expected the communication point t = %s s, where the last step ended, got t = %s s.", EXACT(time),
                     EXACT(point));
+    if (!(point + size > point))
+        return fail(I, "expected a step that moves the time t = %s s, got one of %s s, below its rounding.", EXACT(point),
+                    EXACT(size));
     if (!isfinite(point + size))
         return fail(I, "expected a step that ends at a finite time, got %s s from t = %s s.", EXACT(size), EXACT(point));
     const double stop = I->core->stop_time;

@@ -279,7 +279,7 @@ BETWEEN = "it is allowed only between enterInitializationMode and exitInitializa
     [
         (lambda unit: unit.fmu.doStep(0.0, 1e-3), f"doStep failed: {AFTER}"),
         (lambda unit: unit.fmu.exitInitializationMode(), f"exitInitializationMode failed: {BETWEEN}"),
-        (lambda unit: unit.fmu.terminate(), f"terminate failed: {BETWEEN} or after exit"),
+        (lambda unit: unit.fmu.terminate(), f"terminate failed: {AFTER}"),
         (lambda unit: initializing(unit).fmu.doStep(0.0, 1e-3), f"doStep failed: {AFTER}"),
         (lambda unit: initializing(unit).setup(), f"setupExperiment failed: {BEFORE}"),
         (

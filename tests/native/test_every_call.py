@@ -182,7 +182,7 @@ ALLOWED: dict[str, set[str]] = {
     "SetupExperiment": {"instantiated"},
     "EnterInitializationMode": {"instantiated"},
     "ExitInitializationMode": {"initialization"},
-    "Terminate": {"initialization", "step", "event", "continuous"},
+    "Terminate": {"step", "event", "continuous"},
     "DoStep": {"step"},
     "EnterStepMode": set(),
     "EnterEventMode": {"continuous"},

@@ -283,6 +283,14 @@ def test_a_step_beyond_the_stop_time_is_refused(native: Native, version: str) ->
         assert unit.complete() == before
 
 
+def test_a_step_below_the_rounding_of_time_is_refused(native: Native, version: str) -> None:
+    unit = native("plant", version).start(1e9)
+    before = unit.complete()
+    with unit.refuses(r"expected a step that moves the time t = 1000000000\.0 s, got one of 1e-08 s") as no:
+        no("DoStep", *unit.step_arguments(1e9, 1e-8))
+    assert unit.complete() == before
+
+
 def test_categories_are_switched_one_by_one(native: Native, version: str) -> None:
     unit = native("controller", version)
 
@@ -431,6 +439,8 @@ def test_null_pointers_at_instantiation_are_refused(model: Callable[..., Any]) -
     assert two.function("DoStep")(pointer, 0.0, -1.0, 1) == ERROR
     two.function("FreeInstance")(pointer)
     two.function("FreeInstance")(None)
+    assert make(b"unit", 7, guid, None, ct.byref(Callbacks(log)), 0, 0) is None
+    assert "expected an instance for model exchange (0) or co-simulation (1)" in said[-1]
     token = three.guid.encode()
     start = three.function("InstantiateCoSimulation")
     assert start(None, token, None, False, False, False, False, None, 0, None, None, None) is None
@@ -463,7 +473,7 @@ def test_errors_are_told_with_logging_off_and_events_only_with_it_on(native: Nat
     assert quiet.messages == []
     assert [m.text for m in loud.messages] == ["unit: starts at t = 2 s"]
     with quiet.refuses("failed") as no:
-        no("Terminate" if False else "DoStep", *quiet.step_arguments(0.0, -1.0))
+        no("DoStep", *quiet.step_arguments(0.0, -1.0))
     name = (ct.c_char_p * 1)(b"logNonsense")
     with quiet.refuses(r"expected categories out of logEvents, .*, got logNonsense\.") as no:
         no("SetDebugLogging", 1, 1, name)

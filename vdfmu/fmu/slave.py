@@ -173,7 +173,7 @@ class UnitSlave(Fmi2Slave):
     @_call("terminate")
     def terminate(self) -> None:
         """End the run; values can still be read."""
-        self._require("initialization", "step")
+        self._require("step")
         self._enter("terminated")
 
     def _enter(self, phase: str) -> None:

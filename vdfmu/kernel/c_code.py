@@ -7,6 +7,8 @@ it. The arithmetic is that of the trace, operation by operation.
 
 from __future__ import annotations
 
+import math
+
 import casadi as ca
 
 from vdfmu.errors import KernelError
@@ -102,4 +104,6 @@ def c_function(function: ca.Function) -> str:
 
 
 def _constant(value: float) -> str:
-    return repr(float(value)) if value == value and abs(value) != float("inf") else f"({value})".upper()
+    if math.isnan(value):
+        return "NAN"
+    return repr(float(value)) if math.isfinite(value) else f"({'-' if value < 0 else ''}INFINITY)"
