@@ -104,11 +104,11 @@ def missing() -> str:
     if platform.machine() != "x86_64" or sys.platform != "linux":
         return "it compiles for x86-64 Linux only"
     if not native_available():
-        return "the compiler of native FMUs is not installed (pip install vdfmu[native])"
+        return "the compiler of native FMUs is not installed (pip install .[native])"
     headers = _headers()
     for name, header in (("pin", "pinocchio/config.hpp"), ("cmeel-eigen", "eigen3/Eigen/Core")):
         if headers is None or not (headers / header).is_file():
-            return f"the headers of {name} are not installed (pip install vdfmu[bench])"
+            return f"the headers of {name} are not installed (pip install .[bench])"
     return ""
 
 

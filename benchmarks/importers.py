@@ -77,7 +77,7 @@ class Importers:
 def run(report: Report, quick: bool = False) -> None:
     """Measure, tabulate and draw."""
     if not native_available():
-        report.facts["skipped"] = "the compiler of native FMUs is not installed (pip install vdfmu[native])"
+        report.facts["skipped"] = "the compiler of native FMUs is not installed (pip install .[native])"
         report.say(f"skipped: {report.facts['skipped']}")
         return
     absent = [importer for importer in PACKAGES if missing(importer)]
@@ -99,7 +99,7 @@ def missing(importer: str) -> str:
         try:
             version(package)
         except PackageNotFoundError:
-            return f"{importer} needs {package}, which is not installed (pip install vdfmu[bench])"
+            return f"{importer} needs {package}, which is not installed (pip install .[bench])"
     return ""
 
 

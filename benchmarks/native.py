@@ -77,7 +77,7 @@ class Native:
 def run(report: Report, quick: bool = False) -> None:
     """Measure, tabulate and draw."""
     if not native_available():
-        report.facts["skipped"] = "the compiler of native FMUs is not installed (pip install vdfmu[native])"
+        report.facts["skipped"] = "the compiler of native FMUs is not installed (pip install .[native])"
         report.say(f"skipped: {report.facts['skipped']}")
         return
     scenario = load_scenario("tracking")

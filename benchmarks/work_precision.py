@@ -103,7 +103,7 @@ class _Solver(Protocol):
 def run(report: Report, quick: bool = False) -> None:
     """Measure, tabulate and draw."""
     if not native_available():
-        report.facts["skipped"] = "the compiler of native FMUs is not installed (pip install vdfmu[native])"
+        report.facts["skipped"] = "the compiler of native FMUs is not installed (pip install .[native])"
         report.say(f"skipped: {report.facts['skipped']}")
         return
     stop = 0.05 if quick else 0.5

@@ -166,8 +166,9 @@ def test_ctrl_c_before_the_co_simulation_says_so(tmp_path):
 def test_a_temporary_folder_that_crashes_python_fmus_is_refused(tmp_path):
     folder = tmp_path / "j\u00fcrgen"
     folder.mkdir()
-    done = vdfmu(
-        "run", "planar_tracking", "--stop", "0.01", cwd=tmp_path, env={**os.environ, "TMPDIR": str(folder)}
-    )
+    arguments = ("run", "planar_tracking", "--stop", "0.01", "--no-reference")
+    environment = {**os.environ, "TMPDIR": str(folder)}
+    done = vdfmu(*arguments, "--backend", "python", cwd=tmp_path, env=environment)
     assert done.returncode == 1
     assert "Choose another folder for temporary files with TMPDIR" in " ".join(done.stderr.split())
+    assert vdfmu(*arguments, "--backend", "native", cwd=tmp_path, env=environment).returncode == 0

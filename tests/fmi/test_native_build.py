@@ -122,9 +122,14 @@ def test_backends_and_versions_replace_each_other_and_damaged_files(planar: Robo
     def build(**options: str) -> bytes:
         return build_fmus(planar, tmp_path, units=["controller"], **options)["controller"].read_bytes()
 
-    python, native, native_3 = build(), build(backend="native"), build(backend="native", fmi_version="3.0")
+    python, native, native_3 = (
+        build(backend="python"),
+        build(backend="native"),
+        build(backend="native", fmi_version="3.0"),
+    )
     assert len({python, native, native_3}) == 3
-    assert build() == python
+    assert build(backend="python") == python
+    assert build() == native  # the default
     path = tmp_path / "PDController.fmu"
     path.write_bytes(native[: len(native) // 2])
     assert build(backend="native") == native
@@ -177,7 +182,7 @@ def test_a_missing_compiler_is_told_with_the_way_out(
     compile._zig.cache_clear()
     try:
         assert not native_available()
-        with pytest.raises(FmuError, match=r"ziglang, which is not installed.*pip install vdfmu\[native\]"):
+        with pytest.raises(FmuError, match=r"ziglang, which is not installed.*pip install .vdfmu\[native\]"):
             build_fmus(planar, tmp_path / "out", units=["controller"], backend="native")
     finally:
         compile._zig.cache_clear()
@@ -200,16 +205,18 @@ def test_unknown_names_are_refused_with_the_known_ones(planar: Robot, tmp_path: 
 
     with pytest.raises(UsageError, match=r"no platform 'win64'. There are: x86_64-linux.*; and all\."):
         build(backend="native", platforms=["x86_64-linux", "win64"])
+    with pytest.raises(UsageError, match="no platform 'foo'"):
+        build(platforms=["all", "foo"])  # platforms ask for native FMUs
     with pytest.raises(UsageError, match="No platform is chosen"):
         build(backend="native", platforms=[])
     with pytest.raises(UsageError, match="no backend 'rust'. There are: python, native"):
         build(backend="rust")
-    with pytest.raises(UsageError, match=r"no FMI '1.0' here. There are: 2.0, 3.0"):
+    with pytest.raises(UsageError, match=r"no FMI '1.0' here. There are: '2.0', '3.0'"):
         build(backend="native", fmi_version="1.0")
     with pytest.raises(UsageError, match=r"Python FMUs are of FMI 2.0, got 3.0"):
-        build(fmi_version="3.0")
+        build(backend="python", fmi_version="3.0")
     with pytest.raises(UsageError, match="Platforms can be chosen for native FMUs only"):
-        build(platforms="all")
+        build(backend="python", platforms="all")
     assert list(tmp_path.iterdir()) == []
 
 

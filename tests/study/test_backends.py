@@ -8,7 +8,7 @@ import pytest
 from fmpy.validation import validate_fmu
 
 import vdfmu
-from vdfmu.cosim.container import write_container
+from vdfmu.cosim.container import simulate_container, write_container
 from vdfmu.errors import CosimError, UsageError
 from vdfmu.fmu import build
 
@@ -103,13 +103,25 @@ def test_a_container_that_cannot_be_made_says_why(runs, tmp_path):
     folder, _ = runs(backend="python", master="jacobi")
     with pytest.raises(UsageError, match="needs Python"):
         write_container(folder / "system.ssp", tmp_path / "x.fmu", step=1e-3)
-    with pytest.raises(UsageError, match="step: expected a positive time"):
-        write_container(folder / "system.ssp", tmp_path / "x.fmu", step=0.0)
+    for step in (0.0, float("inf"), float("nan")):
+        with pytest.raises(UsageError, match="step: expected a positive finite time"):
+            write_container(folder / "system.ssp", tmp_path / "x.fmu", step=step)
     with pytest.raises(UsageError, match="needs native FMUs"):
         vdfmu.run("planar_tracking", stop=STOP, out=tmp_path, container=True, backend="python")
     with pytest.raises(UsageError, match="steps its units as jacobi does"):
         vdfmu.run("planar_tracking", stop=STOP, out=tmp_path, container=True, master="gauss-seidel")
     assert not (tmp_path / "x.fmu").exists()
+
+
+def test_a_container_steps_by_multiples_of_its_own_step(runs, tmp_path):
+    folder, folded = runs(backend="native", container=True)
+    container, system = folder / "container.fmu", vdfmu.load_ssp(folder / "system.ssp")
+    with pytest.raises(
+        UsageError, match=r"expected a multiple of the container's step 0\.001 s, got 0\.0015 s"
+    ):
+        simulate_container(container, system, stop=STOP, step=1.5e-3)
+    coarse = simulate_container(container, system, stop=STOP, step=1e-2)
+    np.testing.assert_array_equal(coarse["plant.q[1]"], folded["plant.q[1]"][::10])
 
 
 def test_a_unit_that_fails_in_a_container_is_named(tmp_path):

@@ -16,7 +16,7 @@ from vdfmu.study.check import check_fmu
 
 @pytest.fixture(scope="module")
 def fmus(tmp_path_factory):
-    return build_fmus(load_robot("planar_2dof"), tmp_path_factory.mktemp("fmus"))
+    return build_fmus(load_robot("planar_2dof"), tmp_path_factory.mktemp("fmus"), backend="python")
 
 
 @pytest.fixture

@@ -2,12 +2,13 @@
 
 import json
 import math
+import signal
 
 import numpy as np
 import pytest
 
 import vdfmu
-from vdfmu.cosim import Results
+from vdfmu.cosim import Interrupted, Results
 from vdfmu.errors import CosimError, ModelError, UsageError
 
 
@@ -158,3 +159,17 @@ def test_a_robot_by_name_where_a_robot_is_expected_says_how_to_load_it(tmp_path)
         vdfmu.build_fmus("planar_2dof", tmp_path)
     with pytest.raises(UsageError, match="expected a Robot, got str"):
         vdfmu.inverse_dynamics("planar_2dof", [0, 0], [0, 0], [0, 0])
+
+
+def test_an_interrupt_while_rows_are_written_waits_for_them(tmp_path, monkeypatch):
+    write = Results.to_csv
+
+    def interrupted(results, path):
+        signal.raise_signal(signal.SIGINT)
+        write(results, path)
+
+    monkeypatch.setattr(Results, "to_csv", interrupted)
+    with pytest.raises(Interrupted):
+        vdfmu.run("planar_tracking", stop=0.1, out=tmp_path, reference=False)
+    assert len(Results.from_csv(tmp_path / "results.csv")) == 101
+    assert json.loads((tmp_path / "summary.json").read_text())["steps"] == 100

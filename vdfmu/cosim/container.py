@@ -7,6 +7,7 @@ the outputs at the start of the step (Jacobi), at one fixed step. Its variables 
 from __future__ import annotations
 
 import dataclasses
+import math
 import os
 import re
 import tempfile
@@ -70,8 +71,8 @@ def write_container(
     FmuError
         If the file cannot be written.
     """
-    if not step > 0.0:
-        raise UsageError(f"step: expected a positive time, got {step:g} s.")
+    if not 0.0 < step < math.inf:
+        raise UsageError(f"step: expected a positive finite time, got {step:g} s.")
     checked = check_system(
         system if isinstance(system, System) else load_ssp(Path(system)), algorithm="jacobi"
     )
@@ -257,6 +258,11 @@ def simulate_container(
         As :func:`vdfmu.cosim.simulate`.
     """
     container = Path(container)
+    inside = (
+        getattr(read_model_description(str(container)).coSimulation, "fixedInternalStepSize", None) or step
+    )
+    if abs(step / inside - round(step / inside)) > 1e-9 * step / inside or step < 0.5 * inside:
+        raise UsageError(f"step: expected a multiple of the container's step {inside:g} s, got {step:g} s.")
     member = f"resources/{container.name}"
     with tempfile.TemporaryDirectory(prefix="vdfmu_container_") as folder:
         package = Path(folder) / f"{container.stem}.ssp"

@@ -238,7 +238,7 @@ class _Run:
         began = clock.perf_counter()
         stride = max(1, -(-n // 100))
         try:
-            with _InterruptGuard() as guard:
+            with InterruptGuard() as guard:
                 store(0)
                 done = 0
                 if progress is not None:
@@ -280,8 +280,8 @@ def _needed(member: str) -> bool:
     return member == "modelDescription.xml" or member.startswith(("resources/", f"binaries/{fmpy.platform}/"))
 
 
-class _InterruptGuard:
-    """Holds back Ctrl-C until the step is complete: units written in Python would die of it.
+class InterruptGuard:
+    """Holds back Ctrl-C until a step is complete, of which units written in Python would die, or a file.
 
     A second Ctrl-C acts at once. Does nothing outside the main thread or under another signal handler.
     """
@@ -290,7 +290,7 @@ class _InterruptGuard:
         self.pressed = False
         self._active = False
 
-    def __enter__(self) -> _InterruptGuard:
+    def __enter__(self) -> InterruptGuard:
         self._active = (
             threading.current_thread() is threading.main_thread()
             and signal.getsignal(signal.SIGINT) is signal.default_int_handler

@@ -44,8 +44,8 @@ def build_fmus(
 ) -> dict[str, Path]:
     """Build the FMUs of a robot: Trajectory.fmu, Feedforward.fmu, PDController.fmu and Plant.fmu.
 
-    The same sources, robot, start values and options give the same bytes. An FMU that is up to date is left
-    alone; one of another backend or version of FMI is replaced.
+    The same sources, robot, start values and options give the same bytes. An FMU that is up to date and has the
+    platforms asked for is left alone, with others that it may have; any other is replaced.
 
     Parameters
     ----------
@@ -121,7 +121,9 @@ def _check_names(
     if unknown:
         raise UsageError(f"There is no unit {unknown[0]!r}. There are: {', '.join(UNIT_NAMES)}.")
     if fmi_version not in FMI_VERSIONS:
-        raise UsageError(f"There is no FMI {fmi_version!r} here. There are: {', '.join(FMI_VERSIONS)}.")
+        raise UsageError(
+            f"There is no FMI {fmi_version!r} here. There are: {', '.join(map(repr, FMI_VERSIONS))}."
+        )
     if backend == "python" and fmi_version != "2.0":
         raise UsageError(f"Python FMUs are of FMI 2.0, got {fmi_version}. Native ones are of 3.0 too.")
     if backend == "python" and platforms is not None:

@@ -14,6 +14,7 @@ from typing import Any
 from vdfmu import __version__
 from vdfmu.cosim import Interrupted, LogMessage, Results, simulate
 from vdfmu.cosim.container import simulate_container, write_container
+from vdfmu.cosim.master import InterruptGuard
 from vdfmu.cosim.reference import REFERENCE_OF, reference
 from vdfmu.errors import CosimError, StorageError, UsageError, VdfmuError
 from vdfmu.fmu import build_fmus
@@ -297,8 +298,12 @@ def _make_empty(folder: Path) -> None:
 
 
 def _write(results: Results, folder: Path) -> None:
-    results.to_csv(folder / "results.csv")
-    _write_summary(results.summary, folder)
+    """Write rows and summary; Ctrl-C waits for them, and a second one does not."""
+    with InterruptGuard() as guard:
+        results.to_csv(folder / "results.csv")
+        _write_summary(results.summary, folder)
+    if guard.pressed:
+        raise Interrupted(float(results.time[-1]), results)
 
 
 def _write_summary(summary: Mapping[str, Any], folder: Path) -> None:

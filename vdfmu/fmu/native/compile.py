@@ -67,7 +67,7 @@ def _zig() -> str:
                 return str(program)
     raise FmuError(
         "native FMUs need the C compiler of the package ziglang, which is not installed. Install it with "
-        "`pip install vdfmu[native]`, or build with the backend `python`."
+        "`pip install 'vdfmu[native]'`, or build with the backend `python`."
     )
 
 
