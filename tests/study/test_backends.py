@@ -122,6 +122,7 @@ def test_a_container_steps_by_multiples_of_its_own_step(runs, tmp_path):
         simulate_container(container, system, stop=STOP, step=1.5e-3)
     coarse = simulate_container(container, system, stop=STOP, step=1e-2)
     np.testing.assert_array_equal(coarse["plant.q[1]"], folded["plant.q[1]"][::10])
+    assert "plant.tau[1]" in folded and "plant.tau[1]" not in coarse  # it changed ten times in a row
 
 
 def test_a_unit_that_fails_in_a_container_is_named(tmp_path):

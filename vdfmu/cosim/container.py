@@ -36,6 +36,7 @@ from vdfmu.errors import CosimError, FmuError, UsageError
 from vdfmu.fmu.archive import pack_zip
 from vdfmu.ssp.read import load_ssp
 from vdfmu.ssp.structure import Component as Component_
+from vdfmu.ssp.structure import Connection as Connection_
 from vdfmu.ssp.structure import System
 
 __all__ = ["simulate_container", "write_container"]
@@ -243,14 +244,14 @@ def simulate_container(
     system : System
         What is in it.
     stop, step : float [s]
-        End of the run, and the container's step.
+        End of the run, and the container's step or a multiple.
     progress, log : callable, optional
         As in :func:`vdfmu.cosim.simulate`.
 
     Returns
     -------
     Results
-        As of a ``jacobi`` run of the system.
+        As of a ``jacobi`` run of the system; at a multiple of the container's step without the units' inputs.
 
     Raises
     ------
@@ -258,12 +259,12 @@ def simulate_container(
         As :func:`vdfmu.cosim.simulate`.
     """
     container = Path(container)
-    inside = (
-        getattr(read_model_description(str(container)).coSimulation, "fixedInternalStepSize", None) or step
-    )
+    experiment = read_model_description(str(container)).defaultExperiment
+    inside = float((experiment and experiment.stepSize) or step)  # FMI 2.0 has no other place for it
     if abs(step / inside - round(step / inside)) > 1e-9 * step / inside or step < 0.5 * inside:
         raise UsageError(f"step: expected a multiple of the container's step {inside:g} s, got {step:g} s.")
     member = f"resources/{container.name}"
+    links = system.connections if step < 1.5 * inside else ()
     with tempfile.TemporaryDirectory(prefix="vdfmu_container_") as folder:
         package = Path(folder) / f"{container.stem}.ssp"
         pack_zip(package, {member: container.read_bytes()})
@@ -280,11 +281,11 @@ def simulate_container(
             )
         except (CosimError, Interrupted) as error:
             if error.results is not None:
-                error.results = _unfold(error.results, system)
+                error.results = _unfold(error.results, links)
             if isinstance(error, CosimError):
                 raise _of_unit(error) from None
             raise
-    return _unfold(results, system)
+    return _unfold(results, links)
 
 
 def _of_unit(error: CosimError) -> CosimError:
@@ -296,8 +297,8 @@ def _of_unit(error: CosimError) -> CosimError:
     return CosimError(unit, call, error.time, reason, error.results)
 
 
-def _unfold(results: Results, system: System) -> Results:
-    """Give the signals the names of the units', and add what the units' inputs were.
+def _unfold(results: Results, links: Sequence[Connection_]) -> Results:
+    """Give the signals the names of the units', and add what the inputs at the end of `links` were.
 
     In a step the container feeds each input with the output at its start.
     """
@@ -305,7 +306,7 @@ def _unfold(results: Results, system: System) -> Results:
     before = np.maximum(np.arange(len(results)) - 1, 0)
     inputs = {
         ".".join(c.end): (outputs[source][before], outputs.units[source])
-        for c in system.connections
+        for c in links
         if (source := ".".join(c.start)) in outputs
     }
     return outputs.with_reals(inputs)
