@@ -5,6 +5,7 @@ Exit codes: 0 done, 1 a check or a unit failed, 2 wrong usage or input, 130 stop
 
 from __future__ import annotations
 
+import json
 import logging
 import os
 import sys
@@ -228,16 +229,20 @@ def ssp(
 @app.command(epilog="Example: [bold]vdfmu check fmus/Plant.fmu[/bold]")
 @_stoppable
 def check(
-    file: Annotated[Path, typer.Argument(help="An FMU, of this or any other tool.")],
-    no_run: Annotated[bool, typer.Option("--no-run", help="Read only; do not run the unit's code.")] = False,
+    file: Annotated[Path, typer.Argument(help="An FMU, SSP or SSD, of this or any other tool.")],
+    no_run: Annotated[bool, typer.Option("--no-run", help="Read only; do not run the units' code.")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print file and problems as JSON.")] = False,
 ) -> None:
-    """Check an FMU: schema, rules of the standard, binary for this platform, ten steps."""
-    from vdfmu.study.check import check_fmu
+    """Check an FMU or a system: schema, rules, binaries for this platform, ten steps, reference results."""
+    from vdfmu.study.check import check_file
 
-    problems = check_fmu(file, run=not no_run)
-    for problem in problems:
-        _say(f"problem: {problem}")
-    _say(f"{file}: {len(problems)} problem(s)" if problems else f"{file}: no problems")
+    problems = check_file(file, run=not no_run)
+    if as_json:
+        print(json.dumps({"file": str(file), "problems": problems}, indent=1))
+    else:
+        for problem in problems:
+            _say(f"problem: {problem}")
+        _say(f"{file}: {len(problems)} problem(s)" if problems else f"{file}: no problems")
     if problems:
         raise typer.Exit(1)
 

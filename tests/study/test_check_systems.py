@@ -1,0 +1,111 @@
+"""`vdfmu check` on systems, on reference results, and as JSON."""
+
+import json
+import subprocess
+import sys
+import zipfile
+
+import pytest
+
+from vdfmu.errors import UsageError
+from vdfmu.fmu import build_fmus
+from vdfmu.fmu.archive import pack_zip
+from vdfmu.model import load_scenario
+from vdfmu.ssp.parameters import system_values
+from vdfmu.ssp.write import write_ssp
+from vdfmu.study.check import check_file
+
+REFERENCE = "extra/org.fmi-standard.fmi-ls-ref/"
+
+
+@pytest.fixture(scope="module")
+def scenario():
+    return load_scenario("planar_tracking")
+
+
+@pytest.fixture(scope="module")
+def fmus(scenario, tmp_path_factory):
+    values = system_values(scenario)
+    return build_fmus(scenario.robot, tmp_path_factory.mktemp("fmus"), start_values=values, backend="native")
+
+
+@pytest.fixture(scope="module")
+def package(scenario, fmus, tmp_path_factory):
+    return write_ssp(scenario, fmus, tmp_path_factory.mktemp("ssp") / "planar.ssp")
+
+
+def members(path):
+    with zipfile.ZipFile(path) as archive:
+        return {name: archive.read(name) for name in archive.namelist()}
+
+
+@pytest.mark.parametrize("unit", ["trajectory", "feedforward", "controller", "plant"])
+def test_units_agree_with_the_reference_results_that_they_carry(fmus, unit):
+    assert any(name.startswith(REFERENCE) and name.endswith("_out.csv") for name in members(fmus[unit]))
+    assert check_file(fmus[unit]) == []
+
+
+def test_a_unit_that_does_not_is_found_by_variable_and_time(fmus, tmp_path):
+    content = members(fmus["plant"])
+    name = f"{REFERENCE}Plant_out.csv"
+    lines = content[name].decode().splitlines()
+    column = lines[0].split(",").index("q[2]")
+    cells = lines[6].split(",")
+    cells[column] = repr(float(cells[column]) + 0.01)
+    lines[6] = ",".join(cells)
+    pack_zip(tmp_path / "wrong.fmu", content | {name: "\n".join(lines).encode()})
+    (problem,) = check_file(tmp_path / "wrong.fmu")
+    assert problem.startswith(f"Plant_out.csv: q[2] at t = {float(cells[0]):g} s: expected ")
+    assert check_file(tmp_path / "wrong.fmu", run=False) == []
+    pack_zip(tmp_path / "broken.fmu", content | {name: b"time,q[1]\n0,x,y\n1\n"})
+    (problem,) = check_file(tmp_path / "broken.fmu")
+    assert problem.startswith("Plant_out.csv: the reference results cannot be compared: ")
+
+
+def test_a_system_is_checked_as_package_and_as_folder(package, tmp_path):
+    assert check_file(package) == []
+    for name, data in members(package).items():
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).write_bytes(data)
+    ssd = tmp_path / "SystemStructure.ssd"
+    assert check_file(ssd) == []
+    ssd.write_bytes(ssd.read_bytes().replace(b'startConnector="q[1]"', b'startConnector="qq[1]"'))
+    problems = check_file(ssd)
+    assert len(problems) == 2 and all("plant declares no connector 'qq[1]'" in p for p in problems)
+
+
+def test_all_problems_of_a_system_come_at_once(package, tmp_path):
+    content = members(package)
+    content["resources/Trajectory.fmu"] = b"nothing"
+    ssd = content["SystemStructure.ssd"].replace(b'unit="N.m"', b'unit="m"', 1)
+    pack_zip(tmp_path / "bad.ssp", content | {"SystemStructure.ssd": ssd})
+    problems = check_file(tmp_path / "bad.ssp")
+    assert any("Trajectory.fmu" in p for p in problems)
+    assert any("unit mismatch" in p for p in problems)
+
+
+def test_a_system_whose_unit_fails_in_the_run_is_told(scenario, fmus, tmp_path):
+    values = system_values(scenario, {"controller.K_p": "1e12"})
+    path = write_ssp(scenario, fmus, tmp_path / "wild.ssp", values)
+    (problem,) = check_file(path)
+    assert problem.startswith("10 steps of 0.001 s failed: plant: doStep")
+    assert check_file(path, run=False) == []
+
+
+def test_the_command_prints_json_and_ends_with_code_1_for_problems(package, tmp_path):
+    def run(path):
+        command = [sys.executable, "-m", "vdfmu.cli", "check", str(path), "--json"]
+        return subprocess.run(command, capture_output=True, text=True, check=False, timeout=300)
+
+    good = run(package)
+    assert good.returncode == 0
+    assert json.loads(good.stdout) == {"file": str(package), "problems": []}
+    (tmp_path / "no.ssp").write_bytes(b"no zip")
+    bad = run(tmp_path / "no.ssp")
+    assert bad.returncode == 1
+    assert len(json.loads(bad.stdout)["problems"]) == 1
+
+
+def test_a_file_that_is_not_there_is_wrong_usage(tmp_path):
+    with pytest.raises(UsageError, match="there is no such file"):
+        check_file(tmp_path / "no.ssd")
