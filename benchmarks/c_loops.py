@@ -23,8 +23,8 @@ from benchmarks.compiled import write_library
 from benchmarks.report import COLOURS, Report, Table, machine, new_figure, tidy
 from vdfmu.errors import FmuError
 from vdfmu.fmu.native.compile import compiler_version, native_available
-from vdfmu.fmu.native.store import load, store
 from vdfmu.kernel import Kernel
+from vdfmu.kernel.cache import cache_folder, load, store
 from vdfmu.model import Robot, load_robot
 
 __all__ = ["ALGORITHMS", "Comparison", "compare", "missing", "run"]
@@ -191,7 +191,7 @@ def _program(processor: str, flags: Sequence[str], say: Callable[[str], None]) -
     options = [*_FLAGS, f"-march={processor}", *flags]
     pinocchio, own = (headers or Path()) / "pinocchio" / "config.hpp", _SOURCE.read_bytes()
     key = _digest(version, options, pinocchio.read_bytes(), own, machine()["processor"])
-    program = load("bench", key)
+    program = load(cache_folder() / "bench" / key)
     if program is not None:
         return program
     say(f"compiling Pinocchio for {processor}, which takes a minute or two")
@@ -204,7 +204,7 @@ def _program(processor: str, flags: Sequence[str], say: Callable[[str], None]) -
         if done.returncode != 0:
             raise FmuError(f"{_SOURCE.name} cannot be compiled:\n{done.stderr[:2000]}")
         program = path.read_bytes()
-    store("bench", key, program)
+    store(cache_folder() / "bench" / key, program)
     return program
 
 

@@ -9,8 +9,9 @@ import pytest
 from vdfmu.equations.generic import clip, piecewise_hold, sgn, zeros
 from vdfmu.equations.jet import Jet
 from vdfmu.errors import KernelError
-from vdfmu.kernel import Kernel, functions
-from vdfmu.kernel.functions import KernelFunction, cache_folder
+from vdfmu.kernel import Kernel, cache, functions
+from vdfmu.kernel.cache import cache_folder
+from vdfmu.kernel.functions import KernelFunction
 from vdfmu.kernel.symbol import Symbol, from_sx, to_sx
 
 SIZES = [2, 2, 2, 6]
@@ -48,7 +49,7 @@ def test_cache_folder_is_taken_from_the_environment(planar, tmp_path, monkeypatc
     torque(Kernel(planar))
     assert [path.name for path in tmp_path.rglob("*") if path.is_file()] == ["inverse_dynamics.casadi"]
     monkeypatch.delenv("VDFMU_CACHE_DIR")
-    monkeypatch.setattr(functions.sys, "platform", "linux")
+    monkeypatch.setattr(cache.sys, "platform", "linux")
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "xdg"))
     assert cache_folder() == tmp_path / "xdg" / "vdfmu"
 
@@ -98,7 +99,7 @@ def test_cache_folder_that_may_not_be_searched_only_costs_time(planar, tmp_path,
         raise PermissionError(13, "Permission denied")
 
     monkeypatch.setattr(os, "stat", refuse)  # what a folder of another user does, also for the superuser
-    monkeypatch.setattr(functions.Path, "mkdir", refuse)
+    monkeypatch.setattr(cache.Path, "mkdir", refuse)
     function = Kernel(planar, tmp_path).casadi_function("inverse_dynamics")
     assert function.name() == "inverse_dynamics"
 
@@ -107,7 +108,7 @@ def test_full_disk_leaves_no_half_file(planar, tmp_path, monkeypatch):
     def full(*_):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(functions.os, "replace", full)
+    monkeypatch.setattr(cache.os, "replace", full)
     torque(Kernel(planar, tmp_path))
     assert [path for path in tmp_path.rglob("*") if path.is_file()] == []
 

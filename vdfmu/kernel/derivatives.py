@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from itertools import accumulate
 
 import casadi as ca
 
@@ -15,20 +16,7 @@ def forward(function: ca.Function) -> ca.Function:
     Its arguments are those of `function` and a direction ``d_<argument>`` for each; its results are
     ``d_<result>``, (J direction).
     """
-    arguments, results = _symbols(function)
-    directions = {f"d_{name}": ca.SX.sym(name, *a.shape) for name, a in arguments.items()}
-    tangent = ca.jtimes(
-        ca.vertcat(*results.values()), ca.vertcat(*arguments.values()), ca.vertcat(*directions.values())
-    )
-    sizes = [r.numel() for r in results.values()]
-    parts = ca.vertsplit(ca.densify(tangent), _offsets(sizes))
-    return ca.Function(
-        f"{function.name()}_forward",
-        [*arguments.values(), *directions.values()],
-        ca.cse(parts),
-        [*arguments, *directions],
-        [f"d_{name}" for name in results],
-    )
+    return _product(function, "forward", "d", transposed=False)
 
 
 def reverse(function: ca.Function) -> ca.Function:
@@ -37,33 +25,30 @@ def reverse(function: ca.Function) -> ca.Function:
     Its arguments are those of `function` and a direction ``bar_<result>`` for each result; its results are
     ``bar_<argument>``, (direction J).
     """
-    arguments, results = _symbols(function)
-    directions = {f"bar_{name}": ca.SX.sym(name, *r.shape) for name, r in results.items()}
-    adjoint = ca.jtimes(
-        ca.vertcat(*results.values()), ca.vertcat(*arguments.values()), ca.vertcat(*directions.values()), True
-    )
-    sizes = [a.numel() for a in arguments.values()]
-    parts = ca.vertsplit(ca.densify(adjoint), _offsets(sizes))
-    return ca.Function(
-        f"{function.name()}_reverse",
-        [*arguments.values(), *directions.values()],
-        ca.cse(parts),
-        [*arguments, *directions],
-        [f"bar_{name}" for name in arguments],
-    )
+    return _product(function, "reverse", "bar", transposed=True)
 
 
-def _symbols(function: ca.Function) -> tuple[dict[str, ca.SX], dict[str, ca.SX]]:
+def _product(function: ca.Function, ending: str, prefix: str, transposed: bool) -> ca.Function:
+    """Return the product of the Jacobian, or its transpose, with directions; `prefix` names them and the results."""
     arguments = {name: ca.SX.sym(name, function.numel_in(name)) for name in function.name_in()}
-    results = function.call(list(arguments.values()))
-    return arguments, {name: ca.vec(r) for name, r in zip(function.name_out(), results, strict=True)}
-
-
-def _offsets(sizes: list[int]) -> list[int]:
-    offsets = [0]
-    for size in sizes:
-        offsets.append(offsets[-1] + size)
-    return offsets
+    called = function.call(list(arguments.values()))
+    results = {name: ca.vec(r) for name, r in zip(function.name_out(), called, strict=True)}
+    given, made = (results, arguments) if transposed else (arguments, results)
+    directions = {f"{prefix}_{name}": ca.SX.sym(name, *v.shape) for name, v in given.items()}
+    product = ca.jtimes(
+        ca.vertcat(*results.values()),
+        ca.vertcat(*arguments.values()),
+        ca.vertcat(*directions.values()),
+        transposed,
+    )
+    offsets = [0, *accumulate(v.numel() for v in made.values())]
+    return ca.Function(
+        f"{function.name()}_{ending}",
+        [*arguments.values(), *directions.values()],
+        ca.cse(ca.vertsplit(ca.densify(product), offsets)),
+        [*arguments, *directions],
+        [f"{prefix}_{name}" for name in made],
+    )
 
 
 DIRECTIONS: dict[str, Callable[[ca.Function], ca.Function]] = {"forward": forward, "reverse": reverse}

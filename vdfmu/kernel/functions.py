@@ -2,11 +2,7 @@
 
 from __future__ import annotations
 
-import os
-import sys
-import tempfile
 from collections.abc import Mapping, Sequence
-from hashlib import sha256
 from pathlib import Path
 
 import casadi as ca
@@ -14,25 +10,12 @@ import numpy as np
 import numpy.typing as npt
 
 from vdfmu.errors import KernelError
+from vdfmu.kernel.cache import cache_folder, load, store
 from vdfmu.kernel.structure import structure_key, values
 from vdfmu.kernel.trace import FUNCTIONS, is_traceable, trace
 from vdfmu.model import Robot
 
-__all__ = ["Kernel", "KernelFunction", "cache_folder"]
-
-
-def cache_folder() -> Path:
-    """Folder of traced functions: ``VDFMU_CACHE_DIR``, else ``vdfmu`` in the user's cache folder."""
-    chosen = os.environ.get("VDFMU_CACHE_DIR")
-    if chosen:
-        return Path(chosen)
-    if sys.platform == "win32":
-        base = Path(os.environ.get("LOCALAPPDATA", Path.home() / "AppData" / "Local"))
-    elif sys.platform == "darwin":
-        base = Path.home() / "Library" / "Caches"
-    else:
-        base = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
-    return base / "vdfmu"
+__all__ = ["Kernel", "KernelFunction"]
 
 
 class KernelFunction:
@@ -123,11 +106,13 @@ class Kernel:
         if self._cache is None:
             return trace(name, self.robot)
         path = self._cache / self._key / f"{name}.casadi"
-        loaded = _load(path)
-        if loaded is not None and loaded.name() == name:
-            return loaded
+        stored = load(path)
+        if stored is not None:
+            loaded = ca.Function.deserialize(stored.decode("ascii"))
+            if loaded.name() == name:
+                return loaded
         function = trace(name, self.robot)  # an unreadable or wrong file is replaced
-        _store(function, path)
+        store(path, function.serialize().encode("ascii"))
         return function
 
     def function(self, name: str, **buffers: npt.NDArray[np.float64]) -> KernelFunction:
@@ -182,32 +167,3 @@ def _checked(function: str, name: str, value: npt.ArrayLike, size: int) -> npt.N
         where = np.argwhere(~np.isfinite(array))[0].tolist()
         raise KernelError(f"{function}: {name}{where}: expected a finite number, got {array[tuple(where)]}.")
     return array
-
-
-def _load(path: Path) -> ca.Function | None:
-    """Read a stored function; None if there is none or its text is not what was written."""
-    try:
-        digest, _, text = path.read_text(encoding="ascii").partition("\n")
-    except (OSError, ValueError):
-        return None
-    if digest != sha256(text.encode()).hexdigest():
-        return None
-    return ca.Function.deserialize(text)
-
-
-def _store(function: ca.Function, path: Path) -> None:
-    """Write a function behind the digest of its text, without which a damaged file could give wrong numbers.
-
-    It is written to a temporary name and renamed: nobody reads half a file. A full disk only costs time.
-    """
-    temporary = None
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        handle, temporary = tempfile.mkstemp(dir=path.parent, suffix=".tmp")
-        with os.fdopen(handle, "w", encoding="ascii", newline="") as stream:
-            text = function.serialize()
-            stream.write(f"{sha256(text.encode()).hexdigest()}\n{text}")
-        os.replace(temporary, path)
-    except OSError:
-        if temporary is not None:
-            Path(temporary).unlink(missing_ok=True)

@@ -186,20 +186,19 @@ def _compare(path: Path) -> list[str]:
         problems: list[str] = []
         for name in found:
             try:
-                expected = np.genfromtxt(
-                    io.BytesIO(archive.read(name)), delimiter=",", names=True, deletechars=""
-                )
+                expected = _read_csv(archive, name)
                 inputs = name.replace("_out.csv", "_in.csv")
-                given = inputs in archive.namelist()
-                signals = np.genfromtxt(
-                    io.BytesIO(archive.read(inputs)), delimiter=",", names=True, deletechars=""
-                ) if given else None  # fmt: skip
+                signals = _read_csv(archive, inputs) if inputs in archive.namelist() else None
                 problems += [
                     f"{Path(name).name}: {problem}" for problem in _difference(path, expected, signals)
                 ]
             except Exception as error:  # foreign files
                 problems.append(f"{Path(name).name}: the reference results cannot be compared: {error}")
     return problems
+
+
+def _read_csv(archive: zipfile.ZipFile, name: str) -> Any:
+    return np.genfromtxt(io.BytesIO(archive.read(name)), delimiter=",", names=True, deletechars="")
 
 
 def _difference(path: Path, expected: Any, signals: Any) -> list[str]:

@@ -20,7 +20,7 @@ from vdfmu.errors import CosimError, StorageError, UsageError, VdfmuError
 from vdfmu.fmu import build_fmus
 from vdfmu.fmu.build import choose_backend
 from vdfmu.fmu.content import Content
-from vdfmu.kernel.functions import cache_folder
+from vdfmu.kernel.cache import cache_folder
 from vdfmu.model import Robot, Scenario, load_robot, load_scenario
 from vdfmu.model.check import check_step
 from vdfmu.model.read import Problems

@@ -25,8 +25,7 @@ from pathlib import Path, PurePosixPath
 
 from vdfmu.errors import FmuError
 from vdfmu.fmu.native.platforms import PLATFORMS, Platform, this_platform
-from vdfmu.fmu.native.store import load, store
-from vdfmu.kernel.functions import cache_folder
+from vdfmu.kernel.cache import cache_folder, load, store
 
 __all__ = ["Job", "compile_libraries", "compile_library", "compiler_version", "native_available"]
 
@@ -147,7 +146,7 @@ def compile_libraries(jobs: Sequence[Job]) -> list[bytes]:
     FmuError
         If the compiler is not installed, refuses a file, or the disk is full.
     """
-    found = [load("native", job.key) for job in jobs]
+    found = [load(cache_folder() / "native" / job.key) for job in jobs]
     missing = [job for job, library in zip(jobs, found, strict=True) if library is None]
     if missing:
         _zig()
@@ -160,7 +159,7 @@ def compile_libraries(jobs: Sequence[Job]) -> list[bytes]:
                 f"the native FMUs cannot be compiled: {where}: {error.strerror}. {_ROOM}"
             ) from error
         for job, library in zip(missing, made, strict=True):
-            store("native", job.key, library)
+            store(cache_folder() / "native" / job.key, library)
         rest = iter(made)
         found = [library if library is not None else next(rest) for library in found]
     return [library for library in found if library is not None]
@@ -233,7 +232,7 @@ class _Workshop:
                 if key in objects:
                     continue
                 objects[key] = place / f"{PurePosixPath(name).stem}.o"
-                stored = load("native", key)
+                stored = load(cache_folder() / "native" / key)
                 if stored is None:
                     missing.append((-len(job.sources[name]), job, place, name, key))
                 else:
@@ -248,7 +247,7 @@ class _Workshop:
     def _object(self, job: Job, place: Path, name: str, key: str) -> None:
         file = f"{PurePosixPath(name).stem}.o"
         self._run(job, place, name, ["-c", *_FLAGS, *job.target.flags, *job.flags, "-o", file, name])
-        store("native", key, (place / file).read_bytes())
+        store(cache_folder() / "native" / key, (place / file).read_bytes())
 
     def _link(self, job: Job, place: Path, objects: Mapping[str, Path]) -> bytes:
         files = [os.path.relpath(objects[key], place) for key in job.objects.values()]

@@ -24,8 +24,8 @@ from vdfmu.fmu.content import Content
 from vdfmu.fmu.description import document
 from vdfmu.fmu.interface import Interface, start_values
 from vdfmu.fmu.layout import Layout
-from vdfmu.fmu.native.store import load, store
 from vdfmu.kernel import Kernel
+from vdfmu.kernel.cache import cache_folder, load, store
 from vdfmu.kernel.structure import set_parameters
 from vdfmu.model import Robot
 
@@ -113,12 +113,12 @@ def _stored(content: Content, table: Interface) -> dict[str, Any]:
         "start": start_values(table).tolist(),
     }
     key = sha256(json.dumps(what, sort_keys=True).encode()).hexdigest()
-    cached = load("reference", key)
+    cached = load(cache_folder() / "reference" / key)
     if cached is not None:
         return json.loads(cached)
     with np.errstate(all="ignore"):
         made = reference_results(table)
-    store("reference", key, json.dumps(made).encode())
+    store(cache_folder() / "reference" / key, json.dumps(made).encode())
     return made
 
 

@@ -1,34 +1,46 @@
-"""A cache of files by the digest of what they are made from."""
+"""The user's cache: files behind the digest of their content."""
 
 from __future__ import annotations
 
 import os
+import sys
 import tempfile
 from hashlib import sha256
 from pathlib import Path
 
-from vdfmu.kernel.functions import cache_folder
-
-__all__ = ["load", "store"]
+__all__ = ["cache_folder", "load", "store"]
 
 _LINE = 65
 """Length of the digest and its end of line, which come before the content."""
 
 
-def load(kind: str, key: str) -> bytes | None:
+def cache_folder() -> Path:
+    """Folder of traced functions: ``VDFMU_CACHE_DIR``, else ``vdfmu`` in the user's cache folder."""
+    chosen = os.environ.get("VDFMU_CACHE_DIR")
+    if chosen:
+        return Path(chosen)
+    if sys.platform == "win32":
+        base = Path(os.environ.get("LOCALAPPDATA", Path.home() / "AppData" / "Local"))
+    elif sys.platform == "darwin":
+        base = Path.home() / "Library" / "Caches"
+    else:
+        base = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
+    return base / "vdfmu"
+
+
+def load(path: Path) -> bytes | None:
     """Content of a file of the cache; None if there is none, or not the one that was written."""
     try:
-        data = _path(kind, key).read_bytes()
+        data = path.read_bytes()
     except OSError:
         return None
     digest, content = data[:_LINE], data[_LINE:]
     return content if digest == _digest(content) else None
 
 
-def store(kind: str, key: str, content: bytes) -> None:
+def store(path: Path, content: bytes) -> None:
     """Write a file under a temporary name and rename it: nobody reads half a file. A full disk only costs time."""
     temporary = None
-    path = _path(kind, key)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         handle, temporary = tempfile.mkstemp(dir=path.parent, suffix=".tmp")
@@ -46,7 +58,3 @@ def store(kind: str, key: str, content: bytes) -> None:
 
 def _digest(content: bytes) -> bytes:
     return sha256(content).hexdigest().encode() + b"\n"
-
-
-def _path(kind: str, key: str) -> Path:
-    return cache_folder() / kind / key
