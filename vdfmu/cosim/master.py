@@ -75,7 +75,7 @@ def simulate(
         shortened to it. For ``extrapolated`` and ``iterative``.
     convergence : float, optional
         Where ``iterative`` ends its repetitions: change of a coupled signal, relative in the same way. Default: a
-        hundredth of `adaptive`, else 1e-9.
+        hundredth of `adaptive`, else 1e-8.
     tolerance : float, optional
         Relative tolerance for the units' solvers.
     parameters : mapping of str to value, optional
@@ -124,8 +124,9 @@ def simulate(
         if algorithm in CONTINUOUS:
             run.stepper = ContinuousStepper(
                 run.exchange,
+                run.box,
                 repeat=algorithm == "iterative",
-                convergence=convergence or (1e-9 if adaptive is None else 0.01 * adaptive),
+                convergence=convergence or (1e-8 if adaptive is None else 0.01 * adaptive),
                 error=adaptive,
             )
         else:
