@@ -26,8 +26,8 @@ Indices = NDArray[np.intp]
 _MOST_SWEEPS = 30
 _HOPELESS = 1e3
 """Growth of the change over the first at which repeating ends, before numbers overflow."""
-_SHORTEST = 1e-6
-"""Shortest step of the error control, relative to the longest."""
+_FIRST, _SHORTEST = 1e-5, 1e-6
+"""First and shortest step of the error control, relative to the longest. The first finds the slopes of the signals."""
 _SAFETY, _LEAST, _MOST = 0.9, 0.2, 2.0
 """Next step relative to the last: factor to the wanted one, and its bounds, as one-step methods have them."""
 _KEPT = 1e-3
@@ -181,6 +181,8 @@ class ContinuousStepper:
             self._done(before, step)
         else:
             time = start
+            if self._h == math.inf:
+                self._h = _FIRST * step
             while time < stop:
                 left = stop - time
                 parts = math.ceil(left / min(self._h, left) - 1e-9)  # equal ones, so that none is tiny
@@ -268,9 +270,10 @@ class ContinuousStepper:
         difference = np.abs(self._outputs - predicted) / self._scale()
         difference[np.isnan(difference)] = math.inf
         sizes = np.zeros(difference.size)
-        line = h / (4.0 * (h + self._last)) if self._last > 0.0 else 1.0
-        sizes[self._interpolated] = line * difference[self._interpolated]
-        sizes[self._extrapolated] = difference[self._extrapolated]
+        if self._last > 0.0:  # else there is no prediction yet
+            line = h / (4.0 * (h + self._last))
+            sizes[self._interpolated] = line * difference[self._interpolated]
+            sizes[self._extrapolated] = difference[self._extrapolated]
         return sizes
 
     def _scale(self) -> Floats:

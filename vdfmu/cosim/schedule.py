@@ -37,7 +37,7 @@ class Schedule:
         Inputs that get the value their source computed in the same step. All others get the value that
         their source had at the start of the step.
     through : frozenset of (str, str)
-        Connected inputs that a connected output depends on directly.
+        Connected inputs that an output of their unit depends on directly.
     blocks : tuple of tuple of str
         The components again, those that depend on each other in one block; for `CONTINUOUS` algorithms.
     """
@@ -105,16 +105,17 @@ def make_schedule(
 
     connected = {link.end for link in links if link.stepped}
     read = {
-        port: _dependencies(descriptions[port[0]], port[1], False, connected, port[0])
-        for port in {link.start for link in links}
+        (unit, output): _dependencies(description, output, False, connected, unit)
+        for unit, description in descriptions.items()
+        for output in [v.name for v in description.named("output")]
     }
     through = frozenset((unit, name) for (unit, _), names in read.items() for name in names)
+    feeding = {k.start[0] for k in links if read.get(k.start)}
     if algorithm in CONTINUOUS:
-        blocks = _blocks(list(descriptions), [k for k in links if k.stepped], through)
+        blocks = _blocks(list(descriptions), [k for k in links if k.stepped], feeding)
         names = tuple(name for block in blocks for name in block)
         return Schedule(initial, names, frozenset(), through, blocks), problems
     fresh = [k for k in links if sequential and k.stepped and read[k.start]]
-    feeding = {unit for unit, _ in through}
     names = sorted(descriptions, key=lambda name: name not in feeding) if sequential else list(descriptions)
     unit_edges = {(k.start[0], k.end[0]) for k in fresh}
     if not problems:
@@ -128,15 +129,13 @@ def make_schedule(
     return Schedule(initial, tuple(order), frozenset(k.end for k in fresh), through), problems
 
 
-def _blocks(
-    names: Sequence[str], links: Sequence[Link], through: frozenset[Port]
-) -> tuple[tuple[str, ...], ...]:
+def _blocks(names: Sequence[str], links: Sequence[Link], feeding: set[str]) -> tuple[tuple[str, ...], ...]:
     """Group units that read each other, blocks in the order of the data.
 
-    Within a block, units with feed-through come first, each after those whose feed-through it reads; so only outputs
-    of units without are guessed. Where that order has a cycle (an algebraic loop), the order of the SSD stands.
+    Within a block, the `feeding` units, whose connected outputs depend on inputs directly, come first, each after
+    those whose feed-through it reads; so only outputs of units without are guessed. Where that order has a cycle (an
+    algebraic loop), the order of the SSD stands.
     """
-    feeding = {unit for unit, _ in through}
     edges = {(k.start[0], k.end[0]) for k in links}
     loops = {name: tuple(part) for part, _ in cycles(names, edges) for name in part}
     block_of = {name: loops.get(name, (name,)) for name in names}
