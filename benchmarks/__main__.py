@@ -15,7 +15,9 @@ from rich.console import Console
 
 from benchmarks.report import Report, machine, write_summary
 
-NAMES = ("growth", "master_step", "order", "coupling", "rigid", "c_loops", "native", "importers", "work_precision")
+NAMES = (
+    "growth", "master_step", "order", "coupling", "rigid", "c_loops", "native", "importers", "work_precision",
+)  # fmt: skip
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

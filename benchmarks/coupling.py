@@ -258,9 +258,7 @@ def tabulate(found: Coupling, report: Report) -> None:
          ("steps", "d"), ("rejected", "d"), ("steps of units", "d"), ("time [s]", ".2f")],
     )  # fmt: skip
     for p in found.points:
-        table.add(
-            p.method, 1e3 * p.step, p.adaptive, p.error, p.steps, p.rejected, p.unit_steps, p.time
-        )  # fmt: skip
+        table.add(p.method, 1e3 * p.step, p.adaptive, p.error, p.steps, p.rejected, p.unit_steps, p.time)
     table.notes += [
         f"Error: largest over the joints and over rows {1e3 * GRID:g} ms apart. Solver tolerance of the plant "
         f"{TOLERANCE:g}. Steps of units include those of rejected and repeated steps. Under error control the step is "
@@ -285,7 +283,7 @@ def tabulate(found: Coupling, report: Report) -> None:
     energy.notes += [
         f"Observed order: {', '.join(f'{a} {order:.3f}' for a, order in orders.items())}. The residual of iterative is "
         f"what its convergence of {CONVERGENCE:g} leaves, whatever the step.",
-        f"Without the first {1e3 * GRID:g} ms: at the start the rotors take up speed within 30 us, less than a step.",
+        f"Without the first {1e3 * GRID:g} ms: at the start the rotors take up speed within 0.03 ms, less than a step.",
     ]
     report.show(energy)
     report.facts |= {
@@ -321,6 +319,7 @@ def _equal(found: Coupling, report: Report) -> Table:
 def draw(found: Coupling) -> Figure:
     """Error over work and over time, energy residual over the step, and the steps that the error control chose."""
     figure = new_figure(9.2, 7.4)
+    handles: tuple[Any, Any] = ((), ())
     for i, (what, label) in enumerate((("unit_steps", "steps of all units"), ("time", "processor time [s]"))):
         axes = figure.add_subplot(2, 2, i + 1)
         for method in found.methods:
@@ -335,23 +334,34 @@ def draw(found: Coupling) -> Figure:
         axes.set_xlabel(label)
         axes.set_ylabel("largest error of q [rad]")
         tidy(axes)
+        _few_ticks(axes, [getattr(p, what) for p in found.points])
+        if i == 0:
+            handles = axes.get_legend_handles_labels()
     _draw_energy(figure.add_subplot(2, 2, 3), found)
     axes = figure.add_subplot(2, 2, 4)
     for a, (time, step) in found.chosen.items():
-        axes.semilogy(
-            time, 1e3 * step, color=_MARKS[a][0], linewidth=0.9, label=f"{a}, allowed {found.chosen_error:g}"
-        )
+        axes.semilogy(time, 1e3 * step, color=_MARKS[a][0], linewidth=0.7, label=f"{a}, adaptive")
     axes.set_xlabel("time [s]")
-    axes.set_ylabel("step under error control [ms]")
+    axes.set_ylabel(f"step chosen for an error of {found.chosen_error:g} [ms]")
     low, high = axes.get_ylim()
     axes.set_ylim(low, high * (high / low) ** 0.25)  # room for the legend
+    ticks = [t for t in (0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5, 10) if t >= low]
+    axes.set_yticks(ticks, [f"{t:g}" for t in ticks])
     tidy(axes)
     axes.legend(loc="upper left", frameon=False, fontsize=8, ncols=2)
     figure.suptitle(
         f"Tracking, {found.stop:g} s, native FMUs, against the continuous closed loop", x=0.01, ha="left"
     )
-    figure.legend(loc="outside lower center", ncols=3, frameon=False, fontsize=8)
+    figure.legend(*handles, loc="outside lower center", ncols=3, frameon=False, fontsize=8)
     return figure
+
+
+def _few_ticks(axes: Axes, values: Sequence[float]) -> None:
+    """Ticks of 1, 2 and 5 times powers of ten over the range of the values."""
+    decades = range(math.floor(math.log10(min(values))), math.ceil(math.log10(max(values))) + 1)
+    low, high = axes.get_xlim()
+    ticks = [t for t in (digit * 10.0**d for d in decades for digit in (1, 2, 5)) if low <= t <= high]
+    axes.set_xticks(ticks, [f"{t:,.6g}".replace(",", " ") for t in ticks])
 
 
 def _draw_energy(axes: Axes, found: Coupling) -> None:
@@ -361,13 +371,17 @@ def _draw_energy(axes: Axes, found: Coupling) -> None:
             continue
         h = 1e3 * np.array([p.step for p in points])
         share = np.array([(p.residual or 0.0) / (p.exchanged or 1.0) for p in points])
-        axes.loglog(h, share, color=colour, marker=mark, markersize=5, linewidth=1.3)
+        behind = a == "jacobi"  # whose residual is that of gauss-seidel
+        axes.loglog(
+            h, share, color=colour, marker=mark, markersize=8 if behind else 5, linewidth=1.3,
+            markerfacecolor="white" if behind else colour, zorder=1.5 if behind else 2,
+        )  # fmt: skip
         if a in ("gauss-seidel", "extrapolated") and len(points) > 2:
             triangle(axes, h, share, EXPECTED[a])
         if a == "iterative":
             bound = [(p.bound or 0.0) / (p.exchanged or 1.0) for p in points]
             axes.loglog(h, bound, color=colour, linewidth=0.9, linestyle=":")
-            axes.annotate("bound of the convergence", (h[0], bound[0]), (0, 5), textcoords="offset points",
+            axes.annotate("bound of convergence", (h[0], bound[0]), (0, 5), textcoords="offset points",
                           ha="right", fontsize=8, color=colour)  # fmt: skip
     axes.set_xlabel("communication step [ms]")
     axes.set_ylabel("energy residual over exchanged energy")

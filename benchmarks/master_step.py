@@ -15,7 +15,8 @@ from benchmarks.report import COLOURS, Report, Table, new_figure, tidy
 from benchmarks.system import packed, quiet_run
 from benchmarks.timing import Case, Stopwatch, measure, stopwatch_cost
 from vdfmu.cosim import Results
-from vdfmu.cosim.exchange import Exchange, Stage
+from vdfmu.cosim.component import Slave
+from vdfmu.cosim.exchange import Call, Exchange, SampledStepper
 from vdfmu.kernel import Integrator, Kernel, KernelFunction
 from vdfmu.model import Scenario, load_scenario
 
@@ -134,16 +135,15 @@ class _Watches:
         self.advance = Stopwatch()
         self.integrators: set[Integrator] = set()
 
-    def stage(self, stage: Stage) -> Stage:
+    def stage(self, slave: Slave, gathers: list[Callable[[], None]], calls: list[Call]) -> Any:
         """Put watches around the calls of one unit."""
-        unit = stage.slave.name
-        watch = self.gathers.setdefault(unit, Stopwatch())
-        calls: list[Any] = []
-        for function, *arguments, name in stage.calls:
+        watch = self.gathers.setdefault(slave.name, Stopwatch())
+        timed: list[Any] = []
+        for function, *arguments, name in calls:
             kind = "do_step" if name == "doStep" else name[:3]
-            timer = self.calls.setdefault((unit, kind), Stopwatch())
-            calls.append((timer.wrap(function), *arguments, name))
-        return Stage(stage.slave, [watch.wrap(gather) for gather in stage.gathers], calls)
+            timer = self.calls.setdefault((slave.name, kind), Stopwatch())
+            timed.append((timer.wrap(function), *arguments, name))
+        return slave, [watch.wrap(gather) for gather in gathers], timed
 
     def parts(self, wall: float, n: int) -> dict[str, Any]:
         """Fields of :class:`MasterStep` for a run of `n` steps in `wall` seconds.
@@ -205,16 +205,15 @@ def instrumented(watches: _Watches) -> Generator[None]:
 
     The Python FMUs run in this process and use the same classes, so that their insides are seen too.
     """
-    stages, opening, recorders = Exchange.stages, Exchange.opening, Exchange.recorders
+    plan, recorders = SampledStepper.__init__, Exchange.recorders
     make, advance = KernelFunction.__init__, Integrator.advance
 
-    def timed_stages(self: Exchange, step: float) -> list[Stage]:
-        return [watches.stage(stage) for stage in stages(self, step)]
-
-    def timed_opening(self: Exchange) -> list[Callable[[], None]]:
+    def timed_plan(self: SampledStepper, exchange: Exchange) -> None:
+        plan(self, exchange)
         for watch in watches.kernel.values():  # the steps begin: forget what the initialization called
             watch.seconds, watch.calls = 0.0, 0
-        return [watches.opening.wrap(gather) for gather in opening(self)]
+        self._opening = [watches.opening.wrap(gather) for gather in self._opening]
+        self._stages = [watches.stage(*stage) for stage in self._stages]
 
     def timed_recorders(self: Exchange, rows: int, record: Sequence[str] | None) -> Any:
         signals, data, store = recorders(self, rows, record)
@@ -230,12 +229,12 @@ def instrumented(watches: _Watches) -> Generator[None]:
         watches.integrators.add(self)
         timed(self, t, duration)
 
-    Exchange.stages, Exchange.opening, Exchange.recorders = timed_stages, timed_opening, timed_recorders
+    SampledStepper.__init__, Exchange.recorders = timed_plan, timed_recorders
     KernelFunction.__init__, Integrator.advance = timed_make, timed_advance
     try:
         yield
     finally:
-        Exchange.stages, Exchange.opening, Exchange.recorders = stages, opening, recorders
+        SampledStepper.__init__, Exchange.recorders = plan, recorders
         KernelFunction.__init__, Integrator.advance = make, advance
 
 

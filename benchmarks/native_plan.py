@@ -17,7 +17,8 @@ import numpy as np
 from benchmarks.system import quiet
 from benchmarks.timing import Case, measure
 from vdfmu.cosim.check import check_system
-from vdfmu.cosim.exchange import Exchange, Stage
+from vdfmu.cosim.component import Slave
+from vdfmu.cosim.exchange import Call, Exchange, SampledStepper
 from vdfmu.cosim.master import _Run  # pyright: ignore[reportPrivateUsage]  # the units of a run, before its steps
 from vdfmu.fmu.archive import pack_zip
 from vdfmu.fmu.native.compile import compile_library
@@ -104,10 +105,10 @@ class Plan:
         self._bank = bank
         self.signals = [f"{unit}.{variable.name}" for unit, variable in bank.variables]
         self._copy("all", slice(0, bank.inputs.size))
-        stages = self.exchange.stages(self.step)
-        self._kept.append(stages)
-        for stage in stages:
-            self._stage(stage)
+        stepper = SampledStepper(self.exchange)
+        self._kept.append(stepper)
+        for slave, _, calls in stepper._stages:
+            self._stage(slave, calls)
 
     def _copy(self, unit: str, window: slice) -> None:
         links = self._bank.links[window]
@@ -121,13 +122,13 @@ class Plan:
             unit, "gather", _Action(_COPY, None, None, positions.ctypes.data, len(links), target, source)
         )
 
-    def _stage(self, stage: Stage) -> None:
-        unit = stage.slave.name
+    def _stage(self, slave: Slave, calls: list[Call]) -> None:
+        unit = slave.name
         start = self._bank.input_windows[unit].start
         self._copy(unit, slice(start, start + self._bank.fresh_counts[unit]))
-        for function, _, references, _, values, name in stage.calls:
+        for function, _, references, _, values, name in calls:
             address = ctypes.cast(function, ctypes.c_void_p).value
-            instance = stage.slave.component.value
+            instance = slave.component.value
             if name == "doStep":
                 self._add(unit, "do_step", _Action(_DO_STEP, address, instance, None, 0, None, None))
                 continue
@@ -188,10 +189,10 @@ def interpreter_parts(path: Path, algorithm: str, step: float, rounds: int) -> d
         ``calls``: all FMI calls of a step, which do nothing; ``gather``: copies of values; ``record``: a row.
     """
     with ready(path, algorithm, 1.0) as exchange:
-        stages, opening = exchange.stages(step), exchange.opening()
+        stepper, exchange.size.value = SampledStepper(exchange), step
         _, _, store = exchange.recorders(2, None)
-        plan = [call for stage in stages for call in stage.calls]
-        gathers = [*opening, *(gather for stage in stages for gather in stage.gathers)]
+        plan = [call for _, _, calls in stepper._stages for call in calls]
+        gathers = [*stepper._opening, *(gather for _, each, _ in stepper._stages for gather in each)]
 
         def call_all() -> None:
             for function, a, b, c, d, _ in plan:

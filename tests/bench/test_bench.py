@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from benchmarks import c_loops, growth, importers, master_step, native, order, rigid, work_precision
+from benchmarks import c_loops, coupling, growth, importers, master_step, native, order, rigid, work_precision
 from benchmarks.__main__ import main
 from benchmarks.chains import random_motion, repeated_link
 from benchmarks.compiled import CompiledFunction, write_library
@@ -21,7 +21,8 @@ from benchmarks.fit import exact_polynomial, fit_exponent, upper_half
 from benchmarks.report import Report, Table
 from benchmarks.system import Clock, least, median
 from benchmarks.timing import Case, Stopwatch, measure
-from vdfmu.cosim.exchange import Exchange
+from vdfmu.cosim.continuous import ContinuousStepper
+from vdfmu.cosim.exchange import Exchange, SampledStepper
 from vdfmu.equations.rigid_body import net_force
 from vdfmu.fmu.native.compile import native_available
 from vdfmu.kernel import Integrator, Kernel, KernelFunction
@@ -190,16 +191,14 @@ def test_growth(report: Report) -> None:
 
 def test_master_step(report: Report) -> None:
     before = (
-        Exchange.stages,
-        Exchange.opening,
+        SampledStepper.__init__,
         Exchange.recorders,
         KernelFunction.__init__,
         Integrator.advance,
     )
     found = master_step.study(load_scenario("planar_tracking"), stop=0.02, runs=1, say=report.say)
     after = (
-        Exchange.stages,
-        Exchange.opening,
+        SampledStepper.__init__,
         Exchange.recorders,
         KernelFunction.__init__,
         Integrator.advance,
@@ -220,14 +219,69 @@ def test_master_step(report: Report) -> None:
 
 
 def test_order(report: Report) -> None:
-    found = order.converge(load_scenario("planar_tracking"), [1e-3, 5e-4, 2.5e-4], 0.1, report.say)
-    for algorithm in order.ALGORITHMS:
-        # the order to show is 1; a tenth is the bound of the project for observed orders
-        assert found.order("q", algorithm).slope == pytest.approx(1.0, abs=0.1)
-    order.tabulate(found, 0.1, report)
-    report.save(order.draw(found, 0.1))
+    steps = {a: [1e-3, 5e-4, 2.5e-4] for a in order.ALGORITHMS} | {"iterative": [4e-3, 2e-3, 1e-3]}
+    found = order.converge(load_scenario("tracking"), steps, 0.2, report.say)
+    assert order.EXPECTED == {"gauss-seidel": 1, "jacobi": 1, "extrapolated": 2, "iterative": 2}
+    for algorithm, expected in order.EXPECTED.items():
+        # a tenth is the bound of the project for observed orders
+        assert found.order("q", algorithm).slope == pytest.approx(expected, abs=0.1)
+    order.tabulate(found, 0.2, report)
+    report.save(order.draw(found, 0.2))
     saved(report)
-    assert len(report.tables[0].rows) == 3
+    assert [row[0] for row in report.tables[0].rows] == [4.0, 2.0, 1.0, 0.5, 0.25]
+    assert [row[0] for row in report.tables[1].rows] == list(order.ALGORITHMS)
+    # a step that an algorithm did not run is a gap, not a number
+    assert [v is None for v in report.tables[0].rows[0]] == [False, *2 * [True, True, True, False]]
+
+
+@needs_compiler
+def test_coupling(report: Report) -> None:
+    before = ContinuousStepper.advance
+    steps = {a: [1e-3, 5e-4, 2.5e-4] for a in order.ALGORITHMS} | {"iterative": [4e-3, 2e-3, 1e-3]}
+    errors = [1e-4, 1e-5, 1e-6]
+    found = coupling.study(load_scenario("tracking"), steps, errors, stop=0.2, rounds=2, say=report.say)
+    assert ContinuousStepper.advance is before  # the instrument is gone
+    for algorithm, expected in order.EXPECTED.items():
+        points = found.of(algorithm)
+        # a tenth is the bound of the project for observed orders
+        slope = fit_exponent(steps[algorithm], [p.error for p in points]).slope
+        assert slope == pytest.approx(expected, abs=0.1)
+        assert [p.steps for p in points] == [round(0.2 / h) for h in steps[algorithm]]
+        for p in points:
+            assert p.residual is not None and p.bound is not None
+            if algorithm == "iterative":
+                assert 0.0 < p.residual <= p.bound
+            else:  # one step of each of the four units
+                assert p.unit_steps == 4 * p.steps
+        if algorithm != "iterative":
+            assert found.energy_order(algorithm).slope == pytest.approx(expected, abs=0.1)
+    for algorithm in coupling.CONTROLLED:
+        points = found.of(f"{algorithm}, adaptive")
+        assert [p.adaptive for p in points] == errors
+        # a hundredth of the allowed error costs more steps and is more precise
+        assert points[0].error > points[-1].error
+        assert points[0].steps < points[-1].steps
+        assert all(p.unit_steps >= 4 * (p.steps + p.rejected) for p in points)
+        time, mean = found.chosen[algorithm]
+        assert time[-1] == pytest.approx(0.2)
+        # each row is cut into whole steps, so the counts of the rows add up to those of the same run
+        assert np.sum(coupling.LONGEST / mean) == pytest.approx(points[1].steps)
+    coupling.tabulate(found, report)
+    report.save(coupling.draw(found))
+    saved(report)
+    assert [len(table.rows) for table in report.tables] == [18, 3, 12]
+
+
+def test_work_at_an_error_is_the_least_of_the_points_and_between_them() -> None:
+    found = coupling.Coupling(1.0)
+    found.points = [
+        coupling.Point("iterative", None, h, error, unit_steps=n)
+        for h, error, n in ((3e-3, 1e-5, 100), (2e-3, 1e-7, 10_000), (1e-3, 1e-8, 20_000))
+    ]
+    assert found.work_at("iterative", 1e-6) == pytest.approx(1000.0, rel=1e-12)
+    assert found.work_at("iterative", 1e-3) == 100  # the longest step is more precise than that
+    assert found.work_at("iterative", 1e-9) is None
+    assert found.work_at("jacobi", 1e-6) is None
 
 
 def test_rigid(report: Report) -> None:
