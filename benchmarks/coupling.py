@@ -38,7 +38,7 @@ STEPS = {
 }
 """Communication steps [s], the first close to the longest at which the algorithm is stable."""
 CONTROLLED = ("extrapolated", "iterative")
-LONGEST = 1e-2
+LONGEST = 5e-3
 """Longest step under error control, and the interval of its rows [s]."""
 ERRORS = (1e-3, 1e-4, 1e-5, 1e-6, 1e-7)
 TOLERANCE = 1e-9

@@ -212,8 +212,8 @@ def instrumented(watches: _Watches) -> Generator[None]:
         plan(self, exchange)
         for watch in watches.kernel.values():  # the steps begin: forget what the initialization called
             watch.seconds, watch.calls = 0.0, 0
-        self._opening = [watches.opening.wrap(gather) for gather in self._opening]
-        self._stages = [watches.stage(*stage) for stage in self._stages]
+        self.opening = [watches.opening.wrap(gather) for gather in self.opening]
+        self.stages = [watches.stage(*stage) for stage in self.stages]
 
     def timed_recorders(self: Exchange, rows: int, record: Sequence[str] | None) -> Any:
         signals, data, store = recorders(self, rows, record)

@@ -107,7 +107,7 @@ class Plan:
         self._copy("all", slice(0, bank.inputs.size))
         stepper = SampledStepper(self.exchange)
         self._kept.append(stepper)
-        for slave, _, calls in stepper._stages:
+        for slave, _, calls in stepper.stages:
             self._stage(slave, calls)
 
     def _copy(self, unit: str, window: slice) -> None:
@@ -191,8 +191,8 @@ def interpreter_parts(path: Path, algorithm: str, step: float, rounds: int) -> d
     with ready(path, algorithm, 1.0) as exchange:
         stepper, exchange.size.value = SampledStepper(exchange), step
         _, _, store = exchange.recorders(2, None)
-        plan = [call for _, _, calls in stepper._stages for call in calls]
-        gathers = [*stepper._opening, *(gather for _, each, _ in stepper._stages for gather in each)]
+        plan = [call for _, _, calls in stepper.stages for call in calls]
+        gathers = [*stepper.opening, *(gather for _, each, _ in stepper.stages for gather in each)]
 
         def call_all() -> None:
             for function, a, b, c, d, _ in plan:

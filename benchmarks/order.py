@@ -83,9 +83,10 @@ def converge(
             say(f"{algorithm} at {', '.join(f'{1e3 * h:g}' for h in each)} ms")
             q[algorithm], tau_s[algorithm] = [], []
             for h in each:
+                own = {"convergence": CONVERGENCE} if algorithm == "iterative" else {}
                 results = quiet_run(
-                    package, step=h, stop=stop, algorithm=algorithm, tolerance=TOLERANCE, convergence=CONVERGENCE
-                )  # fmt: skip
+                    package, step=h, stop=stop, algorithm=algorithm, tolerance=TOLERANCE, **own
+                )
                 stride = round(coarse / h)
                 q[algorithm].append(float(np.max(np.abs(results.array("plant.q")[::stride] - exact.q))))
                 torque = results.array("plant.tau_s")[::stride] - exact.x[:, 3 * n :]

@@ -198,8 +198,9 @@ class ContinuousStepper:
                 "steps": self.steps,
                 "rejected": self.rejected,
                 "unit_steps": self.unit_steps,
-                "shortest_step": self.shortest,
-                "longest_step": self.longest,
+                # differences of times, rounded to what is more than rounding errors
+                "shortest_step": round(self.shortest, 12),
+                "longest_step": round(self.longest, 12),
             }
         }
 
@@ -252,8 +253,8 @@ class ContinuousStepper:
             raise failure or CosimError(
                 unit, "doStep", time,
                 f"the error of {variable.name} in a step of {h:.3g} s is {ratio:.3g} times the allowed {self.error:g}, "
-                "and no shorter step is tried: the signal jumps. Allow a larger error, or use a master without error "
-                "control",
+                "and no shorter step is tried: the signal jumps, or the allowed error is below that of the units' "
+                "solvers. Allow a larger error, or use a master without error control",
             )  # fmt: skip
         self.rejected += 1
         del self.box.pending[said:]

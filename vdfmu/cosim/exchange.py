@@ -226,13 +226,21 @@ class Exchange:
 
 
 class SampledStepper:
-    """Steps the units as `gauss-seidel` or `jacobi`: inputs are held over a step."""
+    """Steps the units as `gauss-seidel` or `jacobi`: inputs are held over a step.
+
+    Attributes
+    ----------
+    opening : list of callable
+        Bring all inputs to the outputs at the start of the step.
+    stages : list of tuple
+        Unit by unit: the slave, what brings its fresh inputs up to date, its calls.
+    """
 
     def __init__(self, exchange: Exchange) -> None:
         self._clock, self._size = exchange.clock, exchange.size
         gathers = [bank.gather(slice(0, bank.inputs.size)) for bank in exchange.banks]
-        self._opening = [gather for gather in gathers if gather is not None]
-        self._stages: list[tuple[Slave, list[Callable[[], None]], list[Call]]] = []
+        self.opening = [gather for gather in gathers if gather is not None]
+        self.stages: list[tuple[Slave, list[Callable[[], None]], list[Call]]] = []
         for name in exchange.checked.schedule.units:
             fresh: list[Callable[[], None]] = []
             for bank in exchange.banks:
@@ -240,14 +248,14 @@ class SampledStepper:
                 gather = bank.gather(slice(start, start + bank.fresh_counts[name]))
                 if gather is not None:
                     fresh.append(gather)
-            self._stages.append((exchange.slaves[name], fresh, exchange.calls(name)))
+            self.stages.append((exchange.slaves[name], fresh, exchange.calls(name)))
 
     def advance(self, time: float, step: float, _: float) -> None:
         """Step all units from `time` by `step`."""
         self._clock.value, self._size.value = time, step
-        for gather in self._opening:
+        for gather in self.opening:
             gather()
-        for slave, gathers, calls in self._stages:
+        for slave, gathers, calls in self.stages:
             for gather in gathers:
                 gather()
             for function, a, b, c, d, name in calls:

@@ -144,6 +144,8 @@ def check_coupling(algorithm: str, adaptive: float | None, convergence: float | 
             )
         if not 0.0 < adaptive < 1.0:
             raise UsageError(f"adaptive: expected a relative error between 0 and 1, got {adaptive:g}")
+    if convergence is not None and algorithm in ALGORITHMS and algorithm != "iterative":
+        raise UsageError(f"convergence: {algorithm} repeats nothing; it is for iterative")
     if convergence is not None and not 0.0 < convergence < 1.0:
         raise UsageError(f"convergence: expected a relative change between 0 and 1, got {convergence:g}")
 

@@ -54,8 +54,8 @@ def power_bond(results: Results, robot: Robot) -> dict[str, Any]:
 
     Torque and rotor velocity carry power from controller to plant. The plant takes up ``ell tau_in kappa_dot`` with the
     torque that it was given, the controller gives ``ell tau kappa_dot_in`` with the velocity that it was given; with
-    exact coupling the two are the same. Their difference, times the step that ends at the row, is energy that the
-    coupling adds to the plant or takes from it.
+    exact coupling the two are the same. Their difference, times the interval of the rows, is energy that the coupling
+    adds to the plant or takes from it; under error control, which steps between the rows, an estimate of it.
 
     Returns
     -------
