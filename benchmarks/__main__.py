@@ -15,7 +15,17 @@ from rich.console import Console
 
 from benchmarks.report import Report, machine, write_summary
 
-NAMES = ("growth", "master_step", "order", "rigid", "c_loops", "native", "importers", "work_precision")
+NAMES = (
+    "growth",
+    "master_step",
+    "order",
+    "rigid",
+    "c_loops",
+    "native",
+    "importers",
+    "interop",
+    "work_precision",
+)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -123,6 +123,8 @@ def _values_of(
         for which, item, known in (("source", name, source), ("target", meaning, target)):
             if item not in (known or {}):
                 there = ", ".join(known or {}) or "none"
-                raise ValueError(f"the mapping names {item!r}, which is no item of the {which}; there are {there}")
+                raise ValueError(
+                    f"the mapping names {item!r}, which is no item of the {which}; there are {there}"
+                )
         table[(source or {})[name]] = (target or {})[meaning]
     return table

@@ -79,9 +79,7 @@ class Bank:
         factor = np.array([link.conversion.factor for link in links])
         offset = np.array([link.conversion.offset for link in links])
         tables = [
-            (i, link.conversion.table)
-            for i, link in enumerate(links)
-            if link.conversion.table is not None
+            (i, link.conversion.table) for i, link in enumerate(links) if link.conversion.table is not None
         ]
 
         def plain() -> None:
