@@ -19,6 +19,7 @@ NAMES = (
     "growth",
     "master_step",
     "order",
+    "coupling",
     "rigid",
     "c_loops",
     "native",

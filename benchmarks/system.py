@@ -68,6 +68,8 @@ def quiet_run(
     step: float,
     stop: float,
     algorithm: str = "gauss-seidel",
+    adaptive: float | None = None,
+    convergence: float | None = None,
     tolerance: float | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> Results:
@@ -77,13 +79,13 @@ def quiet_run(
     ----------
     tolerance : float, optional
         Of the plant's solver, in place of the package's.
-    progress : callable, optional
+    adaptive, convergence, progress : optional
         See :func:`vdfmu.cosim.simulate`.
     """
     parameters = None if tolerance is None else {"plant.tolerance": tolerance}
     return simulate(
-        package, start=0.0, stop=stop, step=step, algorithm=algorithm, parameters=parameters,
-        progress=progress, log=quiet,
+        package, start=0.0, stop=stop, step=step, algorithm=algorithm, adaptive=adaptive,
+        convergence=convergence, parameters=parameters, progress=progress, log=quiet,
     )  # fmt: skip
 
 

@@ -98,7 +98,16 @@ def run(
     robot: RobotOption = None,
     step: Annotated[float | None, typer.Option(help="Communication step in seconds.")] = None,
     stop: Annotated[float | None, typer.Option(help="End of the run in seconds.")] = None,
-    master: Annotated[str | None, typer.Option(help="gauss-seidel or jacobi.")] = None,
+    master: Annotated[
+        str | None, typer.Option(help="gauss-seidel, jacobi, extrapolated or iterative.")
+    ] = None,
+    adaptive: Annotated[
+        float | None,
+        typer.Option(
+            help="Relative error of a coupled signal that a communication step may have; steps are shortened to it.",
+            show_default=False,
+        ),
+    ] = None,
     out: Annotated[Path | None, typer.Option(help="Folder of the results; default results/SCENARIO.")] = None,
     no_reference: Annotated[
         bool, typer.Option("--no-reference", help="Do not solve the references.")
@@ -120,6 +129,7 @@ def run(
             step=step,
             stop=stop,
             master=master,
+            adaptive=adaptive,
             out=out,
             reference=not no_reference,
             backend=backend,

@@ -19,6 +19,7 @@ from pythonfmu import Boolean, Fmi2Causality, Fmi2Slave, Fmi2Variability, Intege
 from pythonfmu.enums import Fmi2Status
 
 SPEC = json.loads({spec!r})
+NAMES = {{"_" + v["name"] for v in SPEC["variables"]}}
 KINDS = dict(Real=Real, Integer=Integer, Boolean=Boolean, String=String)
 
 
@@ -44,6 +45,12 @@ class {name}(Fmi2Slave):
     def exit_initialization_mode(self):
         self.calc()
         self.initializing = False
+
+    def _get_fmu_state(self):
+        return {{k: v for k, v in self.__dict__.items() if k in NAMES or k in ("now", "initializing")}}
+
+    def _set_fmu_state(self, state):
+        self.__dict__.update(state)
 
     def to_xml(self, model_options=dict()):
         root = super().to_xml(model_options)
@@ -87,12 +94,13 @@ def make_fmu(
     dependencies: Mapping[str, list[str]] | None,
     units: Mapping[str, Mapping[str, str]] | None = None,
 ) -> Path:
-    """Build an FMU; `dependencies` None leaves them undeclared, as stock pythonfmu does."""
+    """Build an FMU that saves its state; `dependencies` None: stock pythonfmu, without both."""
     spec = json.dumps({"variables": variables, "dependencies": dependencies, "units": dict(units or {})})
     code = "\n".join("    " + line if line else "" for line in body.strip("\n").splitlines())
     script = folder / f"vdfmu_test_{name.lower()}.py"
     script.write_text(TEMPLATE.format(name=name, spec=spec, body=code), encoding="utf-8")
-    return Path(FmuBuilder.build_FMU(script, dest=folder / f"{name}.fmu"))
+    options = {"canGetAndSetFMUstate": True} if dependencies is not None else {}
+    return Path(FmuBuilder.build_FMU(script, dest=folder / f"{name}.fmu", **options))
 
 
 @pytest.fixture(scope="session")
@@ -183,6 +191,16 @@ def fmus(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
         "    self._y = t + h\n    return True\n",
         {},
     )  # fmt: skip
+    add(
+        "Choosy",  # a state that takes no step longer than h_max
+        [variable("u", "input"), variable("y", "output"), variable("h_max", "parameter", start=0.1)],
+        "def calc(self):\n    pass\n"
+        "def do_step(self, t, h):\n"
+        "    self._y = self._y + h * self._u\n"
+        "    if h > self._h_max:\n        self.log('the step is too long', Fmi2Status.warning)\n"
+        "    return h <= self._h_max\n",
+        {},
+    )
     add(
         "Degrees",
         [variable("y", "output", start=0.0, unit="deg"), variable("mm", "output", start=0.0, unit="mm"),

@@ -17,7 +17,10 @@ Writer = Callable[[str, dict[str, Any]], Path]
 # (path to the entry, its new value, what the message says)
 FAULTS: list[tuple[tuple[str, ...], Any, str]] = [
     (("kind",), "cosim", r'kind: expected "contrast" or "cosimulation", got "cosim"'),
-    (("master",), "gauss", r'master: expected "gauss-seidel" or "jacobi", got "gauss"'),
+    (("master",), "gauss", r'master: expected "gauss-seidel" or "jacobi" or .*, got "gauss"'),
+    (("adaptive",), 1e-6, r"adaptive: expected master = 'extrapolated' or 'iterative', got 'gauss-seidel'"),
+    (("adaptive",), 2, "adaptive: expected a relative error < 1, got 2"),
+    (("adaptive",), 0, "adaptive: expected .* > 0"),
     (("feedforward", "mode"), "invers", r'mode: .* got "invers"\. Did you mean "inverse"\?'),
     (("controller", "velocity"), "kappa", r'velocity: expected "kappa_dot" or "q_dot", got "kappa"'),
     (("stop",), 0, r"stop: expected a finite number > 0 in s, got 0"),

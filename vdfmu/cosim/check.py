@@ -68,6 +68,7 @@ def check_system(
     parameters: Mapping[str, Value] | None = None,
     *,
     algorithm: str = "gauss-seidel",
+    repeats: bool = False,
     strict: bool = False,
     ignore_unmatched: bool = False,
 ) -> Checked:
@@ -79,7 +80,9 @@ def check_system(
     parameters : mapping of str to value, optional
         Values of ``component.variable``, in the unit of the FMU. They win over those of the package.
     algorithm : str
-        ``gauss-seidel`` or ``jacobi``.
+        One of `vdfmu.cosim.ALGORITHMS`.
+    repeats : bool
+        Whether steps may be repeated, so that units must be able to save and restore their state.
     strict : bool
         Makes an input that has neither a connection nor a bound value a problem instead of a note.
     ignore_unmatched : bool
@@ -109,6 +112,15 @@ def check_system(
     }
     schedule, loops = make_schedule(known, links, algorithm)
     checker.problems += loops
+    if repeats or algorithm == "iterative":
+        # a unit alone in its block is repeated by error control only
+        repeated = {name for block in schedule.blocks if repeats or len(block) > 1 for name in block}
+        checker.problems += [
+            f"{name}: {known[name].source} cannot save and restore its state (canGetAndSetFMUstate), so its steps "
+            "cannot be repeated; use extrapolated with a fixed step, gauss-seidel or jacobi"
+            for name in known
+            if name in repeated and not known[name].saves_state
+        ]
     if checker.problems:
         raise SspError(list(dict.fromkeys(checker.problems)))
     for name, values in _overrides(known, parameters or {}).items():

@@ -17,7 +17,10 @@ from vdfmu.ssp.structure import BASE_UNITS, Unit
 
 @dataclass(frozen=True)
 class Variable:
-    """A scalar variable of an FMU; `reference` is its value reference, `items` those of an enumeration."""
+    """A scalar variable of an FMU.
+
+    `reference` is its value reference, `items` those of an enumeration, `nominal` the size of its values, in its unit.
+    """
 
     name: str
     reference: int
@@ -28,6 +31,7 @@ class Variable:
     unit: Unit | None = None
     relative: bool = False
     items: Mapping[str, int] | None = None
+    nominal: float = 1.0
 
     @property
     def settable(self) -> bool:
@@ -47,6 +51,10 @@ class Description:
     step_dependencies, initial_dependencies : mapping of str to frozenset of str or None
         For each output (and each other initial unknown) the names it depends on, in the steps and during
         initialization. None where the FMU does not say, which means: on all.
+    saves_state : bool
+        Whether its state can be saved and restored, so that a step can be repeated.
+    interpolates_inputs : bool
+        Whether it takes derivatives of its real inputs, and lets them run linearly over a step.
     """
 
     source: str
@@ -56,6 +64,8 @@ class Description:
     variables: Mapping[str, Variable]
     step_dependencies: Mapping[str, frozenset[str] | None]
     initial_dependencies: Mapping[str, frozenset[str] | None]
+    saves_state: bool = False
+    interpolates_inputs: bool = False
 
     def named(self, causality: str) -> list[Variable]:
         """Return the variables of one causality, in the order of the FMU."""
@@ -122,6 +132,8 @@ def read_description(data: bytes, source: str, implementation: str = "any") -> D
         variables=_variables(model, relative),
         step_dependencies=_unknowns(model.outputs),
         initial_dependencies=_unknowns(model.initialUnknowns),
+        saves_state=bool(model.coSimulation and model.coSimulation.canGetAndSetFMUstate),
+        interpolates_inputs=bool(model.coSimulation and model.coSimulation.canInterpolateInputs),
     )
 
 
@@ -156,5 +168,11 @@ def _variables(model: ModelDescription, relative: set[str]) -> dict[str, Variabl
             unit=units.get(unit, Unit(unit)) if unit else None,
             relative=v.name in relative or bool(declared is not None and declared.relativeQuantity),
             items={str(i.name): int(str(i.value)) for i in declared.items} if declared is not None else None,
+            nominal=_nominal(v.nominal or (declared.nominal if declared is not None else None)),
         )
     return variables
+
+
+def _nominal(text: Any) -> float:
+    """Size of a variable's values; 1, as FMI has it, where the FMU states none or zero."""
+    return abs(float(text)) if text is not None and float(text) != 0.0 else 1.0

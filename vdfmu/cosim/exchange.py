@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from ctypes import byref, c_double, c_size_t, c_uint, c_void_p
-from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -20,15 +19,6 @@ from vdfmu.errors import UsageError
 
 Call = tuple[Any, Any, Any, Any, Any, str]
 """An FMI function, its four arguments, and its name for messages."""
-
-
-@dataclass
-class Stage:
-    """One unit in the step: what to gather first, and its calls."""
-
-    slave: Slave
-    gathers: list[Callable[[], None]] = field(default_factory=list)
-    calls: list[Call] = field(default_factory=list)
 
 
 class Bank:
@@ -113,10 +103,17 @@ class Bank:
         values = (C_TYPE[self.kind] * n).from_buffer(self.memory, place)  # pyright: ignore[reportArgumentType]
         function = slave.function(f"fmi2{verb}{self.kind}")
         name = f"{verb.lower()}{self.kind}"
-        return function, _component(slave), byref(references), c_size_t.from_param(n), byref(values), name
+        return (
+            function,
+            component_argument(slave),
+            byref(references),
+            c_size_t.from_param(n),
+            byref(values),
+            name,
+        )
 
 
-def _component(slave: Slave) -> Any:
+def component_argument(slave: Slave) -> Any:
     """Return the instance as an argument that is made ready once: ctypes would do it anew in each call."""
     return c_void_p.from_param(slave.component.value)  # pyright: ignore[reportArgumentType]
 
@@ -130,6 +127,8 @@ class Exchange:
         self.banks = [Bank(kind, checked) for kind in ("Real", "Integer", "Boolean")]
         self.clock = c_double()
         """Argument currentCommunicationPoint of every doStep."""
+        self.size = c_double()
+        """Argument communicationStepSize."""
 
     def initialize(self) -> None:
         """Carry the values over the connections in initialization mode, in the order of dependencies."""
@@ -155,31 +154,15 @@ class Exchange:
                     if status:
                         slave.judge(status, call[5])
 
-    def opening(self) -> list[Callable[[], None]]:
-        """Return the gathers of all inputs from the values at the start of the step."""
-        gathers = [bank.gather(slice(0, bank.inputs.size)) for bank in self.banks]
-        return [gather for gather in gathers if gather is not None]
-
-    def stages(self, step: float) -> list[Stage]:
-        """Return the units in the order of the schedule, each with its calls."""
-        size, keep = c_double.from_param(step), 1
-        stages: list[Stage] = []
-        for name in self.checked.schedule.units:
-            slave = self.slaves[name]
-            stage = Stage(slave)
-            for bank in self.banks:
-                start = bank.input_windows[name].start
-                gather = bank.gather(slice(start, start + bank.fresh_counts[name]))
-                if gather is not None:
-                    stage.gathers.append(gather)
-            sets = [bank.call(slave, "Set") for bank in self.banks]
-            gets = [bank.call(slave, "Get") for bank in self.banks]
-            step_call: Call = (
-                slave.function("fmi2DoStep"), _component(slave), self.clock, size, keep, "doStep",
-            )  # fmt: skip
-            stage.calls = [call for call in (*sets, step_call, *gets) if call is not None]
-            stages.append(stage)
-        return stages
+    def calls(self, name: str) -> list[Call]:
+        """Return the calls of a unit in a step: set its inputs, step, get its outputs."""
+        slave, keep = self.slaves[name], 1
+        sets = [bank.call(slave, "Set") for bank in self.banks]
+        gets = [bank.call(slave, "Get") for bank in self.banks]
+        step: Call = (
+            slave.function("fmi2DoStep"), component_argument(slave), self.clock, self.size, keep, "doStep",
+        )  # fmt: skip
+        return [call for call in (*sets, step, *gets) if call is not None]
 
     def recorders(
         self, rows: int, record: Sequence[str] | None
@@ -231,6 +214,44 @@ class Exchange:
                 raise UsageError(f"record: no output or connected input matches {text!r}")
             wanted.update(hits)
         return wanted
+
+
+class SampledStepper:
+    """Steps the units as `gauss-seidel` or `jacobi`: inputs are held over a step."""
+
+    def __init__(self, exchange: Exchange) -> None:
+        self._clock, self._size = exchange.clock, exchange.size
+        gathers = [bank.gather(slice(0, bank.inputs.size)) for bank in exchange.banks]
+        self._opening = [gather for gather in gathers if gather is not None]
+        self._stages: list[tuple[Slave, list[Callable[[], None]], list[Call]]] = []
+        for name in exchange.checked.schedule.units:
+            fresh: list[Callable[[], None]] = []
+            for bank in exchange.banks:
+                start = bank.input_windows[name].start
+                gather = bank.gather(slice(start, start + bank.fresh_counts[name]))
+                if gather is not None:
+                    fresh.append(gather)
+            self._stages.append((exchange.slaves[name], fresh, exchange.calls(name)))
+
+    def advance(self, time: float, step: float, _: float) -> None:
+        """Step all units from `time` by `step`."""
+        self._clock.value, self._size.value = time, step
+        for gather in self._opening:
+            gather()
+        for slave, gathers, calls in self._stages:
+            for gather in gathers:
+                gather()
+            for function, a, b, c, d, name in calls:
+                status = function(a, b, c, d)
+                if status:
+                    slave.judge(status, name)
+
+    def facts(self) -> dict[str, Any]:
+        """Return what the summary says of the steps: nothing."""
+        return {}
+
+    def close(self) -> None:
+        """Do nothing: there are no saved states."""
 
 
 def _store(rec: NDArray[Any], memory: NDArray[Any], picked: list[int]) -> Callable[[int], None]:

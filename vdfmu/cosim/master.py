@@ -16,9 +16,12 @@ import numpy as np
 
 from vdfmu.cosim.check import Checked, Value, check_system
 from vdfmu.cosim.component import LogMessage, MessageBox, Slave
-from vdfmu.cosim.exchange import Exchange
+from vdfmu.cosim.continuous import ContinuousStepper
+from vdfmu.cosim.exchange import Exchange, SampledStepper
 from vdfmu.cosim.results import Results
+from vdfmu.cosim.schedule import ALGORITHMS
 from vdfmu.errors import CosimError, UsageError, VdfmuError
+from vdfmu.model.scenario import CONTINUOUS
 from vdfmu.ssp.archive import Archive
 from vdfmu.ssp.read import load_ssp
 from vdfmu.ssp.structure import System
@@ -40,6 +43,8 @@ def simulate(
     stop: float | None = None,
     step: float,
     algorithm: str = "gauss-seidel",
+    adaptive: float | None = None,
+    convergence: float | None = None,
     tolerance: float | None = None,
     parameters: Mapping[str, Value] | None = None,
     record: Sequence[str] | None = None,
@@ -50,8 +55,8 @@ def simulate(
 ) -> Results:
     """Co-simulate a system of FMI 2.0 co-simulation units.
 
-    Communication point k is ``start + k * step``; time is never accumulated. How the algorithms pass
-    values on is told in `vdfmu.cosim.schedule.make_schedule`.
+    Row k is at ``start + k * step``; time is never accumulated. How the algorithms pass values on is told in
+    `vdfmu.cosim.schedule.make_schedule`.
 
     Parameters
     ----------
@@ -60,9 +65,17 @@ def simulate(
     start, stop : float, optional
         Simulated time [s]. Default: the default experiment of the SSD; its start else 0.
     step : float
-        Communication step [s]. `stop` - `start` must be a multiple of it, within 1e-9 relative.
+        Communication step [s]. `stop` - `start` must be a multiple of it, within 1e-9 relative. With `adaptive` the
+        longest step, and the interval of the rows.
     algorithm : str
-        ``gauss-seidel`` or ``jacobi``.
+        ``gauss-seidel`` or ``jacobi``, which sample the coupled signals at the communication points; ``extrapolated``
+        or ``iterative``, which take them as continuous and are of second order in the step.
+    adaptive : float, optional
+        Largest error of a coupled signal in a step, relative to its size and at least to its nominal value; steps are
+        shortened to it. For ``extrapolated`` and ``iterative``.
+    convergence : float, optional
+        Where ``iterative`` ends its repetitions: change of a coupled signal, relative in the same way. Default: a
+        hundredth of `adaptive`, else 1e-8.
     tolerance : float, optional
         Relative tolerance for the units' solvers.
     parameters : mapping of str to value, optional
@@ -79,7 +92,9 @@ def simulate(
     Returns
     -------
     Results
-        Its `summary` has algorithm, order, step, number of steps and ``wall_s``, the wall time of the steps.
+        Its `summary` has algorithm, order, step, number of steps and ``wall_s``, the wall time of the steps;
+        ``extrapolated`` and ``iterative`` add ``communication``: the numbers of steps, of rejected steps and of the
+        units' steps, and the shortest and the longest step.
 
     Raises
     ------
@@ -95,16 +110,42 @@ def simulate(
     begin, end, n = _grid(system, start, stop, step)
     if tolerance is not None and not 0.0 < tolerance < np.inf:
         raise UsageError(f"tolerance must be positive and finite, got {tolerance}")
+    check_coupling(algorithm, adaptive, convergence)
     checked = check_system(
-        system, parameters, algorithm=algorithm, strict=strict, ignore_unmatched=ignore_unmatched
-    )
+        system, parameters, algorithm=algorithm, repeats=adaptive is not None, strict=strict,
+        ignore_unmatched=ignore_unmatched,
+    )  # fmt: skip
     with _Run(checked, log) as run:
         run.initialize(begin, end, tolerance)
         run.summary |= {
             "system": system.name, "algorithm": algorithm, "order": list(checked.schedule.units),
             "start": begin, "stop": end, "step": step, "steps": n, "notes": list(checked.notes),
         }  # fmt: skip
+        if algorithm in CONTINUOUS:
+            run.stepper = ContinuousStepper(
+                run.exchange,
+                run.box,
+                repeat=algorithm == "iterative",
+                convergence=convergence or (1e-8 if adaptive is None else 0.01 * adaptive),
+                error=adaptive,
+            )
+        else:
+            run.stepper = SampledStepper(run.exchange)
         return run.steps(begin, step, n, record, progress)
+
+
+def check_coupling(algorithm: str, adaptive: float | None, convergence: float | None = None) -> None:
+    """Raise UsageError for options of the coupling that do not fit together."""
+    if adaptive is not None:
+        if algorithm in ALGORITHMS and algorithm not in CONTINUOUS:
+            raise UsageError(
+                f"adaptive: {algorithm} samples the signals with the step, so the step is a property of the system; "
+                f"use {' or '.join(CONTINUOUS)}"
+            )
+        if not 0.0 < adaptive < 1.0:
+            raise UsageError(f"adaptive: expected a relative error between 0 and 1, got {adaptive:g}")
+    if convergence is not None and not 0.0 < convergence < 1.0:
+        raise UsageError(f"convergence: expected a relative change between 0 and 1, got {convergence:g}")
 
 
 def _grid(system: System, start: float | None, stop: float | None, step: float) -> tuple[float, float, int]:
@@ -154,6 +195,7 @@ class _Run:
         self.box = MessageBox(log)
         self.summary: dict[str, Any] = {}
         self.slaves: dict[str, Slave] = {}
+        self.stepper: SampledStepper | ContinuousStepper | None = None
         self._folder: Path | None = None
 
     def __enter__(self) -> _Run:
@@ -189,9 +231,13 @@ class _Run:
             slave.instantiate()
 
     def __exit__(self, *_: object) -> None:
-        for slave in self.slaves.values():
-            slave.close()
-        self.box.flush()
+        try:
+            if self.stepper is not None:
+                self.stepper.close()
+        finally:
+            for slave in self.slaves.values():
+                slave.close()
+            self.box.flush()
         if self._folder is not None:
             shutil.rmtree(self._folder, ignore_errors=True)
 
@@ -220,16 +266,16 @@ class _Run:
         progress: Callable[[int, int], None] | None,
     ) -> Results:
         """Do the steps and return the results."""
-        exchange, box, now = self.exchange, self.box, self.exchange.clock
-        signals, data, store = exchange.recorders(n + 1, record)
-        opening = exchange.opening()
-        stages = exchange.stages(step)
-        plan = [(stage.slave, stage.gathers, stage.calls) for stage in stages]
+        box, stepper = self.box, self.stepper
+        assert stepper is not None
+        advance = stepper.advance
+        signals, data, store = self.exchange.recorders(n + 1, record)
         pending = box.pending
         done = -1  # the last complete row
 
         def results() -> Results:
             self.summary["wall_s"] = clock.perf_counter() - began
+            self.summary |= stepper.facts()
             rows = slice(0, done + 1)
             time = begin + step * np.arange(done + 1, dtype=np.float64)
             kept = {kind: array[rows] for kind, array in data.items()}
@@ -245,16 +291,8 @@ class _Run:
                     progress(0, n)
                 while done < n:
                     for k in range(done, min(n, done + stride)):
-                        now.value = box.time = begin + k * step
-                        for gather in opening:
-                            gather()
-                        for slave, gathers, calls in plan:
-                            for gather in gathers:
-                                gather()
-                            for function, a, b, c, d, name in calls:
-                                status = function(a, b, c, d)
-                                if status:
-                                    slave.judge(status, name)
+                        box.time = begin + k * step
+                        advance(box.time, step, begin + (k + 1) * step)
                         done = k + 1
                         store(done)
                         if pending:

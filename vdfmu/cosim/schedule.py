@@ -12,13 +12,15 @@ import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
+from vdfmu.model.scenario import CONTINUOUS, MASTERS
+
 if TYPE_CHECKING:
     from vdfmu.cosim.check import Link
     from vdfmu.cosim.description import Description
 
 N = TypeVar("N", bound=Hashable)
 Port = tuple[str, str]
-ALGORITHMS = ("gauss-seidel", "jacobi")
+ALGORITHMS = MASTERS
 
 
 @dataclass(frozen=True)
@@ -34,11 +36,17 @@ class Schedule:
     fresh : frozenset of (str, str)
         Inputs that get the value their source computed in the same step. All others get the value that
         their source had at the start of the step.
+    through : frozenset of (str, str)
+        Connected inputs that an output of their unit depends on directly.
+    blocks : tuple of tuple of str
+        The components again, those that depend on each other in one block; for `CONTINUOUS` algorithms.
     """
 
     initial: tuple[Link, ...]
     units: tuple[str, ...]
     fresh: frozenset[Port]
+    through: frozenset[Port] = frozenset()
+    blocks: tuple[tuple[str, ...], ...] = ()
 
 
 def make_schedule(
@@ -58,6 +66,10 @@ def make_schedule(
         that read each other do so with values at t_k.
     jacobi
         Every input is the output at t_k. Feed-through costs one more step of delay.
+    extrapolated, iterative
+        Every input runs over the step to the value of its source at t_k+1, computed or predicted (see
+        `vdfmu.cosim.continuous`). Units step after those that they read; where units read each other, in the order of
+        gauss-seidel within their block.
 
     Parameters
     ----------
@@ -72,7 +84,8 @@ def make_schedule(
     Schedule
     list of str
         One problem for each algebraic loop, with its cycle: loops of the initialization, and for
-        gauss-seidel those of the steps. (Jacobi breaks the latter by its delay.)
+        gauss-seidel those of the steps. (Jacobi breaks the latter by its delay, extrapolated by its prediction, and
+        iterative solves them.)
     """
     problems: list[str] = []
     ports, edges = _variable_graph(descriptions, links, initial=True)
@@ -91,13 +104,19 @@ def make_schedule(
     initial = tuple(sorted(links, key=lambda link: rank.get(link.end, 0)))
 
     connected = {link.end for link in links if link.stepped}
-    feeding = {
-        port: bool(_dependencies(descriptions[port[0]], port[1], False, connected, port[0]))
-        for port in {link.start for link in links}
+    read = {
+        (unit, output): _dependencies(description, output, False, connected, unit)
+        for unit, description in descriptions.items()
+        for output in [v.name for v in description.named("output")]
     }
-    fresh = [k for k in links if sequential and k.stepped and feeding[k.start]]
-    through = {k.start[0] for k in links if feeding[k.start]}
-    names = sorted(descriptions, key=lambda name: name not in through) if sequential else list(descriptions)
+    through = frozenset((unit, name) for (unit, _), names in read.items() for name in names)
+    feeding = {k.start[0] for k in links if read.get(k.start)}
+    if algorithm in CONTINUOUS:
+        blocks = _blocks(list(descriptions), [k for k in links if k.stepped], feeding)
+        names = tuple(name for block in blocks for name in block)
+        return Schedule(initial, names, frozenset(), through, blocks), problems
+    fresh = [k for k in links if sequential and k.stepped and read[k.start]]
+    names = sorted(descriptions, key=lambda name: name not in feeding) if sequential else list(descriptions)
     unit_edges = {(k.start[0], k.end[0]) for k in fresh}
     if not problems:
         for _, cycle in cycles(names, unit_edges):
@@ -107,7 +126,29 @@ def make_schedule(
                 f"no variable depends on itself ({'; '.join(joins)}); use jacobi, or split a unit"
             )
     order = names if problems else topological(names, unit_edges)
-    return Schedule(initial, tuple(order), frozenset(k.end for k in fresh)), problems
+    return Schedule(initial, tuple(order), frozenset(k.end for k in fresh), through), problems
+
+
+def _blocks(names: Sequence[str], links: Sequence[Link], feeding: set[str]) -> tuple[tuple[str, ...], ...]:
+    """Group units that read each other, blocks in the order of the data.
+
+    Within a block, the `feeding` units, whose connected outputs depend on inputs directly, come first, each after
+    those whose feed-through it reads; so only outputs of units without are guessed. Where that order has a cycle (an
+    algebraic loop), the order of the SSD stands.
+    """
+    edges = {(k.start[0], k.end[0]) for k in links}
+    loops = {name: tuple(part) for part, _ in cycles(names, edges) for name in part}
+    block_of = {name: loops.get(name, (name,)) for name in names}
+    ordered = topological(
+        list(dict.fromkeys(block_of.values())),
+        {(block_of[a], block_of[b]) for a, b in edges if block_of[a] != block_of[b]},
+    )
+    blocks: list[tuple[str, ...]] = []
+    for part in ordered:
+        inner = {(a, b) for a, b in edges if a in part and b in part and a in feeding}
+        listed = sorted(part, key=lambda name: name not in feeding)
+        blocks.append(tuple(listed if cycles(listed, inner) else topological(listed, inner)))
+    return tuple(blocks)
 
 
 def _pairs(cycle: Sequence[N]) -> list[tuple[N, N]]:

@@ -11,7 +11,9 @@ import numpy as np
 from vdfmu.model.robot import ARRAY_FIELDS, Array, Robot
 
 KINDS = ("contrast", "cosimulation")
-MASTERS = ("gauss-seidel", "jacobi")
+MASTERS = ("gauss-seidel", "jacobi", "extrapolated", "iterative")
+CONTINUOUS = ("extrapolated", "iterative")
+"""Master algorithms that take the coupled signals as continuous, between the communication points too."""
 MODES = ("inverse", "vdc")
 VELOCITIES = ("kappa_dot", "q_dot")
 FACTOR_FIELDS = tuple(key for key in ARRAY_FIELDS if key != "rotation")
@@ -98,7 +100,9 @@ class Scenario:
         The robot as the file wrote it.
     stop, step : float [s]
         End of the run, and communication step.
-    master : "gauss-seidel" or "jacobi"
+    master : "gauss-seidel", "jacobi", "extrapolated" or "iterative"
+    adaptive : float or None
+        Largest relative error of a coupled signal in a step; None for steps of the given length.
     tolerance : float
         Relative tolerance of the plant's solver.
     trajectory : Trajectory
@@ -118,6 +122,7 @@ class Scenario:
     stop: float
     step: float
     master: str
+    adaptive: float | None
     tolerance: float
     trajectory: Trajectory
     feedforward: Feedforward

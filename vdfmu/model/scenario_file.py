@@ -13,6 +13,7 @@ from vdfmu.model.read import FloatArray, Problems, Table, as_number, shape_of, s
 from vdfmu.model.robot import Array, Robot, read_only
 from vdfmu.model.robot_file import check_robot
 from vdfmu.model.scenario import (
+    CONTINUOUS,
     FACTOR_FIELDS,
     KINDS,
     MASTERS,
@@ -33,6 +34,7 @@ SCENARIO_KEYS = (
     "stop",
     "step",
     "master",
+    "adaptive",
     "tolerance",
     "trajectory",
     "feedforward",
@@ -75,6 +77,7 @@ def read_scenario(problems: Problems, data: object, robot: Robot | None) -> Scen
     step = file.number("step", "s", above=0, way_out="Give the communication step.")
     check_step(problems, stop, step)
     master = file.text("master", "gauss-seidel", MASTERS)
+    adaptive = _adaptive(file, master)
     tolerance = file.number("tolerance", "", 1e-9, above=0, way_out="1e-9 is a good start.")
     if tolerance >= 1:
         problems.add("tolerance", "a relative tolerance < 1", shown(tolerance), "1e-9 is a good start.")
@@ -100,6 +103,7 @@ def read_scenario(problems: Problems, data: object, robot: Robot | None) -> Scen
         stop=stop,
         step=step,
         master=master,
+        adaptive=adaptive,
         tolerance=tolerance,
         trajectory=trajectory,
         feedforward=feedforward,
@@ -107,6 +111,23 @@ def read_scenario(problems: Problems, data: object, robot: Robot | None) -> Scen
         plant_factors=factors,
         paper=paper,
     )
+
+
+def _adaptive(file: Table, master: str) -> float | None:
+    """Read the error control of the communication step; no key means none."""
+    if "adaptive" not in file.data:
+        return None
+    error = file.number("adaptive", "", above=0)
+    if error >= 1:
+        file.problems.add("adaptive", "a relative error < 1", shown(error), "1e-6 is a good start.")
+    if master in MASTERS and master not in CONTINUOUS:
+        file.problems.add(
+            "adaptive",
+            f"master = {' or '.join(repr(name) for name in CONTINUOUS)}",
+            repr(master),
+            "Sampled control has a fixed step: leave adaptive out, or choose another master.",
+        )
+    return error
 
 
 def _trajectory(table: Table, n: int | None) -> Trajectory:

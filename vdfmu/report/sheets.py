@@ -122,6 +122,7 @@ def facts(summary: Summary) -> list[tuple[str, str]]:
         "Robot": ("robot", "{}"),
         "Units": ("backend", "{} FMUs"),
         "Master": ("master", "{}"),
+        "Error control": ("adaptive", "{:g} a step"),
         "Step": ("step", "{:g} s"),
         "Stop": ("stop", "{:g} s"),
         "Tolerance": ("tolerance", "{:g}"),
@@ -137,6 +138,22 @@ def facts(summary: Summary) -> list[tuple[str, str]]:
     ]
     if summary.get("container"):
         found = [(name, f"{text} in one container FMU" if name == "Units" else text) for name, text in found]
+    done: Summary | None = summary.get("communication")
+    if done is not None:
+        text = f"{done['steps']} steps of {1e3 * done['shortest_step']:.3g} to {1e3 * done['longest_step']:.3g} ms"
+        found.append(
+            ("Communication", f"{text}, {done['rejected']} rejected, {done['unit_steps']} steps of units")
+        )
+    bond: Summary | None = summary.get("power_bond")
+    if bond is not None:
+        residual, exchanged = sum(bond["residual_energy_abs_j"]), sum(bond["exchanged_energy_j"])
+        share = f" ({residual / exchanged:.2g} of it)" if exchanged > 0.0 else ""
+        found.append(
+            (
+                "Energy residual",
+                f"{residual:.3g} J at tau and kappa_dot, where {exchanged:.3g} J are exchanged{share}",
+            )
+        )
     if settings:
         found.append(("Settings", ", ".join(f"{key} = {value}" for key, value in settings.items())))
     return found

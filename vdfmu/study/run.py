@@ -14,7 +14,7 @@ from typing import Any
 from vdfmu import __version__
 from vdfmu.cosim import Interrupted, LogMessage, Results, simulate
 from vdfmu.cosim.container import simulate_container, write_container
-from vdfmu.cosim.master import InterruptGuard
+from vdfmu.cosim.master import InterruptGuard, check_coupling
 from vdfmu.cosim.reference import REFERENCE_OF, reference
 from vdfmu.errors import CosimError, StorageError, UsageError, VdfmuError
 from vdfmu.fmu import build_fmus
@@ -24,12 +24,13 @@ from vdfmu.kernel.cache import cache_folder
 from vdfmu.model import Robot, Scenario, load_robot, load_scenario
 from vdfmu.model.check import check_step
 from vdfmu.model.read import Problems
+from vdfmu.model.scenario import MASTERS
 from vdfmu.report.plots import contrast_figures, run_figures
 from vdfmu.ssp.parameters import system_values
 from vdfmu.ssp.read import load_ssp
 from vdfmu.ssp.write import write_ssp
 from vdfmu.study.contrast import contrast
-from vdfmu.study.summary import compare, sampling_warnings, tracking_errors
+from vdfmu.study.summary import compare, power_bond, sampling_warnings, tracking_errors
 
 __all__ = ["cached_fmus", "prepare", "run"]
 
@@ -57,6 +58,7 @@ def prepare(
     step: float | None = None,
     stop: float | None = None,
     master: str | None = None,
+    adaptive: float | None = None,
 ) -> Scenario:
     """Load a scenario and replace what the options name, with the checks of a scenario file.
 
@@ -71,10 +73,13 @@ def prepare(
         scenario = load_scenario(scenario, robot)
     elif robot is not None:
         raise UsageError("robot: give it with the name or path of a scenario, not with a loaded one.")
-    changes = {"step": step, "stop": stop, "master": master}
+    changes = {"step": step, "stop": stop, "master": master, "adaptive": adaptive}
     scenario = dataclasses.replace(scenario, **{k: v for k, v in changes.items() if v is not None})
-    if scenario.master not in REFERENCE_OF:
-        raise UsageError(f"master: expected {' or '.join(REFERENCE_OF)}, got {scenario.master!r}.")
+    if scenario.master not in MASTERS:
+        raise UsageError(
+            f"master: expected {', '.join(MASTERS[:-1])} or {MASTERS[-1]}, got {scenario.master!r}."
+        )
+    check_coupling(scenario.master, scenario.adaptive)
     check_options(scenario.stop, scenario.step)
     return scenario
 
@@ -100,6 +105,7 @@ def run(
     step: float | None = None,
     stop: float | None = None,
     master: str | None = None,
+    adaptive: float | None = None,
     out: str | os.PathLike[str] | None = None,
     reference: bool = True,
     backend: str | None = None,
@@ -118,7 +124,10 @@ def run(
         Robot in place of the scenario's.
     step, stop : float, optional [s]
         Communication step and end of the run.
-    master : "gauss-seidel" or "jacobi", optional
+    master : "gauss-seidel", "jacobi", "extrapolated" or "iterative", optional
+    adaptive : float, optional
+        Largest relative error of a coupled signal in a communication step, which is shortened to it and never longer
+        than `step`; see :func:`vdfmu.cosim.simulate`.
     out : path, optional
         Folder for the files; default ``results/<scenario>``. Files of an earlier run in it are replaced.
     reference : bool, optional
@@ -146,7 +155,7 @@ def run(
     CosimError, vdfmu.cosim.Interrupted
         A unit failed, or the user stopped the run. The rows so far are in ``results.csv``.
     """
-    scenario = prepare(scenario, robot=robot, step=step, stop=stop, master=master)
+    scenario = prepare(scenario, robot=robot, step=step, stop=stop, master=master, adaptive=adaptive)
     folder = Path(out) if out is not None else Path("results") / scenario.name
     report = progress or (lambda stage, done, total: None)
     if scenario.kind == "contrast":
@@ -168,7 +177,8 @@ def run(
         scenario = _for_container(scenario, backend, master)
     text_settings = {key: str(value) for key, value in (settings or {}).items()}
     values = system_values(scenario, text_settings)
-    warnings = sampling_warnings(values, scenario.robot, scenario.step)
+    free = scenario.master == "iterative" or scenario.adaptive is not None
+    warnings = sampling_warnings(values, scenario.robot, None if free else scenario.step)
     if log is not None:
         for warning in warnings:  # before the run, which may fail for what they say
             log(LogMessage("", 0.0, "warning", "", warning))
@@ -192,6 +202,7 @@ def run(
     wall = results.summary["wall_s"]
     summary |= results.summary | {"real_time_factor": scenario.stop / wall}
     summary |= tracking_errors(results, scenario.robot)
+    summary |= power_bond(results, scenario.robot)
     summary["paper"] = dict(scenario.paper)
     results.summary = summary
     _write(results, folder)
@@ -207,7 +218,7 @@ def _for_container(scenario: Scenario, backend: str, master: str | None) -> Scen
         raise UsageError("container: needs native FMUs; Python FMUs do not run inside one.")
     if master not in (None, "jacobi"):
         raise UsageError(f"container: it steps its units as jacobi does, got master {master!r}.")
-    return dataclasses.replace(scenario, master="jacobi")
+    return dataclasses.replace(scenario, master="jacobi", adaptive=None)
 
 
 def _simulate(
@@ -226,8 +237,9 @@ def _simulate(
         folded = package.with_name("container.fmu")
         return simulate_container(folded, load_ssp(package), stop=stop, step=step, progress=progress, log=log)
     return simulate(
-        package, start=0.0, stop=stop, step=step, algorithm=scenario.master, progress=progress, log=log
-    )
+        package, start=0.0, stop=stop, step=step, algorithm=scenario.master, adaptive=scenario.adaptive,
+        progress=progress, log=log,
+    )  # fmt: skip
 
 
 def _run_contrast(scenario: Scenario, folder: Path) -> Results:
@@ -242,9 +254,10 @@ def _run_contrast(scenario: Scenario, folder: Path) -> Results:
 def _references(
     scenario: Scenario, values: Mapping[str, Mapping[str, Any]], results: Results, report: Progress
 ) -> dict[str, Any]:
-    """Solve the sampled reference of the algorithm and the continuous one, and compare."""
+    """Solve the sampled reference of the algorithm, if it samples, and the continuous one, and compare."""
     compared: dict[str, Any] = {}
-    for key, name in (("sampled", REFERENCE_OF[scenario.master]), ("continuous", "continuous")):
+    wanted = {"sampled": REFERENCE_OF.get(scenario.master), "continuous": "continuous"}
+    for key, name in ((key, name) for key, name in wanted.items() if name is not None):
         stage = f"{name} reference"
         report(stage, 0, 1)
         solution = reference(
@@ -268,6 +281,7 @@ def _head(scenario: Scenario) -> dict[str, Any]:
         "joints": scenario.robot.n,
         "vdfmu": __version__,
         "master": scenario.master,
+        "adaptive": scenario.adaptive,
         "step": scenario.step,
         "stop": scenario.stop,
         "tolerance": scenario.tolerance,

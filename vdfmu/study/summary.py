@@ -12,7 +12,7 @@ from vdfmu.cosim.results import Results
 from vdfmu.fmu.units import unit_of
 from vdfmu.model import Robot
 
-__all__ = ["compare", "sampling_warnings", "tracking_errors"]
+__all__ = ["compare", "power_bond", "sampling_warnings", "tracking_errors"]
 
 _SAMPLING_LIMIT = 0.5
 
@@ -49,11 +49,42 @@ def compare(results: Results, reference: Reference, robot: Robot) -> dict[str, A
     }
 
 
-def sampling_warnings(values: Mapping[str, Mapping[str, Any]], robot: Robot, step: float) -> list[str]:
-    """Warnings on gains that the sampled loop does not stand."""
+def power_bond(results: Results, robot: Robot) -> dict[str, Any]:
+    """Energy residual of the coupling at tau and kappa_dot, link-side [J].
+
+    Torque and rotor velocity carry power from controller to plant. The plant takes up ``ell tau_in kappa_dot`` with the
+    torque that it was given, the controller gives ``ell tau kappa_dot_in`` with the velocity that it was given; with
+    exact coupling the two are the same. Their difference, times the step that ends at the row, is energy that the
+    coupling adds to the plant or takes from it.
+
+    Returns
+    -------
+    dict
+        ``power_bond``: for each joint ``residual_energy_j``, the sum over the rows; ``residual_energy_abs_j``, the sum
+        of the absolute values; ``exchanged_energy_j``, the same of the energy that the plant took up. Empty where the
+        inputs were not recorded, as those inside a container are not.
+    """
+    needed = ("controller.kappa_dot[1]", "plant.tau[1]")
+    if any(name not in results for name in needed):
+        return {}
+    h = np.diff(results.time)[:, None]
+    taken = (robot.ell * results.array("plant.tau") * results.array("plant.kappa_dot"))[1:]
+    given = (robot.ell * results.array("controller.tau") * results.array("controller.kappa_dot"))[1:]
+    residual = h * (taken - given)
+    return {
+        "power_bond": {
+            "residual_energy_j": residual.sum(axis=0).tolist(),
+            "residual_energy_abs_j": np.abs(residual).sum(axis=0).tolist(),
+            "exchanged_energy_j": np.abs(h * taken).sum(axis=0).tolist(),
+        }
+    }
+
+
+def sampling_warnings(values: Mapping[str, Mapping[str, Any]], robot: Robot, step: float | None) -> list[str]:
+    """Warnings on gains that the sampled loop does not stand; `step` None: the loop stands any."""
     controller, plant = values["controller"], values["plant"]
     warnings: list[str] = []
-    for i in range(1, robot.n + 1):
+    for i in range(1, robot.n + 1) if step is not None else ():
         number = controller[f"K_v[{i}]"] * step / (controller[f"ell[{i}]"] * plant[f"I_m[{i}]"])
         if number > _SAMPLING_LIMIT:
             warnings.append(

@@ -1,0 +1,362 @@
+"""Steps for continuous coupling: inputs run linearly over a step, steps are repeated until the units agree.
+
+The algorithms `extrapolated` and `iterative`, with or without error control; `docs/cosimulation.md` derives them.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from ctypes import byref, c_double, c_int, c_size_t, c_uint, c_void_p
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vdfmu.cosim.component import MessageBox, Slave
+from vdfmu.cosim.exchange import Call, Exchange, component_argument
+from vdfmu.errors import CosimError
+
+__all__ = ["ContinuousStepper"]
+
+Floats = NDArray[np.float64]
+Indices = NDArray[np.intp]
+
+_MOST_SWEEPS = 30
+_HOPELESS = 1e3
+"""Growth of the change over the first at which repeating ends, before numbers overflow."""
+_FIRST, _SHORTEST = 1e-5, 1e-6
+"""First and shortest step of the error control, relative to the longest. The first finds the slopes of the signals."""
+_SAFETY, _LEAST, _MOST = 0.9, 0.2, 2.0
+"""Next step relative to the last: factor to the wanted one, and its bounds, as one-step methods have them."""
+_KEPT = 1e-3
+"""Bound below which Broyden's formula divides by what is mostly rounding errors."""
+
+
+@dataclass
+class _Unit:
+    """One unit: its calls and its real inputs, which are windows of one array each."""
+
+    slave: Slave
+    gathers: list[Callable[[], None]]
+    calls: list[Call]
+    moving: bool
+    """Whether its inputs run over the step by their derivatives."""
+    inputs: Floats
+    """What is set before the step."""
+    starts: Floats
+    ends: Floats
+    slopes: Floats
+    hold: Floats
+    """Where in the step an input is read that cannot run: 1 at the end, 0.5 in the middle."""
+
+
+@dataclass
+class _Block:
+    """Units that depend on each other, in the order of their steps; or a unit alone.
+
+    `torn` are the outputs that a unit of the block reads before they are computed: those that are guessed.
+    """
+
+    units: list[_Unit]
+    torn: Indices
+    inverse: Floats | None = None
+    """Inverse of the derivative of the residual by the guess, as far as Broyden's method knows it."""
+
+
+class ContinuousStepper:
+    """Steps the units from one communication point to the next.
+
+    All outputs at the end of the step are predicted from their last two values. The units step in the order of the
+    schedule; each input runs linearly from its value at the start of the step to that at its end, which is the
+    computed output where its source has stepped, else the predicted one. `iterative` repeats that from the saved
+    states, with better guesses, until the outputs come out as they went in.
+
+    Parameters
+    ----------
+    exchange : Exchange
+        After the initialization, with the outputs at the start.
+    box : MessageBox
+    repeat : bool
+        `iterative`; else `extrapolated`.
+    convergence : float
+        Largest change of a coupled signal, relative to its size and at least to its nominal value, at which the
+        repetitions end.
+    error : float or None
+        Largest error of a coupled signal in a step, relative in the same way; None for steps of the given length.
+    """
+
+    def __init__(
+        self, exchange: Exchange, box: MessageBox, *, repeat: bool, convergence: float, error: float | None
+    ) -> None:
+        self.exchange, self.box = exchange, box
+        self.repeat, self.convergence, self.error = repeat, convergence, error
+        self.steps = self.unit_steps = self.rejected = 0
+        self.shortest, self.longest = math.inf, 0.0
+        bank = self._bank = exchange.banks[0]
+        self._outputs, self._inputs = bank.outputs, bank.inputs
+        n = len(bank.links)
+        self._gather = bank.gather(slice(0, n))
+        self._starts, self._ends, self._slopes = np.zeros(n), np.zeros(n), np.zeros(max(n, 1))
+        self._rates = (c_double * self._slopes.size).from_buffer(self._slopes)  # pyright: ignore[reportArgumentType]
+        self._nominal = np.array([v.nominal for _, v in bank.variables[: bank.outputs.size]])
+        units = [self._unit(name) for name in exchange.checked.schedule.units]
+        self._blocks = self._cut(units)
+        self._repeated = [
+            u for b in self._blocks for u in b.units if error is not None or (repeat and b.torn.size)
+        ]
+        self._states: dict[str, c_void_p] = {}
+        self._before, self._last, self._h = self._outputs.copy(), 0.0, math.inf
+        self._extrapolated, self._interpolated = self._approximated()
+
+    # ------------------------------------------------------------------ plan
+
+    def _unit(self, name: str) -> _Unit:
+        exchange, bank = self.exchange, self._bank
+        slave, window, calls = exchange.slaves[name], bank.input_windows[name], exchange.calls(name)
+        moving = slave.description.interpolates_inputs and window.stop > window.start
+        if moving:
+            calls.insert([call[-1] for call in calls].index("doStep"), self._rate_call(slave, window))
+        gathers = [each.gather(each.input_windows[name]) for each in exchange.banks]
+        # An input that an output depends on directly is needed at the end of the step. Any other is integrated, and
+        # the middle of a line has the line's integral.
+        through = exchange.checked.schedule.through
+        return _Unit(
+            slave, [gather for gather in gathers if gather is not None], calls, moving,
+            self._inputs[window], self._starts[window], self._ends[window], self._slopes[window],
+            np.array([1.0 if k.end in through else 0.5 for k in bank.links[window]]),
+        )  # fmt: skip
+
+    def _rate_call(self, slave: Slave, window: slice) -> Call:
+        """Return the call that gives the first derivatives of a unit's inputs."""
+        bank = self._bank
+        n = window.stop - window.start
+        first = bank.outputs.size + window.start
+        references = (c_uint * n)(*(v.reference for _, v in bank.variables[first : first + n]))
+        orders = (c_int * n)(*([1] * n))
+        function = slave.function("fmi2SetRealInputDerivatives")
+
+        def call(component: Any, references: Any, count: Any, values: Any) -> int:
+            return function(component, references, count, orders, values)
+
+        values = byref(self._rates, self._slopes.itemsize * window.start)
+        return (
+            call,
+            component_argument(slave),
+            references,
+            c_size_t.from_param(n),
+            values,
+            "setRealInputDerivatives",
+        )
+
+    def _cut(self, units: list[_Unit]) -> list[_Block]:
+        """Put the units of each loop into a block, with the outputs to be guessed."""
+        by_name = {unit.slave.name: unit for unit in units}
+        blocks: list[_Block] = []
+        for names in self.exchange.checked.schedule.blocks:
+            rank = {name: i for i, name in enumerate(names)}
+            torn = {
+                self._bank.position[k.start]
+                for k in self._bank.links
+                if k.start[0] in rank and k.end[0] in rank and rank[k.start[0]] >= rank[k.end[0]]
+            }
+            blocks.append(_Block([by_name[name] for name in names], np.array(sorted(torn), np.intp)))
+        return blocks
+
+    def _approximated(self) -> tuple[Indices, Indices]:
+        """Return the outputs of which a step uses an extrapolation, and those of which it uses a line."""
+        through = self.exchange.checked.schedule.through
+        torn = np.zeros(0, np.intp) if self.repeat else np.concatenate([block.torn for block in self._blocks])
+        line = {self._bank.position[k.start] for k in self._bank.links if k.end not in through}
+        return torn, np.array(sorted(line), np.intp)
+
+    # ------------------------------------------------------------------ steps
+
+    def advance(self, start: float, step: float, stop: float) -> None:
+        """Step all units from `start` by `step` to `stop`, in as many steps as the error control wants."""
+        if self.error is None:
+            before = self._outputs.copy()
+            self._step(start, step, before)
+            self._done(before, step)
+        else:
+            time = start
+            if self._h == math.inf:
+                self._h = _FIRST * step
+            while time < stop:
+                left = stop - time
+                parts = math.ceil(left / min(self._h, left) - 1e-9)  # equal ones, so that none is tiny
+                end = stop if parts <= 1 else time + left / parts
+                if self._attempt(time, end - time, step):
+                    time = end
+        np.copyto(self._inputs, self._ends)  # what a row holds of an input is its value at the end
+
+    def facts(self) -> dict[str, Any]:
+        """Return what the summary says of the steps."""
+        return {
+            "communication": {
+                "steps": self.steps,
+                "rejected": self.rejected,
+                "unit_steps": self.unit_steps,
+                "shortest_step": self.shortest,
+                "longest_step": self.longest,
+            }
+        }
+
+    def _step(self, time: float, h: float, start: Floats) -> Floats:
+        """Step all units, whose outputs are `start`; return the outputs that were predicted."""
+        self.exchange.clock.value, self.exchange.size.value, self.box.time = time, h, time
+        for unit in self._repeated:
+            self._save(unit.slave)
+        if self._gather is not None:
+            self._gather()
+            np.copyto(self._starts, self._inputs)
+        if self._last > 0.0:
+            np.multiply(start - self._before, h / self._last, self._outputs)
+            np.add(self._outputs, start, self._outputs)
+        predicted = self._outputs.copy()
+        for block in self._blocks:
+            if self.repeat and block.torn.size:
+                self._solve(block, time, h)
+            else:
+                self._sweep(block, h)
+        return predicted
+
+    def _done(self, start: Floats, h: float) -> None:
+        self._before, self._last = start, h
+        self.steps += 1
+        self.shortest, self.longest = min(self.shortest, h), max(self.longest, h)
+
+    def _attempt(self, time: float, h: float, longest: float) -> bool:
+        """Do a step under error control and choose the next; False, with everything restored, if it is too long.
+
+        A unit that refuses the step makes it too long, unless the refusal is fatal: FMI 2.0 lets a unit go on from a
+        restored state after fmi2Discard and fmi2Error.
+        """
+        assert self.error is not None
+        start, said, failure = self._outputs.copy(), len(self.box.pending), None
+        try:
+            sizes = self._errors(self._step(time, h, start), h) / self.error
+        except CosimError as error:
+            if any(unit.slave.dead for unit in self._repeated):
+                raise
+            sizes, failure = np.full(self._outputs.size, math.inf), error
+        worst = int(np.argmax(sizes)) if sizes.size else 0
+        ratio = float(sizes[worst]) if sizes.size else 0.0
+        self._h = min(h * min(max(_SAFETY / math.sqrt(max(ratio, 1e-12)), _LEAST), _MOST), longest)
+        if ratio <= 1.0:
+            self._done(start, h)
+            return True
+        if self._h < _SHORTEST * longest:
+            unit, variable = self._bank.variables[worst]
+            raise failure or CosimError(
+                unit, "doStep", time,
+                f"the error of {variable.name} in a step of {h:.3g} s is {ratio:.3g} times the allowed {self.error:g}, "
+                "and no shorter step is tried: the signal jumps. Allow a larger error, or use a master without error "
+                "control",
+            )  # fmt: skip
+        self.rejected += 1
+        del self.box.pending[said:]
+        np.copyto(self._outputs, start)
+        self._restore(self._repeated)
+        return False
+
+    def _errors(self, predicted: Floats, h: float) -> Floats:
+        """Return the errors of the outputs in the step, relative to their sizes; infinite where they are no numbers.
+
+        Predicted and computed value of a signal y differ by h (h + h_last) / 2 times its second derivative, to first
+        order; the line between its values at the ends of the step departs from it by at most h^2 / 8 times that.
+        """
+        difference = np.abs(self._outputs - predicted) / self._scale()
+        difference[np.isnan(difference)] = math.inf
+        sizes = np.zeros(difference.size)
+        if self._last > 0.0:  # else there is no prediction yet
+            line = h / (4.0 * (h + self._last))
+            sizes[self._interpolated] = line * difference[self._interpolated]
+            sizes[self._extrapolated] = difference[self._extrapolated]
+        return sizes
+
+    def _scale(self) -> Floats:
+        return np.maximum(np.abs(self._outputs), self._nominal)
+
+    def _solve(self, block: _Block, time: float, h: float) -> None:
+        """Step the units of a block until the guess of the torn outputs comes out as it went in."""
+        torn, outputs = block.torn, self._outputs
+        guess = outputs[torn]
+        change = last = residual = np.zeros(torn.size)
+        sizes: list[float] = []
+        while len(sizes) < _MOST_SWEEPS and (len(sizes) < 3 or sizes[-1] < _HOPELESS * sizes[0]):
+            if sizes:
+                self._restore(block.units)
+            self._sweep(block, h)
+            residual = outputs[torn] - guess
+            sizes.append(float(np.max(np.abs(residual) / self._scale()[torn])))
+            if sizes[-1] <= self.convergence:
+                return
+            if len(sizes) > 1:
+                _broyden(block, change, residual - last)
+            last = residual
+            change = residual if block.inverse is None else -block.inverse @ residual
+            guess = guess + change
+            outputs[torn] = guess
+        block.inverse = None
+        i = int(np.argmax(np.abs(residual) / self._scale()[torn]))
+        unit, variable = self._bank.variables[torn[i]]
+        raise CosimError(
+            unit, "doStep", time,
+            f"the coupling does not converge: {variable.name} still changes by {abs(residual[i]):.3g} after "
+            f"{len(sizes)} repetitions of the step (wanted: {self.convergence:g} relative); choose a shorter step, or "
+            "error control (adaptive)",
+        )  # fmt: skip
+
+    def _sweep(self, block: _Block, h: float) -> None:
+        """Step each unit of a block once, with the latest outputs at the end of the step."""
+        self.unit_steps += len(block.units)
+        for unit in block.units:
+            for gather in unit.gathers:
+                gather()
+            np.copyto(unit.ends, unit.inputs)
+            if unit.moving:
+                np.copyto(unit.inputs, unit.starts)
+                np.subtract(unit.ends, unit.starts, unit.slopes)
+                np.divide(unit.slopes, h, unit.slopes)
+            else:
+                np.add(unit.starts, unit.hold * (unit.ends - unit.starts), unit.inputs)
+            for function, a, b, c, d, name in unit.calls:
+                status = function(a, b, c, d)
+                if status:
+                    unit.slave.judge(status, name)
+
+    # ------------------------------------------------------------------ states
+
+    def _save(self, slave: Slave) -> None:
+        self._free(slave)
+        state = self._states[slave.name] = c_void_p()
+        slave.call("GetFMUstate", byref(state))
+
+    def _restore(self, units: list[_Unit]) -> None:
+        for unit in units:
+            unit.slave.call("SetFMUstate", self._states[unit.slave.name])
+            unit.slave.stage = "initialized"
+
+    def _free(self, slave: Slave) -> None:
+        state = self._states.pop(slave.name, None)
+        if state is not None and not slave.dead:
+            slave.call("FreeFMUstate", byref(state))
+
+    def close(self) -> None:
+        """Free the saved states."""
+        for name in list(self._states):
+            self._free(self.exchange.slaves[name])
+
+
+def _broyden(block: _Block, change: Floats, difference: Floats) -> None:
+    """Improve the inverse of the derivative of the residual, by Broyden's first formula in its inverse form.
+
+    Without coupling the residual falls by the change of the guess: the derivative is minus the identity.
+    """
+    inverse = -np.eye(change.size) if block.inverse is None else block.inverse
+    moved = inverse @ difference
+    scale = change @ moved
+    if abs(scale) > _KEPT * (change @ change):
+        block.inverse = inverse + np.outer(change - moved, change @ inverse) / scale
