@@ -125,7 +125,10 @@ def test_warning_where_the_sampled_loop_does_not_stand_the_gain(tmp_path):
         ({"step": math.nan}, "step: expected a positive finite time, got nan s"),
         ({"stop": -1.0}, "stop: expected a positive finite time, got -1 s"),
         ({"step": 0.003}, "stop: expected a multiple of step = 0.003 s, got 2 s. The nearest is 2.001 s"),
-        ({"master": "gauss"}, "master: expected gauss-seidel, jacobi, extrapolated or iterative, got 'gauss'"),
+        (
+            {"master": "gauss"},
+            "master: expected gauss-seidel, jacobi, extrapolated or iterative, got 'gauss'",
+        ),
         ({"robot": "manipulator_7dof"}, "manipulator_7dof"),
     ],
 )
