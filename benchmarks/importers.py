@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-import os
+import signal
 import subprocess
 import sys
 import tempfile
@@ -27,7 +27,17 @@ from vdfmu.ssp.parameters import system_values
 from vdfmu.ssp.read import load_ssp
 from vdfmu.ssp.write import write_ssp
 
-__all__ = ["PACKAGES", "Importers", "missing", "run", "run_elsewhere", "study"]
+__all__ = [
+    "PACKAGES",
+    "ImporterError",
+    "Importers",
+    "ask",
+    "ask_rows",
+    "missing",
+    "run",
+    "run_elsewhere",
+    "study",
+]
 
 TITLE = "Native FMUs in other importers"
 PACKAGES = {"ecos": ("ecospy", "tbb"), "libcosim": ("libcosimpy",)}
@@ -158,19 +168,71 @@ def _note(found: Importers, importer: str, form: str, wall: np.ndarray, processo
 
 
 def run_elsewhere(importer: str, package: Path, step: float, n: int, joints: int) -> Mapping[str, Any]:
-    """Run a package in another importer and process; see :mod:`benchmarks.importer_worker`."""
-    # ecos finds the library of the package tbb in no other way
-    library = Path(sys.prefix) / "lib"
-    known = os.environ.get("LD_LIBRARY_PATH")
-    environment = os.environ | {"LD_LIBRARY_PATH": f"{library}{os.pathsep}{known}" if known else str(library)}
-    done = subprocess.run(
-        [sys.executable, "-m", "benchmarks.importer_worker", importer, package, repr(step), str(n), str(joints)],
-        env=environment, capture_output=True, text=True, check=False, cwd=Path(__file__).parents[1],
-    )  # fmt: skip
+    """Time a package in another importer, and tell the plant's positions at the end if there are `joints`."""
+    request = {"importer": importer, "path": str(package), "step": step, "steps": n}
+    found = ask(request | {"run": "timed"})
+    if joints:
+        signals = [f"plant.q[{i + 1}]" for i in range(joints)]
+        found["q"] = ask_rows(request | {"run": "rows", "signals": signals})[-1].tolist()
+    return found
+
+
+def ask(request: Mapping[str, Any], timeout: float = 600.0) -> dict[str, Any]:
+    """Let a process of its own run what is asked for.
+
+    Parameters
+    ----------
+    request : mapping
+        ``run``: a key of :data:`benchmarks.importer_worker.RUNNERS`; ``path``, ``step`` [s] and ``steps`` of the run;
+        ``importer``, ``signals``, ``out``, ``inputs``, ``parameter_set`` where the run takes them.
+    timeout : float [s]
+
+    Returns
+    -------
+    dict
+        Its answer.
+
+    Raises
+    ------
+    ImporterError
+        With the importer's own words, or what is known of its end if it had none.
+    """
+    try:
+        done = subprocess.run(
+            [sys.executable, "-m", "benchmarks.importer_worker", json.dumps(dict(request))], timeout=timeout,
+            capture_output=True, text=True, check=False, cwd=Path(__file__).parents[1],
+        )  # fmt: skip
+    except subprocess.TimeoutExpired:
+        raise ImporterError(f"no end after {timeout:g} s", crashed=True) from None
     answers = [line for line in done.stdout.splitlines() if line.startswith(MARK)]
-    if done.returncode != 0 or not answers:
-        raise RuntimeError(f"{importer} failed: {(done.stderr or done.stdout).strip()[-2000:]}")
-    return json.loads(answers[-1].removeprefix(MARK))
+    if not answers:
+        said = (done.stderr or done.stdout).strip()[-2000:]
+        how = signal.strsignal(-done.returncode) if done.returncode < 0 else f"exit code {done.returncode}"
+        raise ImporterError(f"the process ended: {how}", crashed=True, said=said)
+    found = json.loads(answers[-1].removeprefix(MARK))
+    if "error" in found:
+        raise ImporterError(found["error"])
+    if done.returncode != 0:
+        how = signal.strsignal(-done.returncode) if done.returncode < 0 else f"exit code {done.returncode}"
+        raise ImporterError(f"the process ended after the run: {how}", crashed=True)
+    return found
+
+
+def ask_rows(request: Mapping[str, Any], timeout: float = 600.0) -> np.ndarray:
+    """Return the rows of a run with signals, (rows, signals); see :func:`ask`."""
+    with tempfile.TemporaryDirectory(prefix="vdfmu-bench-") as folder:
+        out = Path(folder) / "rows.npy"
+        ask({**request, "out": str(out)}, timeout)
+        return np.load(out)
+
+
+class ImporterError(RuntimeError):
+    """An importer refused or crashed; `crashed` tells which, `said` what it wrote last."""
+
+    def __init__(self, message: str, *, crashed: bool = False, said: str = "") -> None:
+        super().__init__(message)
+        self.crashed = crashed
+        self.said = said
 
 
 # ------------------------------------------------------------------ reporting

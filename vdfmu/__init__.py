@@ -6,8 +6,8 @@ Python API
     A shipped robot or scenario by name, or a file by path.
 ``inverse_dynamics``, ``forward_dynamics``
     Rigid links, link-side torques, one state or a batch.
-``build_fmus``, ``write_ssp``, ``write_container``
-    The four units as FMUs, the system that wires them, and the system as one FMU.
+``build_fmus``, ``write_ssp``, ``write_osp``, ``write_container``
+    The four units as FMUs, the system that wires them as a package or for libcosim, and the system as one FMU.
 ``run``
     A whole scenario: co-simulation, references, comparison, files.
 ``simulate``, ``load_ssp``
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from vdfmu.fmu import build_fmus
     from vdfmu.model import Robot, Scenario, load_robot, load_scenario, robot_names, scenario_names
     from vdfmu.ssp import load_ssp
-    from vdfmu.ssp.write import write_ssp
+    from vdfmu.ssp.write import write_osp, write_ssp
     from vdfmu.study import run
 
 _WHERE = {
@@ -46,6 +46,7 @@ _WHERE = {
     "scenario_names": "vdfmu.model",
     "simulate": "vdfmu.cosim",
     "write_container": "vdfmu.cosim.container",
+    "write_osp": "vdfmu.ssp.write",
     "write_ssp": "vdfmu.ssp.write",
 }
 
@@ -66,6 +67,7 @@ __all__ = [
     "scenario_names",
     "simulate",
     "write_container",
+    "write_osp",
     "write_ssp",
 ]
 

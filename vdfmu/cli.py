@@ -209,51 +209,69 @@ def container(
         _say(str(write_container(package, path, step=chosen.step)))
 
 
-@app.command(epilog="Example: [bold]vdfmu ssp two_joint --out two_joint.ssp[/bold]")
+@app.command(epilog="Example: [bold]vdfmu ssp two_joint --format 2.0 --out two_joint.ssp[/bold]")
 @_stoppable
 def ssp(
     scenario: ScenarioArgument = "tracking",
     robot: RobotOption = None,
-    out: Annotated[Path | None, typer.Option(help="File to write; default SCENARIO.ssp.")] = None,
+    form: Annotated[
+        str,
+        typer.Option(
+            "--format",
+            help="1.0 or 2.0: version of SSP, 2.0 with native units of FMI 3.0. osp: a folder for libcosim.",
+        ),
+    ] = "1.0",
+    out: Annotated[
+        Path | None,
+        typer.Option(help="File to write, default SCENARIO.ssp; with osp a folder, default SCENARIO_osp."),
+    ] = None,
     backend: BackendOption = None,
     settings: SetOption = None,
 ) -> None:
-    """Pack the system of a scenario as an SSP 1.0, with FMUs and parameters inside.
+    """Pack the system of a scenario as an SSP or for libcosim, with FMUs and parameters inside.
 
-    The FMUs have the scenario's values as start values too, for importers that apply no parameter sets.
+    The FMUs have the scenario's values as start values too, for importers that do not apply all parameter sets.
     """
     import tempfile
 
     from vdfmu.fmu import build_fmus
     from vdfmu.ssp.parameters import system_values
-    from vdfmu.ssp.write import write_ssp
+    from vdfmu.ssp.versions import fmi_of_format
+    from vdfmu.ssp.write import write_osp, write_ssp
 
+    fmi_version = fmi_of_format(form, backend)
     chosen = load_scenario(scenario, robot)
-    path = out if out is not None else Path(f"{chosen.name}.ssp")
     values = system_values(chosen, _settings(settings))
     with tempfile.TemporaryDirectory(prefix="vdfmu_") as folder:
-        fmus = build_fmus(chosen.robot, folder, start_values=values, backend=backend)
-        _say(str(write_ssp(chosen, fmus, path, values)))
+        fmus = build_fmus(chosen.robot, folder, start_values=values, backend=backend, fmi_version=fmi_version)
+        if form == "osp":
+            _say(str(write_osp(chosen, fmus, out or Path(f"{chosen.name}_osp"), values)))
+        else:
+            _say(str(write_ssp(chosen, fmus, out or Path(f"{chosen.name}.ssp"), values, version=form)))
 
 
 @app.command(epilog="Example: [bold]vdfmu check fmus/Plant.fmu[/bold]")
 @_stoppable
 def check(
-    file: Annotated[Path, typer.Argument(help="An FMU, SSP or SSD, of this or any other tool.")],
+    file: Annotated[Path, typer.Argument(help="An FMU, SSP, SSD or OSP file, of this or any other tool.")],
     no_run: Annotated[bool, typer.Option("--no-run", help="Read only; do not run the units' code.")] = False,
-    as_json: Annotated[bool, typer.Option("--json", help="Print file and problems as JSON.")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the findings as JSON.")] = False,
 ) -> None:
     """Check an FMU or a system: schema, rules, binaries for this platform, ten steps, reference results."""
-    from vdfmu.study.check import check_file
+    from vdfmu.study.check import inspect_file
 
-    problems = check_file(file, run=not no_run)
+    report = inspect_file(file, run=not no_run)
     if as_json:
-        print(json.dumps({"file": str(file), "problems": problems}, indent=1))
+        print(json.dumps(report.to_dict(), indent=1))
     else:
-        for problem in problems:
+        for note in report.notes:
+            _say(f"note: {note}")
+        for problem in report.problems:
             _say(f"problem: {problem}")
-        _say(f"{file}: {len(problems)} problem(s)" if problems else f"{file}: no problems")
-    if problems:
+        what = f" ({report.standard})" if report.standard else ""
+        count = f"{len(report.problems)} problem(s)" if report.problems else "no problems"
+        _say(f"{file}{what}: {count}")
+    if report.problems:
         raise typer.Exit(1)
 
 

@@ -101,17 +101,15 @@ def test_ctrl_c_ends_the_run_after_the_step_and_keeps_the_rows(fragile):
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
 
 
-def test_an_integer_outside_the_mapping_ends_the_run(pack, xml):
+def test_an_integer_outside_the_mapping_is_kept(pack, xml):
     table = ('<ssc:IntegerMappingTransformation><ssc:MapEntry source="0" target="5"/>'
              '<ssc:MapEntry source="1" target="6"/></ssc:IntegerMappingTransformation>')  # fmt: skip
     path = pack(
         [xml.component("count", "Counter", "n:output"), xml.component("logic", "Logic", "ii:input")],
         [xml.connection("count.n -> logic.ii", table)],
     )
-    with pytest.raises(CosimError, match=r"count\.n -> logic\.ii has no entry for 2") as info:
-        simulate(path, stop=5.0, step=1.0)
-    assert info.value.results["logic.ii"].tolist() == [5, 5, 6]
-    assert info.value.time == 2.0
+    results = simulate(path, stop=4.0, step=1.0)  # SSP 1.0, 4.3: values without an entry are kept unchanged
+    assert results["logic.ii"].tolist() == [5, 5, 6, 2, 3]
 
 
 @pytest.mark.parametrize(

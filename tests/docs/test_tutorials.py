@@ -8,6 +8,7 @@ that file. A ``sh`` block runs its lines that start with ``vdfmu``. A ``text`` b
 import contextlib
 import io
 import os
+import platform
 import re
 import subprocess
 import sys
@@ -17,6 +18,7 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = sorted((ROOT / "docs" / "tutorials").glob("*.md"))
+GUIDES = sorted((ROOT / "docs" / "guides").glob("*.md"))
 BLOCK = re.compile(r"^```(?P<kind>\w+)(?P<options>[^\n]*)\n(?P<body>.*?)^```", re.DOTALL | re.MULTILINE)
 SKIP = "<!-- not run -->\n"  # before a block that the test leaves out
 
@@ -98,6 +100,34 @@ def test_readme_example_runs(tmp_path, monkeypatch):
     assert run_page(ROOT / "README.md") >= 2
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "page", [page for page in GUIDES if page.stem != "omsimulator"], ids=lambda page: page.stem
+)
+def test_guide_runs_and_shows_its_output(page, tmp_path):
+    """In a process of its own: a tool that crashes must not take this one with it."""
+    here = (platform.system(), platform.machine())
+    if page.stem in ("ecos", "libcosim") and here not in {("Linux", "x86_64"), ("Windows", "AMD64")}:
+        pytest.skip(f"{page.stem} has no binaries for {' '.join(here)}")
+    done = subprocess.run(
+        [sys.executable, __file__, str(page)], cwd=tmp_path, text=True, check=False, timeout=300,
+        stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stdout
+    assert int(done.stdout.splitlines()[-1]) >= 3  # blocks run or compared
+
+
+def test_there_is_a_guide_for_each_tool():
+    assert [page.stem for page in GUIDES] == [
+        "ecos",
+        "fmpy",
+        "libcosim",
+        "modelica",
+        "omsimulator",
+        "simulink",
+    ]
+
+
 def test_there_are_five_tutorials():
     assert [page.stem for page in PAGES] == ["dynamics", "fmpy", "native", "own_robot", "sweep"]
 
@@ -106,3 +136,7 @@ def test_outputs_compare_with_gaps():
     assert same("a\n...\nd\n", "a\nb\nc\nd\n")
     assert not same("a\n...\nd\n", "a\nb\nc\n")
     assert not same("a\n", "b\n")
+
+
+if __name__ == "__main__":  # run a page in the current folder, see test_guide_runs_and_shows_its_output
+    print(run_page(Path(sys.argv[1])))

@@ -14,6 +14,9 @@ HEAD = (
     '<ssd:SystemStructureDescription xmlns:ssd="http://ssp-standard.org/SSP1/SystemStructureDescription" '
     'xmlns:ssc="http://ssp-standard.org/SSP1/SystemStructureCommon" version="1.0" name="test">'
 )
+OUTSIDE = (
+    "is not a relative path inside the package; put the file into the package and name it by its path there"
+)
 TAIL = "</ssd:SystemStructureDescription>"
 
 
@@ -116,16 +119,16 @@ def test_missing_resources_and_bad_sources_at_once(tmp_path):
         component("a", "there.fmu", binding)
         + component("b", "../out.fmu")
         + component("c", "http://localhost/x.fmu")
-        + component("d", "x.ssp", attributes='type="application/x-ssp-package"')
+        + component("d", "x.mo", attributes='type="text/x-modelica"')
         + component("e", "missing.fmu")
         + '<ssd:SignalDictionaryReference name="f" dictionary="none"/>'
     )
     found = problems(write(tmp_path / "x.ssp", system(elements), {"there.fmu": b""}))
     assert found == [
-        "x.ssp: component 'b': source '../out.fmu' is not a relative path inside the package",
-        "x.ssp: component 'c': source 'http://localhost/x.fmu' is not a relative path inside the package",
-        "x.ssp: component 'd': type 'application/x-ssp-package' is not supported; "
-        "only FMUs (application/x-fmu-sharedlibrary) are",
+        f"x.ssp: component 'b': source '../out.fmu' {OUTSIDE}",
+        f"x.ssp: component 'c': source 'http://localhost/x.fmu' {OUTSIDE}",
+        "x.ssp: component 'd': type 'text/x-modelica' is not supported; expected "
+        "application/x-fmu-sharedlibrary, application/x-ssp-package or application/x-ssp-definition",
         "x.ssp: component 'e': the package has no 'missing.fmu'",
         "x.ssp: 'f' refers to signal dictionary 'none', which does not exist",
         "x.ssp: the package has no 'none.ssv'",
@@ -136,7 +139,9 @@ def test_an_ssv_with_an_entity_is_refused(tmp_path):
     binding = '<ssd:ParameterBindings><ssd:ParameterBinding source="p.ssv"/></ssd:ParameterBindings>'
     ssv = b'<!DOCTYPE x [<!ENTITY e "1">]><x/>'
     path = write(tmp_path / "x.ssp", system(component(inner=binding)), {"a.fmu": b"", "p.ssv": ssv})
-    assert problems(path) == ["x.ssp: p.ssv: has a document type declaration, which is refused (entities)"]
+    assert problems(path) == [
+        "x.ssp: p.ssv: has a document type declaration, which is refused (entities); remove it"
+    ]
 
 
 def test_an_inline_parameter_set_is_validated(tmp_path):

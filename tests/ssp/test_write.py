@@ -30,12 +30,19 @@ def test_every_xml_of_the_package_is_valid(scenario, fmus, tmp_path):
     with zipfile.ZipFile(path) as archive:
         names = archive.namelist()
         for name in names:
-            if name.endswith((".ssd", ".ssv")):
+            if name.endswith((".ssd", ".ssv", ".ssm")):
                 parse_ssp_xml(archive.read(name), name[-3:], name)  # raises if it is not valid
     assert sorted(names) == sorted(
-        ["SystemStructure.ssd"]
+        [
+            "SystemStructure.ssd",
+            "documentation/index.html",
+            "resources/start.ssv",
+            "resources/plant.start.ssm",
+        ]
+        + ["resources/robot.ssv", "resources/controller.robot.ssv"]
         + [f"resources/{path.name}" for path in fmus.values()]
-        + [f"resources/{unit}.{kind}.ssv" for unit in fmus for kind in ("robot", "scenario")]
+        + [f"resources/{unit}.scenario.ssv" for unit in fmus]
+        + [f"resources/icons/{unit}.svg" for unit in fmus]
     )
 
 

@@ -10,8 +10,8 @@ import pytest
 from vdfmu.errors import UsageError
 from vdfmu.fmu import build_fmus
 from vdfmu.model import load_robot
-from vdfmu.study import check
-from vdfmu.study.check import check_fmu
+from vdfmu.study import check_run
+from vdfmu.study.check import check_file, inspect_file
 
 
 @pytest.fixture(scope="module")
@@ -39,18 +39,18 @@ SCRIPT = "resources/vdfmu_plant_slave.py"
 
 def test_a_good_fmu_has_no_problems(fmus):
     for path in fmus.values():
-        assert check_fmu(path) == []
+        assert check_file(path) == []
 
 
 def test_what_the_process_leaves_is_removed(fmus, tmp_path, monkeypatch):
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
-    assert check_fmu(fmus["plant"]) == []
+    assert check_file(fmus["plant"]) == []
     assert list(tmp_path.iterdir()) == []
 
 
 def test_a_unit_without_its_script_is_a_problem_and_not_a_crash(changed, tmp_path):
     path = changed(SCRIPT)
-    (problem,) = check_fmu(path)
+    (problem,) = check_file(path)
     assert "10 steps" in problem
     done = subprocess.run(
         [sys.executable, "-m", "vdfmu.cli", "check", str(path)],
@@ -58,25 +58,25 @@ def test_a_unit_without_its_script_is_a_problem_and_not_a_crash(changed, tmp_pat
     )  # fmt: skip
     assert done.returncode == 1, done.stderr
     assert "1 problem(s)" in done.stdout
-    assert check_fmu(path, run=False) == []
+    assert check_file(path, run=False) == []
 
 
 @pytest.mark.skipif(os.name != "posix", reason="signals")
 def test_a_unit_that_ends_its_process_is_reported_with_the_signal(changed):
     path = changed("none", {SCRIPT: "import os, signal\nos.kill(os.getpid(), signal.SIGSEGV)\n"})
-    (problem,) = check_fmu(path)
+    (problem,) = check_file(path)
     assert problem.startswith("the process crashed (signal 11) in a run of 10 steps")
 
 
 def test_a_unit_that_ends_its_process_without_an_error_is_reported(changed):
     path = changed("none", {SCRIPT: "import os\nos._exit(0)\n"})
-    assert check_fmu(path) == ["the unit ended the process in a run of 10 steps"]
+    assert check_file(path) == ["the unit ended the process in a run of 10 steps"]
 
 
 def test_a_unit_that_never_ends_is_stopped(changed, monkeypatch):
-    monkeypatch.setattr(check, "_SECONDS", 3.0)
+    monkeypatch.setattr(check_run, "SECONDS", 3.0)
     path = changed("none", {SCRIPT: "import time\ntime.sleep(1000)\n"})
-    assert check_fmu(path) == ["10 steps did not end within 3 s"]
+    assert check_file(path) == ["10 steps did not end within 3 s"]
 
 
 def test_a_binary_for_another_platform_only_is_named(fmus, tmp_path):
@@ -85,11 +85,91 @@ def test_a_binary_for_another_platform_only_is_named(fmus, tmp_path):
         for name in source.namelist():
             if not name.startswith("binaries/"):
                 target.writestr(name, source.read(name))
-        target.writestr("binaries/plan9/Plant.so", b"")
-    (problem,) = check_fmu(path)
+        target.writestr("binaries/plan9/Plant.so", b"\x7fELF")
+    (problem,) = check_file(path)
     assert problem.startswith("no binary for this platform")
 
 
 def test_a_missing_file_is_a_wrong_option(tmp_path):
     with pytest.raises(UsageError, match="there is no such file"):
-        check_fmu(tmp_path / "missing.fmu")
+        check_file(tmp_path / "missing.fmu")
+
+
+def test_rules_and_a_failing_run_come_at_once(changed):
+    path = changed(SCRIPT)
+    with zipfile.ZipFile(path) as archive:
+        text = archive.read("modelDescription.xml").replace(b'unit="rad/s"', b'unit="rad/h"')
+    problems = check_file(changed(SCRIPT, {"modelDescription.xml": text}))
+    assert problems[0] == "modelDescription.xml: 'rad/h' is used and not defined"
+    assert "10 steps" in problems[-1]
+
+
+def test_a_binary_that_is_none_is_found_without_running_it(changed):
+    with zipfile.ZipFile(changed("none")) as archive:
+        (name,) = (n for n in archive.namelist() if n.endswith("linux64/Plant.so"))
+    path = changed("none", {name: b"no library"})
+    assert check_file(path, run=False) == [f"{name}: is no shared library of the kind its name says"]
+    assert len(check_file(path)) == 2
+    (problem,) = check_file(changed(name, {}), run=False)
+    assert problem.startswith("no binary for this platform")
+
+
+def test_files_that_are_no_fmu(tmp_path):
+    for name, data in {"text.fmu": b"hello", "empty.fmu": b"", "cut.fmu": b"PK\x03\x04"}.items():
+        (tmp_path / name).write_bytes(data)
+        (problem,) = check_file(tmp_path / name)
+        assert problem.startswith(f"{name} is no FMU that can be read: cannot be read as a zip package")
+    for text, words in {
+        "<a/>": "expected the root fmiModelDescription, got 'a'",
+        "<a>": "is not well-formed XML",
+        '<fmiModelDescription fmiVersion="4.0"/>': "fmiVersion is '4.0'; expected one of 1.0, 2.0, 3.0",
+        '<fmiModelDescription fmiVersion="2.0"/>': "modelName",
+    }.items():
+        with zipfile.ZipFile(tmp_path / "x.fmu", "w") as file:
+            file.writestr("modelDescription.xml", text)
+        assert words in " ".join(check_file(tmp_path / "x.fmu"))
+    with zipfile.ZipFile(tmp_path / "x.fmu", "w") as file:
+        file.writestr("SystemStructure.ssd", "")
+    (problem,) = check_file(tmp_path / "x.fmu")
+    assert problem.endswith("it has no 'modelDescription.xml'; it is a package of SSP, name it .ssp")
+
+
+def test_an_fmu_of_fmi_1_and_one_without_co_simulation_are_told_in_words(tmp_path):
+    description = (
+        '<fmiModelDescription fmiVersion="1.0" modelName="m" modelIdentifier="m" guid="1" '
+        'numberOfContinuousStates="0" numberOfEventIndicators="0"><ModelVariables/></fmiModelDescription>'
+    )
+    exchange = (
+        '<fmiModelDescription fmiVersion="2.0" modelName="m" guid="1"><ModelExchange modelIdentifier="m"/>'
+        "<ModelVariables/><ModelStructure/></fmiModelDescription>"
+    )
+    for text, standard, note in (
+        (description, "FMI 1.0", "FMI 1.0: fmpy and other importers run it"),
+        (exchange, "FMI 2.0", "no co-simulation: a master needs it"),
+    ):
+        with zipfile.ZipFile(tmp_path / "m.fmu", "w") as file:
+            file.writestr("modelDescription.xml", text)
+        report = inspect_file(tmp_path / "m.fmu")
+        assert (report.kind, report.standard, report.ran) == ("FMU", standard, False)
+        assert any(n.startswith(note) for n in report.notes)
+        assert any(p.startswith("no binary for this platform") for p in report.problems)
+
+
+def test_what_cannot_be_opened_is_a_wrong_option(tmp_path, monkeypatch):
+    (tmp_path / "a.txt").write_text("x")
+    with pytest.raises(UsageError, match=r"not of a kind that can be checked; expected \.fmu, \.ssp, \.ssd"):
+        check_file(tmp_path / "a.txt")
+    (tmp_path / "x.fmu").mkdir()
+    with pytest.raises(UsageError, match="is a folder; expected a file"):
+        check_file(tmp_path / "x.fmu")
+    (tmp_path / "SystemStructure.ssd").write_text("")
+    with pytest.raises(UsageError, match=r"is a folder; give .*SystemStructure\.ssd"):
+        check_file(tmp_path)
+    (tmp_path / "closed.fmu").write_bytes(b"x")
+
+    def refuse(*_args, **_options):
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr("pathlib.Path.open", refuse)
+    with pytest.raises(UsageError, match="cannot be opened: Permission denied"):
+        check_file(tmp_path / "closed.fmu")

@@ -99,7 +99,15 @@ def test_the_command_prints_json_and_ends_with_code_1_for_problems(package, tmp_
 
     good = run(package)
     assert good.returncode == 0
-    assert json.loads(good.stdout) == {"file": str(package), "problems": []}
+    said = json.loads(good.stdout)
+    assert list(said) == ["format", "file", "kind", "standard", "ran", "compared", "problems", "notes"]
+    assert said | {"notes": []} == {
+        "format": 1, "file": str(package), "kind": "SSP", "standard": "SSP 1.0", "ran": True,
+        "compared": [], "problems": [], "notes": [],
+    }  # fmt: skip
+    assert said["notes"] == [
+        f"plant.F_e[{i}]: input is not connected and keeps its start value" for i in range(1, 7)
+    ]
     (tmp_path / "no.ssp").write_bytes(b"no zip")
     bad = run(tmp_path / "no.ssp")
     assert bad.returncode == 1

@@ -250,6 +250,7 @@ class _Checker:
                     source.type,
                     self.system.units,
                     sink.relative,
+                    (source.items, sink.items),
                 )
             except ValueError as error:
                 self.problems.append(f"{where}: {error}")
@@ -295,15 +296,20 @@ class _Checker:
         return starts
 
     def _converted(self, parameter: Parameter, variable: Variable) -> Value:
-        value = as_type(parameter.value, variable, exact=parameter.type)
+        value, hops = parameter.value, parameter.hops
+        if isinstance(value, str) and variable.type == "Enumeration":  # mapped by the names of its items
+            for hop in hops:
+                if hop.transformation is not None and hop.transformation.kind == "enumeration":
+                    value = hop.transformation.names.get(value, value)
+            hops = ()
+        value = as_type(value, variable, exact=parameter.type)
         unit = self._port_unit((parameter.component, parameter.name), variable)
         conversion = compose(
-            parameter.hops, parameter.unit, unit, variable.type, self.system.units, variable.relative
-        )
+            hops, parameter.unit, unit, variable.type, self.system.units, variable.relative,
+            (variable.items, variable.items),
+        )  # fmt: skip
         if conversion.table is not None:
-            if int(value) not in conversion.table:
-                raise ValueError(f"the mapping has no entry for {value}")
-            return as_type(conversion.table[int(value)], variable)
+            return as_type(conversion.table.get(int(value), int(value)), variable)
         if isinstance(value, float) and not conversion.trivial:
             return conversion.factor * value + conversion.offset
         return value

@@ -5,12 +5,15 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from vdfmu.ssp.structure import Hop, Unit
+from vdfmu.ssp.structure import Hop, Transformation, Unit
 
 
 @dataclass(frozen=True)
 class Conversion:
-    """``target = factor * source + offset``, or a table of values for booleans and integers."""
+    """``target = factor * source + offset``, or a table of values for booleans and integers.
+
+    Values that are not in the table pass unchanged.
+    """
 
     factor: float = 1.0
     offset: float = 0.0
@@ -49,6 +52,7 @@ def compose(
     kind: str,
     units: Mapping[str, Unit],
     relative: bool = False,
+    items: tuple[Mapping[str, int] | None, Mapping[str, int] | None] = (None, None),
 ) -> Conversion:
     """Compose what lies between two variables.
 
@@ -67,6 +71,8 @@ def compose(
         Unit definitions of the SSD.
     relative : bool
         Whether the target is a relative quantity.
+    items : pair of mappings
+        Items of the two variables where they are enumerations: name to value.
 
     Raises
     ------
@@ -94,8 +100,31 @@ def compose(
         elif {"boolean": "Boolean", "integer": "Integer"}.get(transformation.kind) == kind or (
             transformation.kind == "integer" and kind == "Enumeration"
         ):
-            step = transformation.table
-            table = dict(step) if table is None else {k: step[v] for k, v in table.items() if v in step}
+            table = _chain(table, transformation.table)
+        elif transformation.kind == "enumeration" and kind == "Enumeration":
+            table = _chain(table, _values_of(transformation, *items))
         else:
             raise ValueError(f"a {transformation} is not supported for {kind}")
     return Conversion(factor, offset, table)
+
+
+def _chain(first: Mapping[int, int] | None, then: Mapping[int, int]) -> dict[int, int]:
+    """Return one table for two in a row; what a table does not mention it leaves as it is."""
+    before = first or {}
+    return {**then, **{source: then.get(value, value) for source, value in before.items()}}
+
+
+def _values_of(
+    transformation: Transformation, source: Mapping[str, int] | None, target: Mapping[str, int] | None
+) -> dict[int, int]:
+    """Return the table of a mapping of item names, by the items of both variables; ValueError for an unknown name."""
+    table: dict[int, int] = {}
+    for name, meaning in transformation.names.items():
+        for which, item, known in (("source", name, source), ("target", meaning, target)):
+            if item not in (known or {}):
+                there = ", ".join(known or {}) or "none"
+                raise ValueError(
+                    f"the mapping names {item!r}, which is no item of the {which}; there are {there}"
+                )
+        table[(source or {})[name]] = (target or {})[meaning]
+    return table

@@ -15,7 +15,7 @@ from vdfmu.cosim.component import C_TYPE, FMI_TYPE, Slave
 from vdfmu.cosim.description import Variable
 from vdfmu.cosim.results import Signal
 from vdfmu.cosim.schedule import Port
-from vdfmu.errors import CosimError, UsageError
+from vdfmu.errors import UsageError
 
 Call = tuple[Any, Any, Any, Any, Any, str]
 """An FMI function, its four arguments, and its name for messages."""
@@ -69,9 +69,7 @@ class Bank:
         factor = np.array([link.conversion.factor for link in links])
         offset = np.array([link.conversion.offset for link in links])
         tables = [
-            (i, link.conversion.table, link)
-            for i, link in enumerate(links)
-            if link.conversion.table is not None
+            (i, link.conversion.table) for i, link in enumerate(links) if link.conversion.table is not None
         ]
 
         def plain() -> None:
@@ -84,8 +82,8 @@ class Bank:
 
         def mapped() -> None:
             take(sources, None, target, "clip")
-            for i, table, link in tables:
-                target[i] = look_up(table, int(target[i]), link)
+            for i, table in tables:
+                target[i] = table.get(int(target[i]), int(target[i]))
 
         if tables:
             return mapped
@@ -120,13 +118,6 @@ def component_argument(slave: Slave) -> Any:
     return c_void_p.from_param(slave.component.value)  # pyright: ignore[reportArgumentType]
 
 
-def look_up(table: Mapping[int, int], value: int, link: Link) -> int:
-    """Apply the mapping transformation of a connection."""
-    if value not in table:
-        raise CosimError(link.end[0], "set", float("nan"), f"the mapping of {link} has no entry for {value}")
-    return table[value]
-
-
 class Exchange:
     """Plans the data flow of a run: initialization, the stages of a step and the recording."""
 
@@ -145,7 +136,7 @@ class Exchange:
         for link in self.checked.schedule.initial:
             value = self.slaves[link.start[0]].get(link.source)
             if link.conversion.table is not None:
-                value = look_up(link.conversion.table, int(value), link)
+                value = link.conversion.table.get(int(value), int(value))
             elif not link.conversion.trivial:
                 value = link.conversion.factor * value + link.conversion.offset
             self.slaves[link.end[0]].set(link.sink, value)

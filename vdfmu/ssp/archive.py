@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import stat
 import zipfile
 from functools import lru_cache
 from pathlib import Path, PurePosixPath
@@ -20,6 +21,14 @@ MEMBER_LIMIT = 512 * 2**20
 """Largest member of any kind [byte]."""
 TOTAL_LIMIT = 2 * 2**30
 """Largest sum of all members of one package [byte]."""
+COUNT_LIMIT = 65_535
+"""Most members of one package: more need the ZIP64 format, which SSP 1.0 excludes."""
+NESTING_LIMIT = 8
+"""Most packages inside each other."""
+INSIDE = "!/"
+"""Between the name of a package inside a package and the name of a member of it."""
+_SHOWN = 50
+"""Most faulty members that one message lists."""
 
 NAMESPACES = {
     prefix: f"http://ssp-standard.org/SSP1/{name}"
@@ -46,18 +55,28 @@ class Archive:
     Raises
     ------
     SspError
-        The file is missing or no zip, or a member points outside the package, occurs twice, is encrypted
-        or is larger than the limits of this module.
+        The file is missing or no zip, or a member points outside the package, occurs twice, differs from
+        another in case only, is a link, is encrypted, is packed by another method than deflation or is larger
+        than the limits of this module.
+
+    Notes
+    -----
+    ``package.ssp!/member`` names a member of a package inside the package.
     """
 
-    def __init__(self, source: Path | bytes, label: str) -> None:
+    def __init__(self, source: Path | bytes, label: str, depth: int = 0) -> None:
         self.label = label
+        self._depth = depth
+        self._inner: dict[str, Archive] = {}
         try:
             self._zip = zipfile.ZipFile(io.BytesIO(source) if isinstance(source, bytes) else source)
         except FileNotFoundError:
             raise SspError(f"{label}: there is no such file") from None
         except (OSError, zipfile.BadZipFile) as error:
-            raise SspError(f"{label}: cannot be read as a zip package: {error}") from None
+            raise SspError(
+                f"{label}: cannot be read as a zip package: {error}. "
+                "It may be cut off; export or copy it again"
+            ) from None
         try:
             self._members = self._check()
         except SspError:
@@ -67,22 +86,55 @@ class Archive:
     def _check(self) -> dict[str, zipfile.ZipInfo]:
         problems: list[str] = []
         members: dict[str, zipfile.ZipInfo] = {}
-        for info in self._zip.infolist():
+        folded: dict[str, str] = {}
+        infos = self._zip.infolist()
+        if len(infos) > COUNT_LIMIT:
+            raise SspError(f"{self.label}: has {len(infos)} entries; the limit is {COUNT_LIMIT}")
+        for info in infos:
             if not is_inside(info.filename) or "\\" in info.orig_filename:
-                problems.append(f"{self.label}: entry {info.orig_filename!r} points outside the package")
+                problems.append(
+                    f"{self.label}: entry {info.orig_filename!r} points outside the package; "
+                    "expected a relative path with '/' between folders"
+                )
+            elif stat.S_ISLNK(info.external_attr >> 16):
+                problems.append(
+                    f"{self.label}: entry {info.filename!r} is a symbolic link; pack the file itself"
+                )
             elif info.file_size > MEMBER_LIMIT:
                 problems.append(
                     f"{self.label}: entry {info.filename!r} has {info.file_size} bytes; "
                     f"the limit is {MEMBER_LIMIT}"
                 )
             elif info.flag_bits & 0x1:
-                problems.append(f"{self.label}: entry {info.filename!r} is encrypted")
+                problems.append(
+                    f"{self.label}: entry {info.filename!r} is encrypted; pack it without a password"
+                )
+            elif info.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
+                problems.append(
+                    f"{self.label}: entry {info.filename!r} is packed by method {info.compress_type}; "
+                    "SSP and FMI allow 0 (stored) and 8 (deflated)"
+                )
             elif info.filename in members:
                 problems.append(f"{self.label}: entry {info.filename!r} occurs twice")
+            elif (
+                other := folded.setdefault(info.filename.rstrip("/").lower(), info.filename)
+            ) != info.filename:
+                problems.append(
+                    f"{self.label}: entries {other!r} and {info.filename!r} are one file where case or a final "
+                    "'/' does not count; rename one"
+                )
             members[info.filename] = info
+        for name, info in members.items():
+            above = [str(folder) for folder in PurePosixPath(name).parents]
+            if clash := next((f for f in above if f in members and not members[f].is_dir()), None):
+                problems.append(
+                    f"{self.label}: entry {clash!r} is a file and the folder of {info.filename!r}"
+                )
         total = sum(info.file_size for info in self._zip.infolist())
         if not problems and total > TOTAL_LIMIT:
             problems.append(f"{self.label}: holds {total} bytes unpacked; the limit is {TOTAL_LIMIT}")
+        if len(problems) > _SHOWN:
+            problems[_SHOWN:] = [f"{self.label}: and {len(problems) - _SHOWN} more such entries"]
         if problems:
             raise SspError(problems)
         return {name: info for name, info in members.items() if not info.is_dir()}
@@ -93,11 +145,31 @@ class Archive:
         return list(self._members)
 
     def __contains__(self, name: str) -> bool:
-        return name in self._members
+        return name in self._members or self._split(name) is not None
+
+    def _split(self, name: str) -> tuple[Archive, str] | None:
+        """Return the package inside this one and the member of it that a name means, or None."""
+        outer, mark, rest = name.partition(INSIDE)
+        if not mark or outer not in self._members:
+            return None
+        inner = self.inside(outer)
+        return (inner, rest) if rest in inner else None
+
+    def inside(self, name: str) -> Archive:
+        """Return a package inside the package; it is closed with this one."""
+        if self._depth >= NESTING_LIMIT:
+            raise SspError(
+                f"{self.label}: {name!r} is a package inside {NESTING_LIMIT} others; that is the limit"
+            )
+        if name not in self._inner:
+            self._inner[name] = Archive(self.read(name), f"{self.label}: {name}", self._depth + 1)
+        return self._inner[name]
 
     def read(self, name: str, limit: int = MEMBER_LIMIT) -> bytes:
         """Return the content of one member; SspError when it is missing, damaged or too large."""
         info = self._members.get(name)
+        if info is None and (found := self._split(name)) is not None:
+            return found[0].read(found[1], limit)
         if info is None:
             raise SspError(f"{self.label}: the package has no {name!r}")
         if info.file_size > limit:
@@ -119,6 +191,8 @@ class Archive:
 
     def close(self) -> None:
         """Close the file."""
+        for inner in self._inner.values():
+            inner.close()
         self._zip.close()
 
     def __enter__(self) -> Archive:
@@ -141,7 +215,10 @@ def resolve(source: str, where: str) -> str:
     parts = urlsplit(source)
     name = unquote(parts.path)
     if parts.scheme or parts.netloc or parts.query or parts.fragment or not is_inside(name):
-        raise SspError(f"{where}: source {source!r} is not a relative path inside the package")
+        raise SspError(
+            f"{where}: source {source!r} is not a relative path inside the package; "
+            "put the file into the package and name it by its path there"
+        )
     return str(PurePosixPath(name))
 
 
@@ -151,7 +228,7 @@ def parse_xml(data: bytes, where: str) -> Any:
     Raises
     ------
     SspError
-        The text is not well-formed XML, or has a document type declaration.
+        The text is not well-formed XML, or has a document type declaration or an XInclude.
     """
     if len(data) > XML_LIMIT:
         raise SspError(f"{where}: has {len(data)} bytes of XML; the limit is {XML_LIMIT}")
@@ -162,10 +239,21 @@ def parse_xml(data: bytes, where: str) -> Any:
     try:
         root = etree.fromstring(data, parser)
     except (etree.XMLSyntaxError, ValueError) as error:
+        if b"<!DOCTYPE" in data:  # entities may be what the parser stumbles over
+            raise SspError(f"{where}: {_DOCTYPE}") from None
         raise SspError(f"{where}: is not well-formed XML: {error}") from None
     if root.getroottree().docinfo.doctype or root.getroottree().docinfo.internalDTD is not None:
-        raise SspError(f"{where}: has a document type declaration, which is refused (entities)")
+        raise SspError(f"{where}: {_DOCTYPE}")
+    include = next(root.iter(f"{{{_XINCLUDE}}}*"), None)
+    if include is not None:
+        raise SspError(
+            f"{where}, line {include.sourceline}: has an XInclude, which is refused; write the text in its place"
+        )
     return root
+
+
+_DOCTYPE = "has a document type declaration, which is refused (entities); remove it"
+_XINCLUDE = "http://www.w3.org/2001/XInclude"
 
 
 @lru_cache

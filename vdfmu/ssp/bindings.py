@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
 from vdfmu.errors import SspError
 from vdfmu.ssp.archive import NAMESPACES, Archive, parse_ssp_xml, resolve, validate
-from vdfmu.ssp.elements import Node, read_boolean, read_transformation, read_units
+from vdfmu.ssp.elements import Node, Scope, read_boolean, read_transformation, read_units
 from vdfmu.ssp.structure import Hop, Parameter, Unit
 from vdfmu.ssp.wiring import Wiring
 
@@ -38,11 +37,8 @@ class Bindings:
     is applied; names that the mapping does not mention stay as they are.
     """
 
-    def __init__(self, archive: Archive, wiring: Wiring, units: Mapping[str, Unit], label: str) -> None:
-        self.archive = archive
+    def __init__(self, wiring: Wiring) -> None:
         self.wiring = wiring
-        self.units = units
-        self.label = label
         self.fatal: list[str] = []
         """What makes a parameter source unreadable."""
         self.unmatched: list[str] = []
@@ -53,12 +49,17 @@ class Bindings:
         return tuple(p for (name, _), p in self._values.items() if name == component)
 
     def collect(self, node: Node) -> None:
-        """Apply the bindings below `node`, then its own."""
+        """Apply the bindings below `node`, then its own, then those of a component that it stands for."""
         for child in node.children.values():
             self.collect(child)
-        for binding in node.element.iterfind("ssd:ParameterBindings/ssd:ParameterBinding", NAMESPACES):
+        self._own(node, node.element, node.scope)
+        if node.outer is not None:
+            self._own(node, *node.outer)
+
+    def _own(self, node: Node, element: Any, scope: Scope) -> None:
+        for binding in element.iterfind("ssd:ParameterBindings/ssd:ParameterBinding", NAMESPACES):
             try:
-                entries = self._entries(node, binding)
+                entries = self._entries(node, binding, scope)
             except SspError as error:
                 self.fatal += error.problems
                 continue
@@ -94,18 +95,23 @@ class Bindings:
             component, name, entry.value, entry.type, entry.unit, hops, entry.origin, entry.optional
         )
 
-    def _document(self, node: Node, element: Any, kind: str, where: str) -> Any:
+    def _document(self, node: Node, scope: Scope, element: Any, kind: str, where: str) -> Any:
         """Return the root of an external file (`source`) or of the inline content; None when empty."""
         source = element.get("source")
         if source:
-            member = resolve(source, where)
-            label = f"{self.label}: {member}"
             if element.get("sourceBase", "SSD") == "component":
+                member = resolve(source, where)
+                if node.outer is not None and scope is not node.scope:
+                    return parse_ssp_xml(
+                        node.scope.archive.read(member), kind, f"{node.scope.label}: {member}"
+                    )
                 if node.kind != "component":
                     raise SspError(f"{where}: sourceBase 'component' needs a component")
-                with Archive(self.archive.read(node.source), f"{self.label}: {node.source}") as inner:
-                    return parse_ssp_xml(inner.read(member), kind, label)
-            return parse_ssp_xml(self.archive.read(member), kind, label)
+                fmu = node.source.removeprefix(scope.prefix)
+                with Archive(scope.archive.read(fmu), f"{scope.label}: {fmu}") as inner:
+                    return parse_ssp_xml(inner.read(member), kind, f"{scope.label}: {member}")
+            member = scope.member(source, where)
+            return parse_ssp_xml(scope.archive.read(member), kind, f"{scope.label}: {member}")
         tag, box = (
             ("ssv:ParameterSet", element.find("ssd:ParameterValues", NAMESPACES))
             if kind == "ssv"
@@ -116,21 +122,21 @@ class Bindings:
             validate(root, kind, where)
         return root
 
-    def _entries(self, node: Node, binding: Any) -> list[_Entry]:
-        where = f"{self.label}: parameter binding of {node.label or 'the system'}"
+    def _entries(self, node: Node, binding: Any, scope: Scope) -> list[_Entry]:
+        where = f"{scope.label}: parameter binding of {node.label or 'the system'}"
         if binding.get("type", SET_TYPE) != SET_TYPE:
             raise SspError(f"{where}: type {binding.get('type')!r} is not supported; only {SET_TYPE} is")
-        root = self._document(node, binding, "ssv", where)
+        root = self._document(node, scope, binding, "ssv", where)
         if root is None:
             raise SspError(f"{where}: has neither a source nor inline values")
         prefix = binding.get("prefix", "")
-        entries = self._values_of(root, prefix, binding.get("source") or root.get("name"))
+        entries = self._values_of(root, prefix, binding.get("source") or root.get("name"), scope)
         element = binding.find("ssd:ParameterMapping", NAMESPACES)
         if element is None:
             return entries
         if element.get("type", MAPPING_TYPE) != MAPPING_TYPE:
             raise SspError(f"{where}: mapping type {element.get('type')!r} is not supported")
-        mapping = self._document(node, element, "ssm", f"{where}, mapping")
+        mapping = self._document(node, scope, element, "ssm", f"{where}, mapping")
         if mapping is None:
             raise SspError(f"{where}: its mapping has neither a source nor inline entries")
         return self._mapped(entries, mapping, where)
@@ -147,7 +153,10 @@ class Bindings:
                 )
                 continue
             used.add(entry.name)
-            hop = Hop(read_transformation(item), read_boolean(item.get("suppressUnitConversion")))
+            hop = Hop(
+                read_transformation(item, f"{where}: {entry.name!r}"),
+                read_boolean(item.get("suppressUnitConversion")),
+            )
             mapped.append(_Entry(item.get("target"), entry.value, entry.type, entry.unit, hop, entry.origin))
         rest = [
             _Entry(e.name, e.value, e.type, e.unit, e.hop, e.origin, optional=True)
@@ -156,8 +165,8 @@ class Bindings:
         ]
         return rest + mapped
 
-    def _values_of(self, root: Any, prefix: str, label: str) -> list[_Entry]:
-        units = {**self.units, **read_units(root.find("ssv:Units", NAMESPACES))}
+    def _values_of(self, root: Any, prefix: str, label: str, scope: Scope) -> list[_Entry]:
+        units = {**scope.units_here(), **read_units(root.find("ssv:Units", NAMESPACES))}
         entries: dict[str, _Entry] = {}
         for item in root.iterfind("ssv:Parameters/ssv:Parameter", NAMESPACES):
             name = item.get("name")
@@ -165,10 +174,10 @@ class Bindings:
             kind, text = typed.tag[len(_SSV) :], typed.get("value")
             origin = f"{label}: {name}"
             if kind == "Binary":
-                self.fatal.append(f"{self.label}: {origin}: binary parameters are not part of FMI 2.0")
+                self.fatal.append(f"{scope.label}: {origin}: binary parameters are not part of FMI 2.0")
                 continue
             if name in entries:
-                self.fatal.append(f"{self.label}: {origin}: occurs twice in the parameter set")
+                self.fatal.append(f"{scope.label}: {origin}: occurs twice in the parameter set")
             value: float | int | bool | str = text
             if kind == "Real":
                 value = float(text)

@@ -7,26 +7,33 @@ from pathlib import Path
 from typing import Any
 
 from vdfmu.errors import SspError
-from vdfmu.ssp.archive import NAMESPACES, Archive, parse_ssp_xml, resolve
+from vdfmu.ssp.archive import NAMESPACES, Archive, parse_ssp_xml, parse_xml
 from vdfmu.ssp.bindings import Bindings
-from vdfmu.ssp.elements import Node, read_connectors, read_units
-from vdfmu.ssp.structure import Component, Connector, System
+from vdfmu.ssp.elements import Node, Scope, read_units
+from vdfmu.ssp.structure import Component, System
+from vdfmu.ssp.tree import TreeReader
 from vdfmu.ssp.wiring import Wiring
 
-FMU_TYPE = "application/x-fmu-sharedlibrary"
+__all__ = ["DEFAULT", "load_ssp", "refuse_version", "variants"]
+
+DEFAULT = "SystemStructure.ssd"
+"""The SSD that a package must have."""
 
 
-def load_ssp(path: str | Path) -> System:
+def load_ssp(path: str | Path, variant: str = DEFAULT) -> System:
     """Read a system structure package (SSP 1.0) and flatten it.
 
-    Nested systems, system connectors and signal dictionaries are resolved to connections from component
-    to component; parameter bindings of all levels to one value a variable (a higher level wins over a lower
-    one, a later binding over an earlier one of its level).
+    Nested systems, system connectors, signal dictionaries, packages inside the package and components that
+    name another SSD are resolved to connections from component to component; parameter bindings of all levels
+    to one value a variable (a higher level wins over a lower one, a later binding over an earlier one of its
+    level).
 
     Parameters
     ----------
     path : str or Path
         The ``.ssp`` file.
+    variant : str, optional
+        The SSD to read, where the package has several at its root.
 
     Returns
     -------
@@ -38,23 +45,22 @@ def load_ssp(path: str | Path) -> System:
     ------
     SspError
         The file cannot be understood: no zip, an entry outside the package, a missing resource, a member
-        over the size limit, XML with a document type, a violation of the schemas, an element this reader
-        does not know. All problems of these kinds that were found are listed.
+        over the size limit, XML with a document type, a violation of the schemas, SSP 2.0, an element this
+        reader does not know. All problems of these kinds that were found are listed.
     """
     path = Path(path)
     with Archive(path, path.name) as archive:
-        if "SystemStructure.ssd" not in archive:
-            raise SspError(f"{path.name}: the package has no 'SystemStructure.ssd'")
-        data = archive.read("SystemStructure.ssd")
-        root = parse_ssp_xml(data, "ssd", f"{path.name}: SystemStructure.ssd")
-        reader = _Reader(archive, path.name)
-        top = reader.system(root.find("ssd:System", NAMESPACES), None)
+        root = _structure(archive, variant, path.name)
+        scope = Scope(archive, "", "", variant, path.name)
+        scope.define(read_units(root.find("ssd:Units", NAMESPACES)))
+        reader = TreeReader(_structure)
+        top = reader.system(root.find("ssd:System", NAMESPACES), scope, None)
         wiring = Wiring(top)
-        bindings = Bindings(archive, wiring, read_units(root.find("ssd:Units", NAMESPACES)), path.name)
+        bindings = Bindings(wiring)
         bindings.collect(top)
         problems = reader.problems + bindings.fatal
         if problems:
-            raise SspError(problems)
+            raise SspError(list(dict.fromkeys(problems)))
         experiment = root.find("ssd:DefaultExperiment", NAMESPACES)
         start, stop = (
             (None, None)
@@ -71,12 +77,40 @@ def load_ssp(path: str | Path) -> System:
                 for node in _components(top)
             ),
             connections=tuple(wiring.flatten()),
-            units=read_units(root.find("ssd:Units", NAMESPACES)),
+            units=dict(scope.units),
             start=start,
             stop=stop,
             problems=tuple(wiring.problems),
             unmatched=tuple(bindings.unmatched),
         )
+
+
+def variants(archive: Archive) -> list[str]:
+    """Return the SSDs at the root of a package, the default first."""
+    names = [n for n in archive.names if "/" not in n and n.lower().endswith(".ssd") and n != DEFAULT]
+    return [*([DEFAULT] if DEFAULT in archive.names else []), *sorted(names)]
+
+
+def refuse_version(root: Any, where: str) -> None:
+    """Raise SspError for an SSD of another version than 1.x."""
+    version = root.get("version") or ""
+    if root.tag == f"{{{NAMESPACES['ssd']}}}SystemStructureDescription" and version.startswith("2"):
+        raise SspError(
+            f"{where}: is SSP {version}; expected SSP 1.0, which the master reads. "
+            "'vdfmu check' checks SSP 2.0; export the system as SSP 1.0 to run it"
+        )
+
+
+def _structure(archive: Archive, member: str, label: str) -> Any:
+    """Return the root of an SSD of a package."""
+    if member not in archive:
+        others = variants(archive)
+        has = f"; it has {', '.join(others)}" if others else ""
+        raise SspError(f"{label}: the package has no {member!r}{has}")
+    where = f"{label}: {member}"
+    data = archive.read(member)
+    refuse_version(parse_xml(data, where), where)
+    return parse_ssp_xml(data, "ssd", where)
 
 
 def _number(text: str | None) -> float | None:
@@ -89,92 +123,3 @@ def _components(node: Node) -> Iterator[Node]:
             yield child
         else:
             yield from _components(child)
-
-
-class _Reader:
-    """Turns the XML of systems and components into `Node` objects; keeps the problems it meets."""
-
-    def __init__(self, archive: Archive, label: str) -> None:
-        self.archive = archive
-        self.label = label
-        self.problems: list[str] = []
-
-    def system(self, element: Any, parent: Node | None, name: str = "") -> Node:
-        path = () if parent is None else (*parent.path, name)
-        node = Node(path, "system", read_connectors(element), element)
-        self._dictionaries(node, element, parent)
-        for child in element.iterfind("ssd:Elements/*", NAMESPACES):
-            child_name = child.get("name")
-            if child_name in node.children:
-                self.problems.append(f"{self.label}: two elements are named {node.dotted(child_name)!r}")
-            tag = child.tag.rsplit("}", 1)[1]
-            if tag == "System":
-                node.children[child_name] = self.system(child, node, child_name)
-            elif tag == "Component":
-                node.children[child_name] = self.component(child, node, child_name)
-            else:
-                node.children[child_name] = self.dictionary_reference(child, node, child_name)
-        return node
-
-    def component(self, element: Any, parent: Node, name: str) -> Node:
-        node = Node((*parent.path, name), "component", read_connectors(element), element)
-        where = f"{self.label}: component {node.label!r}"
-        kind = element.get("type", FMU_TYPE)
-        if kind != FMU_TYPE:
-            self.problems.append(f"{where}: type {kind!r} is not supported; only FMUs ({FMU_TYPE}) are")
-            return node
-        try:
-            node.source = resolve(element.get("source"), where)
-            if node.source not in self.archive:
-                self.problems.append(f"{where}: the package has no {node.source!r}")
-        except SspError as error:
-            self.problems += error.problems
-        node.implementation = element.get("implementation", "any")
-        return node
-
-    def _dictionaries(self, node: Node, element: Any, parent: Node | None) -> None:
-        node.dictionaries = {} if parent is None else dict(parent.dictionaries)
-        for item in element.iterfind("ssd:SignalDictionaries/ssd:SignalDictionary", NAMESPACES):
-            where = f"{self.label}: signal dictionary {node.dotted(item.get('name'))!r}"
-            try:
-                source = item.get("source")
-                if source:
-                    member = resolve(source, where)
-                    root = parse_ssp_xml(self.archive.read(member), "ssb", f"{self.label}: {member}")
-                else:
-                    root = item.find("ssb:SignalDictionary", NAMESPACES)
-                    if root is None:
-                        raise SspError(f"{where}: has neither a source nor an inline dictionary")
-            except SspError as error:
-                self.problems += error.problems
-                continue
-            entries: dict[str, Connector] = {}
-            for entry in root.iterfind("ssb:DictionaryEntry", NAMESPACES):
-                kind = next((c for c in entry if c.tag.startswith(f"{{{NAMESPACES['ssc']}}}")), None)
-                entries[entry.get("name")] = Connector(
-                    entry.get("name"), "inout", None if kind is None else kind.tag.rsplit("}", 1)[1],
-                    None if kind is None else kind.get("unit"),
-                )  # fmt: skip
-            node.dictionaries[item.get("name")] = ((*node.path, item.get("name")), entries)
-
-    def dictionary_reference(self, element: Any, parent: Node, name: str) -> Node:
-        node = Node((*parent.path, name), "dictionary", read_connectors(element), element)
-        found = parent.dictionaries.get(element.get("dictionary"))
-        if found is None:
-            self.problems.append(
-                f"{self.label}: {node.label!r} refers to signal dictionary "
-                f"{element.get('dictionary')!r}, which does not exist"
-            )
-            return node
-        node.path, entries = ("signal dictionary", *found[0]), found[1]
-        for connector in node.connectors:
-            if connector not in entries:
-                self.problems.append(
-                    f"{self.label}: signal dictionary of {name!r} has no entry {connector!r}"
-                )
-        node.connectors = {
-            c.name: Connector(c.name, c.kind, entries[c.name].type, entries[c.name].unit)
-            for c in node.connectors.values()
-            if c.name in entries
-        }
-        return node

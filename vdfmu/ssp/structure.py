@@ -51,16 +51,22 @@ class Connector:
     kind: str
     type: str | None = None
     unit: str | None = None
+    dimensions: tuple[int | None, ...] = ()
+    """Sizes of an array (SSP 2.0); None for a size that the SSD leaves open."""
 
 
 @dataclass(frozen=True)
 class Transformation:
-    """A transformation of SSP 1.0: ``linear`` (factor * x + offset), or a mapping of values."""
+    """A transformation of SSP 1.0: ``linear`` (factor * x + offset), or a mapping of values.
+
+    Values that a mapping does not mention are kept. `names` is the table of an enumeration's items.
+    """
 
     kind: str
     factor: float = 1.0
     offset: float = 0.0
     table: Mapping[int, int] = field(default_factory=dict)
+    names: Mapping[str, str] = field(default_factory=dict)
 
     def __str__(self) -> str:
         return f"{self.kind} transformation"
@@ -128,7 +134,10 @@ class Parameter:
 
 @dataclass(frozen=True)
 class Component:
-    """A component; nested ones are named ``system.component``. `source` is the member of the package."""
+    """A component; nested ones are named ``system.component``.
+
+    `source` is the member of the package, ``inner.ssp!/member`` where a package inside it holds the FMU.
+    """
 
     name: str
     source: str

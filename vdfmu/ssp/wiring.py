@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any
 
+from vdfmu.errors import SspError
 from vdfmu.ssp.archive import NAMESPACES
 from vdfmu.ssp.elements import Node, read_boolean, read_transformation
 from vdfmu.ssp.structure import Connection, Hop
@@ -50,11 +51,12 @@ class Wiring:
         kind = owner.connectors[connector].kind
         if kind == "inout":
             return owner, "any"
-        into = kind in {"input", "parameter"}
+        into = kind in {"input", "parameter", "structuralParameter"}
         return owner, "sink" if into != (owner is node) else "source"
 
     def _connect(self, node: Node, item: Any) -> None:
-        names = [(item.get(f"{e}Element"), item.get(f"{e}Connector")) for e in ("start", "end")]
+        # some tools write startElement="" for a connector of the system itself
+        names = [(item.get(f"{e}Element") or None, item.get(f"{e}Connector")) for e in ("start", "end")]
         text = " -> ".join(".".join(p for p in (*node.path, *pair) if p) for pair in names)
         where = f"connection {text}"
         ends = [self._end(node, element, connector, where) for element, connector in names]
@@ -78,9 +80,14 @@ class Wiring:
             )
             return
         self._source_of[sink] = source
+        try:
+            transformation = read_transformation(item, where)
+        except SspError as error:
+            self.problems += error.problems
+            return
         target = second.connectors[names[1][1]]
         hop = Hop(
-            read_transformation(item),
+            transformation,
             read_boolean(item.get("suppressUnitConversion")),
             target.unit,
             target.type,

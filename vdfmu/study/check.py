@@ -2,240 +2,201 @@
 
 from __future__ import annotations
 
-import io
-import json
+import html
 import os
+import posixpath
 import re
-import subprocess
-import sys
 import tempfile
-import zipfile
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 from urllib.parse import unquote
 
-import fmpy
-import numpy as np
-from fmpy.validation import validate_fmu
-
 from vdfmu.cosim.check import check_system
-from vdfmu.cosim.master import simulate
-from vdfmu.errors import SspError, UsageError, VdfmuError
+from vdfmu.errors import SspError, UsageError
 from vdfmu.fmu.archive import pack_zip
-from vdfmu.ssp.read import load_ssp
+from vdfmu.ssp.archive import Archive, is_inside, parse_xml
+from vdfmu.ssp.read import DEFAULT, load_ssp, variants
+from vdfmu.study.check_osp import NAMESPACE as OSP_NAMESPACE
+from vdfmu.study.check_osp import check_osp
+from vdfmu.study.check_ssp2 import check_ssp2
+from vdfmu.study.check_unit import check_unit
+from vdfmu.study.findings import Findings
 
-__all__ = ["check_file", "check_fmu", "check_system_file"]
+__all__ = ["FORMAT", "Report", "check_file", "inspect_file"]
 
-_STEPS = 10
-_SECONDS = 60.0
-"""Time that the short run may take, with the start of Python and the preparation of the unit."""
-_ANSWER = "problems.json"
+FORMAT = 1
+"""Version of the structure of `Report`; it changes when a key changes its meaning or goes."""
+_ENDINGS = ".fmu, .ssp, .ssd, or an OspSystemStructure.xml"
+
+
+@dataclass
+class Report:
+    """What the check of a file found; `vdfmu check --json` prints these keys.
+
+    Attributes
+    ----------
+    format : int
+        `FORMAT`.
+    file : str
+        The path as it was given.
+    kind : str
+        ``FMU``, ``SSP``, ``SSD`` or ``OSP``.
+    standard : str or None
+        Such as ``FMI 3.0``; None where the file does not get that far.
+    ran : bool
+        Whether code of the units was run.
+    compared : list of str
+        Files of reference results whose values were compared.
+    problems, notes : list of str
+    """
+
+    file: str
+    kind: str
+    standard: str | None = None
+    ran: bool = False
+    compared: list[str] = field(default_factory=list[str])
+    problems: list[str] = field(default_factory=list[str])
+    notes: list[str] = field(default_factory=list[str])
+    format: int = FORMAT
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the report for JSON."""
+        values = asdict(self)
+        return {"format": values.pop("format"), **values}
 
 
 def check_file(path: str | os.PathLike[str], run: bool = True) -> list[str]:
-    """Problems of an FMU, an SSP or an SSD, by the ending of its name; see the two functions below."""
-    suffix = Path(path).suffix.lower()
-    return (check_system_file if suffix in (".ssp", ".ssd") else check_fmu)(path, run)
+    """Return the problems of a file, every one; an empty list for none. See :func:`inspect_file`."""
+    return inspect_file(path, run).problems
 
 
-def check_system_file(path: str | os.PathLike[str], run: bool = True) -> list[str]:
-    """Problems of a system: wiring, units, parameters, each of its FMUs, and ten steps of the whole.
+def inspect_file(path: str | os.PathLike[str], run: bool = True) -> Report:
+    """Check an FMU, an SSP, an SSD or an OSP system structure, by the ending of its name.
 
     Parameters
     ----------
-    path : path of the ``.ssp`` file, or of an ``.ssd`` beside its resources
+    path : path
+        ``.fmu``; ``.ssp``; ``.ssd`` with its resources beside it; ``.xml`` of OSP with the FMUs beside it.
     run : bool, optional
-        As in :func:`check_fmu`.
+        Whether to make ten steps of the unit or system and to compare an FMU with the reference results that it
+        may carry (FMI-LS-REF). That runs the units' code, in a process of its own.
 
     Raises
     ------
     UsageError
-        If there is no such file.
+        If there is no such file, or one that cannot be opened, or of another ending.
     """
     path = Path(path)
-    if not path.is_file():
-        raise UsageError(f"{path}: there is no such file.")
+    suffix = path.suffix.lower()
+    _require(path, suffix)
+    if suffix == ".fmu":
+        return _report(path, "FMU", *check_unit(path, run))
+    if suffix == ".xml":
+        return _report(path, "OSP", check_osp(path, run), "OSP system structure 0.1")
     with tempfile.TemporaryDirectory(prefix="vdfmu_check_") as folder:
-        if path.suffix.lower() == ".ssd":
-            path = _pack(path, Path(folder))
-        try:
-            checked = check_system(load_ssp(path))
-        except SspError as error:
-            return error.problems
-        problems: list[str] = []
-        for source, data in checked.fmus.items():
-            fmu = Path(folder) / Path(source).name
-            fmu.write_bytes(data)
-            problems += [f"{source}: {problem}" for problem in check_fmu(fmu, run=False)]
-        return problems or (_run_apart(path) if run else [])
-
-
-def _pack(ssd: Path, folder: Path) -> Path:
-    """Pack an SSD with the files beside it that it names."""
-    text = ssd.read_bytes()
-    members = {"SystemStructure.ssd": text}
-    for name in {unquote(found.decode()) for found in re.findall(rb'source="([^"]+)"', text)}:
-        file = (ssd.parent / name).resolve()
-        if file.is_file() and file.is_relative_to(ssd.parent.resolve()):
-            members[name] = file.read_bytes()
-    package = folder / f"{ssd.stem}.ssp"
-    pack_zip(package, members)
-    return package
-
-
-def check_fmu(path: str | os.PathLike[str], run: bool = True) -> list[str]:
-    """Problems of an FMU, every one; an empty list for none.
-
-    Parameters
-    ----------
-    path : path of the ``.fmu`` file
-    run : bool, optional
-        Whether to instantiate the unit, make ten communication steps, and compare with the reference results that an
-        FMU 2.0 may carry (FMI-LS-REF). That runs its code, in a process of its own.
-
-    Raises
-    ------
-    UsageError
-        If there is no such file.
-    """
-    path = Path(path)
-    if not path.is_file():
-        raise UsageError(f"{path}: there is no such file.")
-    try:
-        problems = list(validate_fmu(str(path)))
-        platforms = fmpy.supported_platforms(str(path))
-    except Exception as error:  # fmpy raises bare exceptions for files that are no zip or hold no FMU
-        return [f"{path.name} is no FMU that can be read: {error}"]
-    if fmpy.platform not in platforms and fmpy.platform_tuple not in platforms:
-        problems.append(
-            f"no binary for this platform, {fmpy.platform}; there are: {', '.join(platforms) or 'none'}"
-        )
-    elif run and not problems:
-        problems += _run_apart(path)
-    return problems
-
-
-def _run_apart(path: Path) -> list[str]:
-    """Problems of the short run in another process, which a foreign unit may crash or never leave."""
-    with tempfile.TemporaryDirectory(prefix="vdfmu_check_") as folder:
-        try:
-            done = subprocess.run(
-                [sys.executable, "-P", "-m", "vdfmu.study.check", str(path.resolve()), folder],
-                stdin=subprocess.DEVNULL,
-                stdout=subprocess.DEVNULL,
-                stderr=subprocess.PIPE,
-                env={**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
-                timeout=_SECONDS,
-                check=False,
-            )
-        except subprocess.TimeoutExpired:
-            return [f"{_STEPS} steps did not end within {_SECONDS:g} s"]
-        except OSError as error:
-            return [f"{_STEPS} steps could not be tried: {error}"]
-        answer = Path(folder, _ANSWER)
-        answered = answer.is_file()
-        problems: list[str] = json.loads(answer.read_text(encoding="utf-8")) if answered else []
-    if done.returncode:
-        code = done.returncode
-        how = f"signal {-code}" if code < 0 else f"exit code {code}"
-        said = done.stderr.decode(errors="replace").strip().splitlines()[-1:]
-        problems.append(
-            f"the process crashed ({how}) in a run of {_STEPS} steps{''.join(f': {s}' for s in said)}"
-        )
-    elif not answered:
-        problems.append(f"the unit ended the process in a run of {_STEPS} steps")
-    return problems
-
-
-def _smoke_run(path: Path) -> list[str]:
-    messages: list[str] = []
-
-    def logger(_environment: int, _instance: bytes, status: int, _category: bytes, message: bytes) -> None:
-        if status > 1:
-            messages.append(message.decode(errors="replace"))
-
-    experiment = fmpy.read_model_description(str(path)).defaultExperiment
-    step = float(experiment.stepSize) if experiment and experiment.stepSize else 1e-3
-    try:
-        fmpy.simulate_fmu(
-            str(path),
-            stop_time=_STEPS * step,
-            output_interval=step,
-            logger=logger,
-            debug_logging=True,
-            remote_platform=None,  # pyright: ignore[reportArgumentType]  # None: never another process
-        )
-    except Exception as error:  # whatever a foreign unit does, it is reported
-        return [f"{_STEPS} steps of {step:g} s failed: {'; '.join([*messages, str(error)])}"]
-    problems = [f"{_STEPS} steps of {step:g} s gave: {message}" for message in messages]
-    return problems or _compare(path)
-
-
-_LS_REF = "extra/org.fmi-standard.fmi-ls-ref/"
-# Reference results say nothing of the solver's tolerance. This is far above those in use and far below a wrong result.
-_AGREEMENT = 1e-3
-
-
-def _compare(path: Path) -> list[str]:
-    """Problems of the results of an FMU 2.0 beside the reference results that it carries."""
-    description = fmpy.read_model_description(str(path))
-    with zipfile.ZipFile(path) as archive:
-        found = [n for n in archive.namelist() if n.startswith(_LS_REF) and n.endswith("_out.csv")]
-        if description.fmiVersion != "2.0" or description.coSimulation is None:
-            found = []  # arrays, which fmpy does not take as input
-        problems: list[str] = []
-        for name in found:
+        package = path
+        if suffix == ".ssd":
+            package = Path(folder, f"{path.stem}.ssp")
             try:
-                expected = _read_csv(archive, name)
-                inputs = name.replace("_out.csv", "_in.csv")
-                signals = _read_csv(archive, inputs) if inputs in archive.namelist() else None
-                problems += [
-                    f"{Path(name).name}: {problem}" for problem in _difference(path, expected, signals)
-                ]
-            except Exception as error:  # foreign files
-                problems.append(f"{Path(name).name}: the reference results cannot be compared: {error}")
-    return problems
+                _pack(path, package)
+            except SspError as error:
+                return _report(path, "SSD", Findings(error.problems), None)
+        findings, standard = _check_package(package, Path(folder), run)
+    return _report(path, suffix[1:].upper(), findings, standard)
 
 
-def _read_csv(archive: zipfile.ZipFile, name: str) -> Any:
-    return np.genfromtxt(io.BytesIO(archive.read(name)), delimiter=",", names=True, deletechars="")
+def _report(path: Path, kind: str, findings: Findings, standard: str | None) -> Report:
+    problems, notes = (list(dict.fromkeys(texts)) for texts in (findings.problems, findings.notes))
+    return Report(str(path), kind, standard, findings.ran, findings.compared, problems, notes)
 
 
-def _difference(path: Path, expected: Any, signals: Any) -> list[str]:
-    names = list(expected.dtype.names[1:])
-    time = expected["time"]
-    result = fmpy.simulate_fmu(
-        str(path), fmi_type="CoSimulation", start_time=time[0], stop_time=time[-1], output_interval=time[1] - time[0],
-        input=signals, output=names, remote_platform=None,  # pyright: ignore[reportArgumentType]
-    )  # fmt: skip
-    problems: list[str] = []
-    for name in names:
-        error = np.abs(np.interp(time, result["time"], result[name]) - expected[name])
-        worst = int(np.argmax(error / (1.0 + np.abs(expected[name]))))
-        if not error[worst] <= _AGREEMENT * (1.0 + abs(expected[name][worst])):
-            problems.append(
-                f"{name} at t = {time[worst]:g} s: expected {expected[name][worst]:.9g}, differs by {error[worst]:.3g}"
-            )
-    return problems
-
-
-def _run_system(path: Path) -> list[str]:
-    """Problems of ten steps of a system."""
-    system = load_ssp(path)
-    start = system.start or 0.0
-    step = 1e-3 if system.stop is None else min(1e-3, (system.stop - start) / _STEPS)
+def _require(path: Path, suffix: str) -> None:
+    """Raise UsageError for what is no file that can be checked."""
+    if path.is_dir():
+        inside = path / DEFAULT
+        hint = f"; give {inside}" if inside.is_file() else f"; expected a file, {_ENDINGS}"
+        raise UsageError(f"{path}: is a folder{hint}.")
+    if not path.is_file():
+        raise UsageError(f"{path}: there is no such file.")
     try:
-        simulate(system, start=start, stop=start + _STEPS * step, step=step, log=lambda message: None)
-    except (VdfmuError, OSError) as error:
-        return [f"{_STEPS} steps of {step:g} s failed: {error}"]
-    return []
+        with path.open("rb") as file:
+            head = file.read(4096)
+    except OSError as error:
+        raise UsageError(f"{path}: cannot be opened: {error.strerror}.") from error
+    known = suffix in (".fmu", ".ssp", ".ssd") or (suffix == ".xml" and OSP_NAMESPACE.encode() in head)
+    if not known:
+        raise UsageError(f"{path}: is not of a kind that can be checked; expected {_ENDINGS}.")
 
 
-def _main(path: str, folder: str) -> None:
-    tempfile.tempdir = folder  # what a crash leaves there goes with the folder
-    problems = _run_system(Path(path)) if path.endswith(".ssp") else _smoke_run(Path(path))
-    Path(folder, _ANSWER).write_text(json.dumps(problems), encoding="utf-8")
+def _check_package(path: Path, folder: Path, run: bool) -> tuple[Findings, str | None]:
+    """Check every SSD of a package, and run the default one."""
+    findings = Findings()
+    try:
+        with Archive(path, path.name) as archive:
+            names = variants(archive)
+            if DEFAULT not in names:
+                has = f"; it has {', '.join(names)}" if names else ""
+                has += "; it is an FMU, name it .fmu" if "modelDescription.xml" in archive else ""
+                return Findings([f"{path.name}: the package has no {DEFAULT!r}{has}"]), None
+            versions = {name: _version(archive, path.name, name) for name in names}
+    except SspError as error:
+        return Findings(error.problems), None
+    checked: set[str] = set()
+    for name, version in versions.items():
+        place = "" if name == DEFAULT else name
+        if (version or "").startswith("2"):
+            findings.add(check_ssp2(path, name, folder, run, checked), place)
+        else:
+            findings.add(_check_ssp1(path, name, folder, checked), place)
+    default = versions[DEFAULT] or ""
+    if run and not findings.problems and default.startswith("1"):
+        from vdfmu.study.check_run import run_apart
+
+        findings.add(run_apart(path))
+    return findings, f"SSP {default}" if default else None
 
 
-if __name__ == "__main__":
-    _main(*sys.argv[1:])
+def _version(archive: Archive, label: str, name: str) -> str | None:
+    """Return the version that an SSD states; None where it cannot be read, which its check reports."""
+    try:
+        return parse_xml(archive.read(name), f"{label}: {name}").get("version")
+    except SspError:
+        return None
+
+
+def _check_ssp1(path: Path, variant: str, folder: Path, checked: set[str]) -> Findings:
+    """Check a system of SSP 1.0: wiring, units, parameters, each of its FMUs."""
+    try:
+        system = check_system(load_ssp(path, variant))
+    except SspError as error:
+        return Findings(error.problems)
+    findings = Findings(notes=list(system.notes))
+    for source, data in system.fmus.items():
+        if source not in checked:
+            checked.add(source)
+            fmu = folder / posixpath.basename(source)
+            fmu.write_bytes(data)
+            unit, _ = check_unit(fmu, run=False)
+            findings.add(Findings(unit.problems), source)
+    return findings
+
+
+def _pack(ssd: Path, package: Path) -> None:
+    """Pack an SSD with the files beside it that it names, and with those that an SSD among these names."""
+    members = {DEFAULT: ssd.read_bytes()}
+    home = ssd.parent.resolve()
+    waiting = [("", members[DEFAULT])]
+    while waiting:
+        base, text = waiting.pop()
+        for found in re.findall(rb"""source\s*=\s*["']([^"']+)["']""", text):
+            source = unquote(html.unescape(found.decode(errors="replace"))).partition("#")[0]
+            name = posixpath.normpath(posixpath.join(base, source)) if source else ""
+            if name in members or not is_inside(name):
+                continue  # what points outside is reported by the check
+            file = (home / name).resolve()
+            if file.is_file() and file.is_relative_to(home):
+                members[name] = file.read_bytes()
+                if name.lower().endswith(".ssd"):
+                    waiting.append((posixpath.dirname(name), members[name]))
+    pack_zip(package, members)

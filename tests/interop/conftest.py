@@ -1,0 +1,53 @@
+"""The system, its reference and our own runs: made once for all processes of a test session."""
+
+import os
+import platform
+import time
+
+import pytest
+
+from benchmarks import interop
+from benchmarks.interop import Tracking
+
+WHEELS = {
+    ("Linux", "x86_64"),
+    ("Windows", "AMD64"),
+}  # platforms that ecospy, tbb and libcosimpy have files for
+
+
+@pytest.fixture(scope="session")
+def tracking(tmp_path_factory):
+    """Return the whole tracking scenario, prepared by the process that comes first; the others wait for it."""
+    base = tmp_path_factory.getbasetemp()
+    folder = (base.parent if "PYTEST_XDIST_WORKER" in os.environ else base) / "vdfmu_interop"
+    done, failed = folder / "done", folder / "failed"
+    try:
+        folder.mkdir()
+    except FileExistsError:
+        end = time.monotonic() + 300.0  # it takes some 20 s of processor time
+        while not done.exists():
+            if failed.exists() or time.monotonic() > end:
+                pytest.fail("another process of this session could not prepare the tracking system")
+            time.sleep(0.1)
+        return Tracking(folder)
+    try:
+        prepared = Tracking(folder).prepare()
+    except BaseException:
+        failed.touch()
+        raise
+    done.touch()
+    return prepared
+
+
+@pytest.fixture(scope="session")
+def require():
+    """Return the function ``require(tool)``: the test fails where a tool could be installed and is not."""
+
+    def check(tool):
+        here = (platform.system(), platform.machine())
+        if tool in ("ecos", "libcosim") and here not in WHEELS:
+            pytest.skip(f"{tool} has no binaries for {' '.join(here)}")
+        if problem := interop.missing(tool):
+            pytest.fail(f"{problem}: `pip install .[test]` brings what these tests need")
+
+    return check

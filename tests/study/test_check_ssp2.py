@@ -1,0 +1,203 @@
+"""`vdfmu check` on systems of SSP 2.0, on several SSDs in a package, and on OSP system structures."""
+
+import pytest
+
+from vdfmu.errors import SspError
+from vdfmu.fmu import build_fmus
+from vdfmu.fmu.archive import pack_zip
+from vdfmu.model import load_scenario
+from vdfmu.ssp import load_ssp
+from vdfmu.study import check_ssp2
+from vdfmu.study.check import inspect_file
+
+HEAD = (
+    '<ssd:SystemStructureDescription xmlns:ssd="http://ssp-standard.org/SSP1/SystemStructureDescription" '
+    'xmlns:ssc="http://ssp-standard.org/SSP1/SystemStructureCommon" '
+    'xmlns:ssv="http://ssp-standard.org/SSP1/SystemStructureParameterValues" '
+    'xmlns:ssm="http://ssp-standard.org/SSP1/SystemStructureParameterMapping" version="2.0" name="t">'
+    '<ssd:System name="s">'
+)
+TAIL = "</ssd:System></ssd:SystemStructureDescription>"
+
+
+@pytest.fixture(scope="module")
+def fmus(tmp_path_factory):
+    robot = load_scenario("planar_tracking").robot
+    return {
+        version: build_fmus(
+            robot, tmp_path_factory.mktemp("fmus"), backend="native", fmi_version=version,
+        )
+        for version in ("2.0", "3.0")
+    }  # fmt: skip
+
+
+def connector(name, kind, size=2, of="Float64"):
+    dimension = f'<ssc:Dimension size="{size}"/>' if size else ""
+    return f'<ssd:Connector name="{name}" kind="{kind}"><ssc:{of}/>{dimension}</ssd:Connector>'
+
+
+def component(name, *connectors, inner=""):
+    box = f"<ssd:Connectors>{''.join(connectors)}</ssd:Connectors>" if connectors else ""
+    return f'<ssd:Component name="{name}" source="resources/{name}.fmu">{box}{inner}</ssd:Component>'
+
+
+def system(*components, links=""):
+    return f"{HEAD}<ssd:Elements>{''.join(components)}</ssd:Elements>{links}{TAIL}"
+
+
+def link(*ends):
+    items = "".join(
+        f'<ssd:Connection startElement="{a}" startConnector="{b}" endElement="{c}" endConnector="{d}"/>'
+        for a, b, c, d in ends
+    )
+    return f"<ssd:Connections>{items}</ssd:Connections>"
+
+
+GOOD = system(
+    component("Trajectory", connector("q_d", "output"), connector("q_d_dot", "output")),
+    component(
+        "PDController", connector("q_d", "input"), connector("q_d_dot", "input"), connector("q", "input")
+    ),
+    component("Plant", connector("q", "output")),
+    links=link(
+        ("Trajectory", "q_d", "PDController", "q_d"),
+        ("Trajectory", "q_d_dot", "PDController", "q_d_dot"),
+        ("Plant", "q", "PDController", "q"),
+    ),
+)
+
+
+@pytest.fixture
+def package(fmus, tmp_path):
+    def write(text, extra=None):
+        path = tmp_path / "x.ssp"
+        units = {f"resources/{p.name}": p.read_bytes() for p in fmus["3.0"].values() if p.stem in text}
+        pack_zip(path, {"SystemStructure.ssd": text.encode(), **units, **(extra or {})})
+        return path
+
+    return write
+
+
+def test_a_system_of_arrays_has_no_problems_and_its_units_are_run(package):
+    report = inspect_file(package(GOOD))
+    assert report.problems == []
+    assert report.standard == "SSP 2.0"
+    assert report.compared == [
+        f"resources/{name}.fmu: {name}_out.csv" for name in ("Trajectory", "PDController", "Plant")
+    ]
+    assert report.notes == ["the system was not run: the master runs SSP 1.0 with FMI 2.0"]
+    with pytest.raises(SspError, match=r"is SSP 2\.0; expected SSP 1\.0"):
+        load_ssp(package(GOOD))
+
+
+def test_all_faults_of_connectors_and_connections_come_at_once(package):
+    text = system(
+        component(
+            "Trajectory",
+            connector("q_d", "output", 3),
+            connector("q_d_dot", "input"),
+            connector("x", "output"),
+        ),
+        component("PDController", connector("q_d", "input", 0), connector("q_d_dot", "input", of="Int32")),
+        component("Plant", connector("q", "output"), connector("E_kin", "output", 0)),
+        links=link(
+            ("Plant", "E_kin", "PDController", "q_d"),
+            ("Plant", "q", "PDController", "q_d"),
+            ("Plant", "q", "PDController", "nothing"),
+            ("Plant", "q", "Nobody", "q"),
+        ),
+    )
+    assert inspect_file(package(text), run=False).problems == [
+        "Trajectory.q_d: the SSD declares an array of 3, the FMU an array of 2",
+        "Trajectory.q_d_dot: the SSD declares kind 'input', the FMU causality 'output'",
+        "Trajectory.x: resources/Trajectory.fmu has no such variable",
+        "PDController.q_d: the SSD declares a scalar, the FMU an array of 2",
+        "PDController.q_d_dot: the SSD declares type Int32, the FMU Float64",
+        "connection Plant.q -> PDController.q_d: duplicate source, PDController.q_d is already fed by Plant.E_kin",
+        "connection Plant.q -> PDController.nothing: PDController declares no connector 'nothing'",
+        "connection Plant.q -> Nobody.q: there is no element 'Nobody'",
+        "connection Plant.E_kin -> PDController.q_d: dimension mismatch, a scalar to an array of 2",
+    ]
+
+
+def test_resources_and_parameters_are_checked(package):
+    def binding(inner, attributes=""):
+        box = f"<ssd:ParameterBinding {attributes}>{inner}</ssd:ParameterBinding>"
+        return f"<ssd:ParameterBindings>{box}</ssd:ParameterBindings>"
+
+    def values(name):
+        return (
+            '<ssd:ParameterValues><ssv:ParameterSet version="2.0" name="p"><ssv:Parameters>'
+            f'<ssv:Parameter name="{name}"><ssv:Float64 value="1"/></ssv:Parameter></ssv:Parameters>'
+            "</ssv:ParameterSet></ssd:ParameterValues>"
+        )
+
+    mapping = (
+        '<ssd:ParameterMapping><ssm:ParameterMapping version="2.0">'
+        '<ssm:MappingEntry source="time" target="T_end"/><ssm:MappingEntry source="no" target="T"/>'
+        "</ssm:ParameterMapping></ssd:ParameterMapping>"
+    )
+    text = system(
+        component("Plant", inner=binding("", 'source="none.ssv"')),
+        component("Trajectory", inner=binding(values("time") + mapping)),
+        component("PDController", inner=binding(values("K_q"))),
+        '<ssd:Component name="gone" source="resources/gone.fmu"/>',
+    )
+    assert inspect_file(package(text), run=False).problems == [
+        "x.ssp: component 'gone': the package has no 'resources/gone.fmu'",
+        "x.ssp: the package has no 'none.ssv'",
+        "x.ssp: parameter binding of Trajectory: the mapping's source 'no' is not in the parameter set",
+        "x.ssp: parameter binding of Trajectory: resources/Trajectory.fmu has no variable 'T_end'",
+        "x.ssp: parameter binding of PDController: resources/PDController.fmu has no variable 'K_q'",
+    ]
+
+
+def test_faults_of_the_schema_have_their_line_and_without_schemas_a_note_says_so(package, monkeypatch):
+    text = GOOD.replace("<ssd:Connections>", '\n<ssd:Connections odd="1">')
+    (problem,) = inspect_file(package(text), run=False).problems
+    assert problem.startswith("x.ssp: SystemStructure.ssd, line 2: ") and "'odd'" in problem
+    monkeypatch.setattr(check_ssp2, "_schema", lambda kind: None)
+    report = inspect_file(package(text), run=False)
+    assert report.problems == []
+    assert any(n.startswith("the schemas of SSP 2.0 were not applied: pip install") for n in report.notes)
+
+
+def test_every_variant_of_a_package_is_checked(package):
+    other = GOOD.replace(
+        'endElement="PDController" endConnector="q"', 'endElement="PDController" endConnector="w"'
+    )
+    report = inspect_file(package(GOOD, {"VarB.ssd": other.encode()}), run=False)
+    assert report.problems == [
+        "VarB.ssd: connection Plant.q -> PDController.w: PDController declares no connector 'w'"
+    ]
+
+
+OSP = """<OspSystemStructure xmlns="http://opensimulationplatform.com/MSMI/OSPSystemStructure" version="0.1">
+<Simulators><Simulator name="plant" source="Plant.fmu"><InitialValues><InitialValue variable="{initial}">
+<Real value="1"/></InitialValue></InitialValues></Simulator><Simulator name="pd" source="{source}"/></Simulators>
+<Connections><VariableConnection><Variable simulator="plant" name="q[1]"/><Variable simulator="pd" name="{sink}"/>
+</VariableConnection></Connections></OspSystemStructure>"""
+
+
+def test_an_osp_system_structure_is_checked_beside_its_fmus(fmus, tmp_path):
+    for unit in ("plant", "controller"):
+        (tmp_path / fmus["2.0"][unit].name).write_bytes(fmus["2.0"][unit].read_bytes())
+    path = tmp_path / "OspSystemStructure.xml"
+
+    def check(**changes):
+        path.write_text(
+            OSP.format(**{"initial": "q_0[1]", "source": "PDController.fmu", "sink": "q[1]"} | changes)
+        )
+        return inspect_file(path, run=False)
+
+    good = check()
+    assert (good.problems, good.kind, good.standard) == ([], "OSP", "OSP system structure 0.1")
+    assert good.notes[0].startswith("the system was not run: that takes libcosim")
+    assert check(initial="q_9", sink="tau[1]").problems == [
+        "simulator 'plant': initial value: Plant.fmu has no 'q_9'",
+        "connection plant.q[1] -> pd.tau[1]: direction error, it joins output and output",
+    ]
+    assert check(source="None.fmu", sink="w").problems == [
+        "simulator 'pd': there is no file 'None.fmu' beside OspSystemStructure.xml"
+    ]
+    assert check(sink="w").problems == ["connection plant.q[1] -> pd.w: pd has no variable 'w'"]

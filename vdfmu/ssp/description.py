@@ -1,0 +1,299 @@
+"""The system of a scenario as all formats write it: signals, connections and parameter sets of the four units."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import groupby
+from typing import Any
+
+import numpy as np
+
+from vdfmu.data import data_path
+from vdfmu.errors import SspError
+from vdfmu.fmu.interface import Interface, interface
+from vdfmu.fmu.layout import Layout, general_description
+from vdfmu.fmu.table import Variable
+from vdfmu.kernel.structure import parameters
+from vdfmu.model import Scenario
+from vdfmu.ssp.parameters import system_values
+
+__all__ = ["Binding", "Link", "ParameterSet", "Signal", "SystemDescription", "positions"]
+
+Values = Mapping[str, Mapping[str, Any]]
+_TYPES = {
+    "1.0": {"Real": "Real", "Integer": "Integer", "Boolean": "Boolean"},
+    "2.0": {"Real": "Float64", "Integer": "Int32", "Boolean": "Boolean"},
+}
+
+
+@dataclass(frozen=True)
+class Signal:
+    """What a tool sees as one variable: a scalar, or an array of FMI 3.
+
+    Attributes
+    ----------
+    name : str
+        As the FMU has it.
+    variables : tuple of Variable
+        Its elements, row by row.
+    shape : tuple of int
+        Empty for a scalar.
+    type : str
+        As the format names it.
+    """
+
+    name: str
+    variables: tuple[Variable, ...]
+    shape: tuple[int, ...]
+    type: str
+
+    @property
+    def group(self) -> str:
+        """Name without indices."""
+        return self.variables[0].group
+
+    @property
+    def kind(self) -> str:
+        """Causality."""
+        return self.variables[0].causality
+
+    @property
+    def unit(self) -> str | None:
+        """Unit of measurement."""
+        return self.variables[0].unit
+
+    @property
+    def description(self) -> str:
+        """Description; of an array without what tells one element from the next."""
+        text = self.variables[0].description
+        return general_description(text) if self.shape else text
+
+
+@dataclass(frozen=True)
+class Link:
+    """One connection; an end that is one element of an array has an index, counted from 1."""
+
+    start: tuple[str, Signal]
+    end: tuple[str, Signal]
+    start_index: tuple[int, ...] = ()
+    end_index: tuple[int, ...] = ()
+
+
+@dataclass(frozen=True)
+class ParameterSet:
+    """Parameters of one file: signal and the values of its elements."""
+
+    name: str
+    entries: tuple[tuple[Signal, tuple[Any, ...]], ...]
+
+
+@dataclass(frozen=True)
+class Binding:
+    """A parameter set that a unit takes.
+
+    Attributes
+    ----------
+    file : str
+        Name of the set's file.
+    mapping : tuple of pair of str
+        Name in the set and name in the unit; empty where they are the same.
+    """
+
+    file: str
+    mapping: tuple[tuple[str, str], ...] = ()
+
+
+class SystemDescription:
+    """``ssp/system.toml`` with the variables of a robot and the values of a scenario.
+
+    Parameters
+    ----------
+    scenario : Scenario
+    values : mapping of unit to mapping of variable to value, optional
+        Default :func:`vdfmu.ssp.parameters.system_values`.
+    version : "1.0" or "2.0"
+        Of SSP: with 2.0, groups of signals are the arrays of the FMI 3.0 units.
+    """
+
+    def __init__(self, scenario: Scenario, values: Values | None = None, version: str = "1.0") -> None:
+        self.scenario = scenario
+        self.version = version
+        self.values: Values = system_values(scenario) if values is None else values
+        content = tomllib.loads((data_path("ssp") / "system.toml").read_text(encoding="utf-8"))
+        self.name: str = content["name"]
+        self.description: str = content["description"]
+        self.corners: dict[str, tuple[float, float, float, float]] = {
+            unit: tuple(corners) for unit, corners in content["units"].items()
+        }
+        self.groups: dict[str, list[str]] = content["connections"]
+        self._shared: dict[str, dict[str, str]] = content["shared"]
+        self.tables: dict[str, Interface] = {unit: interface(unit, scenario.robot) for unit in self.corners}
+        self._signals = {unit: self._signals_of(table) for unit, table in self.tables.items()}
+
+    def _signals_of(self, table: Interface) -> tuple[Signal, ...]:
+        types = _TYPES[self.version]
+        if self.version == "1.0":
+            return tuple(Signal(v.name, (v,), (), types[v.type]) for v in table)
+        layout = Layout(table)
+        found: list[Signal] = []
+        for array in layout.arrays:
+            variables = layout.variables[array.positions]
+            if variables[0].causality in ("input", "output", "parameter"):
+                found.append(Signal(array.name, variables, array.shape, types[variables[0].type]))
+        return tuple(found)
+
+    def signals(self, unit: str, kind: str) -> tuple[Signal, ...]:
+        """Signals of a unit with a causality, in the order of its table."""
+        return tuple(s for s in self._signals[unit] if s.kind == kind)
+
+    @cached_property
+    def step(self) -> float:
+        """Communication step [s]."""
+        return self.scenario.step
+
+    @cached_property
+    def tolerance(self) -> float:
+        """Relative tolerance of the plant's solver."""
+        return float(self.values["plant"]["tolerance"])
+
+    @cached_property
+    def links(self) -> tuple[Link, ...]:
+        """All connections."""
+        return tuple(
+            link
+            for source, targets in self.groups.items()
+            for target in targets
+            for link in self._links(source, target)
+        )
+
+    def _links(self, source: str, target: str) -> list[Link]:
+        (start_unit, start_group), (end_unit, end_group) = source.split("."), target.split(".")
+        starts = [s for s in self.signals(start_unit, "output") if s.group == start_group]
+        ends = [s for s in self.signals(end_unit, "input") if s.group == end_group]
+        if [s.shape for s in starts] == [s.shape for s in ends] == [starts[0].shape if starts else ()]:
+            return [Link((start_unit, starts[0]), (end_unit, ends[0]))]
+        sources = {v.index: s for s in starts for v in s.variables}
+        links: list[Link] = []
+        for end in ends:
+            for variable in end.variables:
+                start = sources.get(variable.index)
+                if start is not None:
+                    index = tuple(i + 1 for i in variable.index)
+                    links.append(
+                        Link(
+                            (start_unit, start),
+                            (end_unit, end),
+                            index if start.shape else (),
+                            index if end.shape else (),
+                        )
+                    )
+        if not links:
+            raise SspError(f"ssp/system.toml: {source} -> {target}: the two share no signal.")
+        return links
+
+    @cached_property
+    def measures(self) -> list[str]:
+        """Names of all units of measurement of the connectors."""
+        units = {s.unit for signals in self._signals.values() for s in signals if s.kind != "parameter"}
+        return sorted(unit for unit in units if unit)
+
+    @cached_property
+    def parameter_sets(self) -> dict[str, ParameterSet]:
+        """Name of a file to its set."""
+        return self._sets[0]
+
+    @cached_property
+    def bindings(self) -> dict[str, list[Binding]]:
+        """Unit to the sets that it takes, in the order in which they are applied.
+
+        A value is in one of them only. The scenario's comes first: importers that apply one set of a unit apply
+        the first, or the one that they are told; the robot is in the start values of the FMUs as well.
+        """
+        return self._sets[1]
+
+    @cached_property
+    def _sets(self) -> tuple[dict[str, ParameterSet], dict[str, list[Binding]]]:
+        files: dict[str, ParameterSet] = {}
+        bindings: dict[str, list[Binding]] = {unit: [] for unit in self.tables}
+        left = {unit: self._entries(unit) for unit in self.tables}
+        shared = self._take_shared(left)
+        robots: dict[str, dict[str, tuple[Signal, tuple[Any, ...]]]] = {}
+        known = self.scenario.robot
+        nominal = {p.name: float(getattr(known, p.field)[p.index]) for p in parameters(known)}
+        for unit, entries in left.items():
+            robot = {
+                name: entry
+                for name, entry in entries.items()
+                if all(v.name in nominal and value == nominal[v.name] for v, value in _elements(entry))
+            }
+            robots[unit] = robot
+            rest = tuple(entry for name, entry in entries.items() if name not in robot)
+            files[f"{unit}.scenario.ssv"] = ParameterSet("scenario", rest)
+            bindings[unit].append(Binding(f"{unit}.scenario.ssv"))
+        for unit, robot in robots.items():
+            if robot:
+                # units that know the whole robot share one file
+                whole = {v.name for signal, _ in robot.values() for v in signal.variables} == nominal.keys()
+                file = "robot.ssv" if whole else f"{unit}.robot.ssv"
+                files[file] = ParameterSet("robot", tuple(robot.values()))
+                bindings[unit].append(Binding(file))
+        for name, (entries, mappings) in shared.items():
+            files[f"{name}.ssv"] = ParameterSet(name, entries)
+            for unit, mapping in mappings.items():
+                bindings[unit].append(Binding(f"{name}.ssv", mapping))
+        return files, bindings
+
+    def _entries(self, unit: str) -> dict[str, tuple[Signal, tuple[Any, ...]]]:
+        """Return the parameters of a unit that have a value; an array has one with any of its elements."""
+        values = self.values[unit]
+        return {
+            s.name: (s, tuple(values.get(v.name, v.start) for v in s.variables))
+            for s in self._signals[unit]
+            if any(v.name in values for v in s.variables)
+        }
+
+    def _take_shared(self, left: dict[str, dict[str, tuple[Signal, tuple[Any, ...]]]]) -> dict[str, Any]:
+        """Take the values that units share out of `left`, unless they differ: entries, and unit to mapping."""
+        found: dict[str, Any] = {}
+        for name, groups in self._shared.items():
+            members = {
+                unit: [entry for entry in left[unit].values() if entry[0].group == group]
+                for unit, group in groups.items()
+            }
+            first = next(iter(members.values()))
+            keys = [[_key(entry) for entry in entries] for entries in members.values()]
+            if not first or any(other != keys[0] for other in keys):
+                continue
+            mappings: dict[str, tuple[tuple[str, str], ...]] = {}
+            for unit, entries in members.items():
+                pairs = tuple((a[0].name, b[0].name) for a, b in zip(first, entries, strict=True))
+                mappings[unit] = pairs if any(a != b for a, b in pairs) else ()
+                for _, key in pairs:
+                    del left[unit][key]
+            found[name] = (tuple(first), mappings)
+        return found
+
+
+def _elements(entry: tuple[Signal, Sequence[Any]]) -> list[tuple[Variable, Any]]:
+    return list(zip(entry[0].variables, entry[1], strict=True))
+
+
+def _key(entry: tuple[Signal, Sequence[Any]]) -> tuple[Any, ...]:
+    """Return what two entries that share a value have in common: indices, type, unit and values."""
+    signal, values = entry
+    return signal.shape, signal.type, signal.unit, tuple(v.index for v in signal.variables), tuple(values)
+
+
+def positions(signals: Sequence[Signal]) -> dict[str, float]:
+    """Height of connectors on their side of the box, from 0 to 1: evenly, with a gap between groups."""
+    slots: dict[str, int] = {}
+    slot = 0
+    for _, members in groupby(signals, lambda s: s.group):
+        slot += 1
+        for signal in members:
+            slots[signal.name] = slot
+            slot += 1
+    return {name: float(np.round(1.0 - place / (slot + 1.0), 6)) for name, place in slots.items()}

@@ -1,0 +1,109 @@
+"""Writing of the system as a folder with an OspSystemStructure.xml, the configuration of libcosim."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from lxml import etree  # pyright: ignore[reportAttributeAccessIssue]  # lxml ships no stubs
+
+from vdfmu.errors import StorageError
+from vdfmu.model import Scenario
+from vdfmu.ssp.description import SystemDescription
+from vdfmu.ssp.versions import require_fmi
+from vdfmu.ssp.xml import number, to_bytes, value_text
+
+__all__ = ["osp_structure", "write_osp"]
+
+_NAMESPACE = "http://opensimulationplatform.com/MSMI/OSPSystemStructure"
+
+
+def write_osp(
+    scenario: Scenario,
+    fmus: Mapping[str, str | os.PathLike[str]],
+    folder: str | os.PathLike[str],
+    values: Mapping[str, Mapping[str, Any]] | None = None,
+) -> Path:
+    """Write the system of a scenario for libcosim: a folder with ``OspSystemStructure.xml`` and the FMUs beside it.
+
+    Parameters
+    ----------
+    scenario : Scenario
+    fmus : mapping of unit to path
+        Of :func:`vdfmu.fmu.build_fmus`, for the scenario's robot, of FMI 2.0.
+    folder : path
+        Made if it does not exist. Files of other names in it are left alone.
+    values : mapping of unit to mapping of variable to value, optional
+        Parameter values, see :func:`vdfmu.ssp.parameters.system_values`; default those of robot and scenario.
+
+    Returns
+    -------
+    Path
+        The file ``OspSystemStructure.xml``.
+
+    Raises
+    ------
+    UsageError
+        If the FMUs are not of FMI 2.0.
+    StorageError
+        If a file cannot be written.
+    """
+    folder = Path(folder)
+    require_fmi(fmus, "2.0", "an OSP system structure")
+    description = SystemDescription(scenario, values)
+    names = {unit: Path(fmu).name for unit, fmu in fmus.items()}
+    content = to_bytes(osp_structure(description, names))
+    path = folder / "OspSystemStructure.xml"
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        for unit, fmu in fmus.items():
+            data = Path(fmu).read_bytes()
+            target = folder / names[unit]
+            if not (target.is_file() and target.samefile(fmu)):
+                target.write_bytes(data)
+        path.write_bytes(content)
+    except OSError as error:
+        raise StorageError(
+            f"{folder}: cannot be written: {error}. Choose another folder or free space."
+        ) from error
+    return path
+
+
+def osp_structure(description: SystemDescription, names: Mapping[str, str]) -> Any:
+    """Root element: simulators with their initial values, and one connection for each signal.
+
+    Parameters
+    ----------
+    description : SystemDescription
+    names : mapping of unit to str
+        File of its FMU, beside the configuration.
+    """
+    top = etree.Element(f"{{{_NAMESPACE}}}OspSystemStructure", {"version": "0.1"}, nsmap={None: _NAMESPACE})
+    for key, text in (
+        ("StartTime", number(0.0)),
+        ("EndTime", number(description.scenario.stop)),
+        ("BaseStepSize", number(description.step)),
+        ("Algorithm", "fixedStep"),
+    ):
+        _add(top, key).text = text
+    simulators = _add(top, "Simulators")
+    for unit, table in description.tables.items():
+        simulator = _add(
+            simulators, "Simulator", name=unit, source=names[unit], stepSize=number(description.step)
+        )
+        initial = _add(simulator, "InitialValues")
+        for name, value in description.values[unit].items():
+            kind = table.find(name).type
+            _add(_add(initial, "InitialValue", variable=name), kind, value=value_text(kind, value))
+    connections = _add(top, "Connections")
+    for link in description.links:
+        connection = _add(connections, "VariableConnection")
+        for unit, signal in (link.start, link.end):
+            _add(connection, "Variable", simulator=unit, name=signal.name)
+    return top
+
+
+def _add(parent: Any, tag: str, /, **attributes: str) -> Any:
+    return etree.SubElement(parent, f"{{{_NAMESPACE}}}{tag}", attributes)

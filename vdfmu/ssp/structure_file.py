@@ -1,0 +1,133 @@
+"""SystemStructure.ssd: components with connectors and parameter bindings, connections, diagram, experiment."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from vdfmu.fmu.interface import MODEL_NAMES
+from vdfmu.ssp.description import Signal, SystemDescription, positions
+from vdfmu.ssp.geometry import Router
+from vdfmu.ssp.xml import META, add, add_foreign, add_units, root
+
+__all__ = ["EXPERIMENT", "EXPERIMENT_TYPE", "OSP_ANNOTATIONS", "mapping_name", "structure_file"]
+
+EXPERIMENT_TYPE = "org.vdfmu.experiment"
+"""Type of the annotation that says how the default experiment is run."""
+EXPERIMENT = "urn:org.vdfmu:experiment"
+"""Namespace of its content."""
+OSP_ANNOTATIONS = "http://opensimulationplatform.com/SSP/OSPAnnotations"
+_SIDES = {"input": 0.0, "output": 1.0}
+
+
+def structure_file(description: SystemDescription) -> Any:
+    """Root element of the SSD."""
+    scenario = description.scenario
+    attributes = {
+        "version": description.version,
+        "name": f"{description.name}_{scenario.name}",
+        "description": f"{description.description}. {scenario.description}",
+        **META,
+    }
+    # libcosim takes a declaration inside an annotation for an algorithm: all are at the root
+    foreign = {"osp": OSP_ANNOTATIONS, "vdfmu": EXPERIMENT}
+    top = root("ssd:SystemStructureDescription", attributes, ("ssd", "ssc"), foreign)
+    system = add(top, "ssd:System", name=description.name, description=description.description)
+    elements = add(system, "ssd:Elements")
+    heights: dict[tuple[str, str], float] = {}
+    for unit in description.corners:
+        _add_component(elements, description, unit, heights)
+    router = Router(description)
+    connections = add(system, "ssd:Connections")
+    for link in description.links:
+        (start_unit, start), (end_unit, end) = link.start, link.end
+        connection = add(
+            connections,
+            "ssd:Connection",
+            startElement=start_unit,
+            startConnector=start.name,
+            startIndices=" ".join(map(str, link.start_index)) or None,
+            endElement=end_unit,
+            endConnector=end.name,
+            endIndices=" ".join(map(str, link.end_index)) or None,
+        )
+        path = router.path(link, heights[start_unit, start.name], heights[end_unit, end.name])
+        add(
+            connection,
+            "ssd:ConnectionGeometry",
+            pointsX=" ".join(f"{x:g}" for x, _ in path),
+            pointsY=" ".join(f"{y:g}" for _, y in path),
+        )
+    x1, y1, x2, y2 = router.canvas
+    add(system, "ssd:SystemGeometry", x1=x1, y1=y1, x2=x2, y2=y2)
+    note = f"{description.description}.\n{scenario.description}."
+    add(
+        add(system, "ssd:GraphicalElements"),
+        "ssd:Note", x1=x1 + 4.0, y1=y2 - 20.0, x2=x2 - 4.0, y2=y2 - 2.0, text=note,
+    )  # fmt: skip
+    add_units(top, "ssd:Units", description.measures)
+    _add_experiment(top, description)
+    return top
+
+
+def _add_component(
+    elements: Any, description: SystemDescription, unit: str, heights: dict[tuple[str, str], float]
+) -> None:
+    x1, y1, x2, y2 = description.corners[unit]
+    component = add(
+        elements,
+        "ssd:Component",
+        name=unit,
+        description=description.tables[unit].description,
+        type="application/x-fmu-sharedlibrary",
+        source=f"resources/{MODEL_NAMES[unit]}.fmu",
+        implementation="CoSimulation",
+    )
+    connectors = add(component, "ssd:Connectors")
+    for kind, x in _SIDES.items():
+        signals = description.signals(unit, kind)
+        for name, y in positions(signals).items():
+            heights[unit, name] = y1 + y * (y2 - y1)
+            _add_connector(connectors, next(s for s in signals if s.name == name), x, y)
+    add(
+        component,
+        "ssd:ElementGeometry",
+        x1=x1, y1=y1, x2=x2, y2=y2,
+        iconSource=f"resources/icons/{unit}.svg",
+        iconFixedAspectRatio="true",
+    )  # fmt: skip
+    bindings = add(component, "ssd:ParameterBindings")
+    for bound in description.bindings[unit]:
+        binding = add(bindings, "ssd:ParameterBinding", source=f"resources/{bound.file}")
+        if bound.mapping:
+            add(binding, "ssd:ParameterMapping", source=f"resources/{mapping_name(unit, bound.file)}")
+
+
+def mapping_name(unit: str, file: str) -> str:
+    """Name of the file that maps a parameter set to a unit."""
+    return f"{unit}.{file.removesuffix('.ssv')}.ssm"
+
+
+def _add_connector(connectors: Any, signal: Signal, x: float, y: float) -> None:
+    connector = add(
+        connectors, "ssd:Connector", name=signal.name, kind=signal.kind, description=signal.description
+    )
+    add(connector, f"ssc:{signal.type}", unit=signal.unit)
+    for size in signal.shape:
+        add(connector, "ssc:Dimension", size=size)
+    add(connector, "ssd:ConnectorGeometry", x=x, y=y)
+
+
+def _add_experiment(top: Any, description: SystemDescription) -> None:
+    """Append the default experiment; how it is run is ours to say, and in the words of libcosim."""
+    experiment = add(top, "ssd:DefaultExperiment", startTime=0.0, stopTime=float(description.scenario.stop))
+    annotations = add(experiment, "ssd:Annotations")
+    ours = add(annotations, "ssc:Annotation", type=EXPERIMENT_TYPE)
+    add_foreign(
+        ours, EXPERIMENT, "Experiment",
+        communicationStepSize=float(description.step),
+        algorithm=description.scenario.master,
+        solverTolerance=description.tolerance,
+    )  # fmt: skip
+    osp = add(annotations, "ssc:Annotation", type="com.opensimulationplatform")
+    algorithm = add_foreign(osp, OSP_ANNOTATIONS, "Algorithm")
+    add_foreign(algorithm, OSP_ANNOTATIONS, "FixedStepAlgorithm", baseStepSize=float(description.step))

@@ -1,0 +1,120 @@
+"""The part of a check that runs foreign code: ten steps and the reference results, in a process of their own."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+import tempfile
+from dataclasses import asdict
+from pathlib import Path
+
+import fmpy
+
+from vdfmu.cosim.master import simulate
+from vdfmu.errors import VdfmuError
+from vdfmu.ssp.read import load_ssp
+from vdfmu.study.check_reference import compare
+from vdfmu.study.findings import Findings
+
+__all__ = ["run_apart"]
+
+STEPS = 10
+SECONDS = 60.0
+"""Time that the short run may take, with the start of Python and the preparation of the unit."""
+_ANSWER = "findings.json"
+
+
+def run_apart(path: Path) -> Findings:
+    """Run an FMU or a package for ten steps in another process, which a foreign unit may crash or never leave."""
+    findings = Findings(ran=True)
+    with tempfile.TemporaryDirectory(prefix="vdfmu_check_") as folder:
+        try:
+            done = subprocess.run(
+                [sys.executable, "-P", "-m", "vdfmu.study.check_run", str(path.resolve()), folder],
+                stdin=subprocess.DEVNULL,
+                stdout=subprocess.DEVNULL,
+                stderr=subprocess.PIPE,
+                env={**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
+                timeout=SECONDS,
+                check=False,
+            )
+        except subprocess.TimeoutExpired:
+            return Findings([f"{STEPS} steps did not end within {SECONDS:g} s"], ran=True)
+        except OSError as error:
+            return Findings([f"{STEPS} steps could not be tried: {error}"])
+        answer = Path(folder, _ANSWER)
+        answered = answer.is_file()
+        if answered:
+            findings.add(Findings(**json.loads(answer.read_text(encoding="utf-8"))))
+    if done.returncode:
+        code = done.returncode
+        how = f"signal {-code}" if code < 0 else f"exit code {code}"
+        said = done.stderr.decode(errors="replace").strip().splitlines()[-1:]
+        findings.problems.append(
+            f"the process crashed ({how}) in a run of {STEPS} steps{''.join(f': {s}' for s in said)}"
+        )
+    elif not answered:
+        findings.problems.append(f"the unit ended the process in a run of {STEPS} steps")
+    return findings
+
+
+def _run_unit(path: Path) -> Findings:
+    """Make ten steps of an FMU, then compare with the reference results that it carries."""
+    messages: list[str] = []
+
+    def note(status: int, message: bytes | str) -> None:
+        if status > 1:
+            messages.append(message if isinstance(message, str) else message.decode(errors="replace"))
+
+    def logger(_environment: int, _instance: bytes, status: int, _category: bytes, message: bytes) -> None:
+        note(status, message)
+
+    def logger_3(_environment: int, status: int, _category: bytes, message: bytes) -> None:
+        note(status, message)
+
+    description = fmpy.read_model_description(str(path), validate=False)
+    if description.coSimulation is None and description.modelExchange is None:
+        return Findings(notes=["not run: it has neither co-simulation nor model exchange"])
+    experiment = description.defaultExperiment
+    start = float(experiment.startTime) if experiment and experiment.startTime else 0.0
+    step = float(experiment.stepSize) if experiment and experiment.stepSize else 1e-3
+    try:
+        fmpy.simulate_fmu(
+            str(path),
+            validate=False,  # its problems are known by now
+            start_time=start,
+            stop_time=start + STEPS * step,
+            output_interval=step,
+            logger=logger_3 if (description.fmiVersion or "").startswith("3") else logger,
+            debug_logging=True,
+            remote_platform=None,  # pyright: ignore[reportArgumentType]  # None: never another process
+        )
+    except Exception as error:  # whatever a foreign unit does, it is reported
+        return Findings([f"{STEPS} steps of {step:g} s failed: {'; '.join([*messages, str(error)])}"])
+    if messages:
+        return Findings([f"{STEPS} steps of {step:g} s gave: {message}" for message in messages])
+    return compare(path)
+
+
+def _run_system(path: Path) -> Findings:
+    """Make ten steps of a system."""
+    system = load_ssp(path)
+    start = system.start or 0.0
+    step = 1e-3 if system.stop is None else min(1e-3, (system.stop - start) / STEPS)
+    try:
+        simulate(system, start=start, stop=start + STEPS * step, step=step, log=lambda message: None)
+    except (VdfmuError, OSError) as error:
+        return Findings([f"{STEPS} steps of {step:g} s failed: {error}"])
+    return Findings()
+
+
+def _main(path: str, folder: str) -> None:
+    tempfile.tempdir = folder  # what a crash leaves there goes with the folder
+    findings = _run_system(Path(path)) if path.endswith(".ssp") else _run_unit(Path(path))
+    Path(folder, _ANSWER).write_text(json.dumps(asdict(findings)), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    _main(*sys.argv[1:])

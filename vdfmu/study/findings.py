@@ -1,0 +1,39 @@
+"""What a check finds."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+__all__ = ["Findings"]
+
+
+@dataclass
+class Findings:
+    """Problems and notes of a file, or of a part of one.
+
+    Attributes
+    ----------
+    problems : list of str
+        What is wrong: one sentence or more each, with the place.
+    notes : list of str
+        What is no fault and worth knowing, such as what could not be checked and why.
+    compared : list of str
+        Files of reference results inside FMUs whose values were compared.
+    ran : bool
+        Whether code of the file was run.
+    """
+
+    problems: list[str] = field(default_factory=list[str])
+    notes: list[str] = field(default_factory=list[str])
+    compared: list[str] = field(default_factory=list[str])
+    ran: bool = False
+
+    def add(self, other: Findings, where: str = "") -> None:
+        """Take over what another check found, with its place before each sentence."""
+        self.ran = self.ran or other.ran
+        for mine, others in (
+            (self.problems, other.problems),
+            (self.notes, other.notes),
+            (self.compared, other.compared),
+        ):
+            mine += [f"{where}: {text}" if where else text for text in others]
