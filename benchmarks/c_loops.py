@@ -133,6 +133,7 @@ def compare(
     rounds: int,
     calls: int,
     say: Callable[[str], None],
+    compiler: str = "g++",
     flags: Sequence[str] = (),
 ) -> Iterator[Comparison]:
     """Time inverse and forward dynamics of both on the same random states, all in turns.
@@ -147,14 +148,16 @@ def compare(
         Samples in each process.
     calls : int
         In one sample.
+    compiler : str, optional
+        Of Pinocchio.
     flags : sequence of str, optional
-        Further flags of the compiler of Pinocchio.
+        Its further flags.
     """
     with tempfile.TemporaryDirectory(prefix="vdfmu-bench-") as name:
         folder = Path(name)
         for processor in processors:
             program = folder / f"c_loops_{processor}"
-            program.write_bytes(_program(processor, flags, say))
+            program.write_bytes(_program(compiler, processor, flags, say))
             program.chmod(0o755)
             for robot in robots:
                 # code for this very processor must not be taken from a cache that another one filled
@@ -184,10 +187,10 @@ def _run(program: Path, library: Path, rounds: int, calls: int, text: str) -> di
     return {name: [float(v) for v in values] for name, *values in map(str.split, done.stdout.splitlines())}
 
 
-def _program(processor: str, flags: Sequence[str], say: Callable[[str], None]) -> bytes:
+def _program(compiler: str, processor: str, flags: Sequence[str], say: Callable[[str], None]) -> bytes:
     """Compiled program with Pinocchio inside; kept, as its compilation takes minutes."""
     headers = _headers()
-    version = subprocess.run(["g++", "--version"], capture_output=True, check=True).stdout
+    version = subprocess.run([compiler, "--version"], capture_output=True, check=True).stdout
     options = [*_FLAGS, f"-march={processor}", *flags]
     pinocchio, own = (headers or Path()) / "pinocchio" / "config.hpp", _SOURCE.read_bytes()
     key = _digest(version, options, pinocchio.read_bytes(), own, machine()["processor"])
@@ -197,7 +200,7 @@ def _program(processor: str, flags: Sequence[str], say: Callable[[str], None]) -
     say(f"compiling Pinocchio for {processor}, which takes a minute or two")
     with tempfile.TemporaryDirectory(prefix="vdfmu-bench-") as folder:
         path = Path(folder) / "program"
-        command: list[Any] = ["g++", *options, "-isystem", headers, "-isystem", f"{headers}/eigen3"]
+        command: list[Any] = [compiler, *options, "-isystem", headers, "-isystem", f"{headers}/eigen3"]
         done = subprocess.run(
             [*command, _SOURCE, "-o", path, "-ldl"], capture_output=True, text=True, check=False
         )

@@ -146,7 +146,12 @@ def test_a_folder_that_cannot_hold_results_is_named(tmp_path):
 
 def test_a_damaged_fmu_in_the_cache_is_built_again(tmp_path, monkeypatch):
     monkeypatch.setenv("VDFMU_CACHE_DIR", str(tmp_path / "cache"))
-    options = {"out": tmp_path / "out", "stop": 0.01, "reference": False, "backend": "python"}  # no compiler here
+    options = {
+        "out": tmp_path / "out",
+        "stop": 0.01,
+        "reference": False,
+        "backend": "python",
+    }  # no compiler here
     vdfmu.run("planar_tracking", **options)
     (fmu,) = (tmp_path / "cache").rglob("Trajectory.fmu")
     data = bytearray(fmu.read_bytes())
