@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from vdfmu.kernel import Kernel
+from vdfmu.kernel.cache import cache_folder
 from vdfmu.model import Robot, check_robot, load_robot
 
 SHIPPED = ("manipulator_6dof", "planar_2dof", "slider_3dof")
@@ -18,12 +19,17 @@ SHIPPED = ("manipulator_6dof", "planar_2dof", "slider_3dof")
 
 @pytest.fixture(scope="session", autouse=True)
 def kernel_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
-    """Cache of this test session, shared by its processes; the user's own is neither read nor written."""
+    """Cache of this test session, shared by its processes; the user's own is neither read nor written.
+
+    But for what the compiler makes for itself of its own sources, once for each platform: minutes for Windows.
+    """
+    support = os.environ.get("ZIG_GLOBAL_CACHE_DIR") or str(cache_folder() / "zig")
     base = tmp_path_factory.getbasetemp()
     folder = (base.parent if "PYTEST_XDIST_WORKER" in os.environ else base) / "vdfmu_cache"
     folder.mkdir(exist_ok=True)
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("VDFMU_CACHE_DIR", str(folder))
+        patch.setenv("ZIG_GLOBAL_CACHE_DIR", support)
         yield folder
 
 

@@ -35,13 +35,8 @@ build_fmus(load_robot("planar_2dof"), sys.argv[1], units=["trajectory", "control
 @pytest.fixture
 def cold(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
     """Empty cache; what zig compiles for itself stays where it is."""
-    monkeypatch.setenv("ZIG_GLOBAL_CACHE_DIR", str(support_folder()))
     monkeypatch.setenv("VDFMU_CACHE_DIR", str(tmp_path / "cache"))
     return tmp_path / "cache"
-
-
-def support_folder() -> str:
-    return os.environ.get("ZIG_GLOBAL_CACHE_DIR") or str(Path(os.environ["VDFMU_CACHE_DIR"]) / "zig")
 
 
 # ------------------------------------------------------------------ the same bits
@@ -55,7 +50,7 @@ def test_a_cold_build_in_another_process_and_folder_has_the_same_bytes(
     folder.mkdir()
     run_python(
         BUILD, "out", cwd=folder, PYTHONHASHSEED="7", TMPDIR=str(folder),
-        VDFMU_CACHE_DIR=str(folder / "cache"), ZIG_GLOBAL_CACHE_DIR=support_folder(),
+        VDFMU_CACHE_DIR=str(folder / "cache"),
     )  # fmt: skip
     for path in here.values():
         assert (folder / "out" / path.name).read_bytes() == path.read_bytes(), path.name
@@ -236,12 +231,7 @@ def test_folders_that_cannot_be_written_are_told(
         build_fmus(planar, tmp_path / "file", units=["controller"], backend="native")
     # a cache that cannot be written costs time alone
     monkeypatch.setenv("VDFMU_CACHE_DIR", str(tmp_path / "file" / "cache"))
-    monkeypatch.setenv("ZIG_GLOBAL_CACHE_DIR", support_folder_of_zig(tmp_path))
     assert compile_library(SMALL, this_platform(), name="Small")
-
-
-def support_folder_of_zig(tmp_path: Path) -> str:
-    return os.environ.get("ZIG_GLOBAL_CACHE_DIR") or str(tmp_path / "zig")
 
 
 def test_a_full_disk_is_told(monkeypatch: pytest.MonkeyPatch, cold: Path) -> None:
@@ -258,9 +248,7 @@ def test_a_full_disk_is_told(monkeypatch: pytest.MonkeyPatch, cold: Path) -> Non
 
 @pytest.mark.slow
 def test_builds_at_the_same_time_do_not_meet(tmp_path: Path) -> None:
-    environment = os.environ | {
-        "VDFMU_CACHE_DIR": str(tmp_path / "cache"), "ZIG_GLOBAL_CACHE_DIR": support_folder(),
-    }  # fmt: skip
+    environment = os.environ | {"VDFMU_CACHE_DIR": str(tmp_path / "cache")}
     folders = [tmp_path / str(i) for i in range(3)]
     processes = [
         subprocess.Popen([sys.executable, "-c", BUILD, str(folder)], env=environment) for folder in folders
@@ -277,7 +265,6 @@ def test_an_interrupt_leaves_no_process_and_nothing_half_done(tmp_path: Path) ->
     (tmp_path / "tmp").mkdir()
     environment = os.environ | {
         "VDFMU_CACHE_DIR": str(tmp_path / "cache"), "TMPDIR": str(tmp_path / "tmp"),
-        "ZIG_GLOBAL_CACHE_DIR": support_folder(),
     }  # fmt: skip
     process = subprocess.Popen(
         [sys.executable, "-c", build, str(tmp_path / "out")], env=environment, stderr=subprocess.PIPE

@@ -40,17 +40,6 @@ HERE = Path(__file__).parent
 VERSIONS = ("2.0", "3.0")
 
 
-@pytest.fixture(scope="session", autouse=True)
-def zig_cache() -> Iterator[None]:
-    """Keep what zig compiles of its own for each platform where zig keeps it: minutes the first time."""
-    base = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv(
-            "ZIG_GLOBAL_CACHE_DIR", os.environ.get("ZIG_GLOBAL_CACHE_DIR") or str(Path(base) / "zig")
-        )
-        yield
-
-
 @contextmanager
 def alone(folder: Path) -> Iterator[None]:
     """Let one process of the test session build at a time: the next finds what it needs in the cache."""
