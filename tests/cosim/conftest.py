@@ -32,6 +32,8 @@ class {name}(Fmi2Slave):
             variability = "continuous" if v["kind"] == "Real" else "discrete"
             if v["causality"].lower().endswith("parameter"):
                 variability = "tunable"
+            if v["name"] in SPEC["discrete"]:
+                variability = "discrete"
             self.register_variable(KINDS[v["kind"]](
                 v["name"], causality=Fmi2Causality[v["causality"]], variability=Fmi2Variability[variability],
                 getter=lambda n="_" + v["name"]: self.read(n),
@@ -93,9 +95,17 @@ def make_fmu(
     body: str,
     dependencies: Mapping[str, list[str]] | None,
     units: Mapping[str, Mapping[str, str]] | None = None,
+    discrete: tuple[str, ...] = (),
 ) -> Path:
     """Build an FMU that saves its state; `dependencies` None: stock pythonfmu, without both."""
-    spec = json.dumps({"variables": variables, "dependencies": dependencies, "units": dict(units or {})})
+    spec = json.dumps(
+        {
+            "variables": variables,
+            "dependencies": dependencies,
+            "units": dict(units or {}),
+            "discrete": discrete,
+        }
+    )
     code = "\n".join("    " + line if line else "" for line in body.strip("\n").splitlines())
     script = folder / f"vdfmu_test_{name.lower()}.py"
     script.write_text(TEMPLATE.format(name=name, spec=spec, body=code), encoding="utf-8")
@@ -199,6 +209,35 @@ def fmus(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
         "    self._y = self._y + h * self._u\n"
         "    if h > self._h_max:\n        self.log('the step is too long', Fmi2Status.warning)\n"
         "    return h <= self._h_max\n",
+        {},
+    )
+    add(
+        "Clock",  # a state, and the whole seconds that have passed; for short steps and for whole ones
+        [variable("u", "input"), variable("y", "output"), variable("n", "output", "Integer", 0)],
+        "def calc(self):\n    pass\n"
+        "def do_step(self, t, h):\n    self._y = self._y + h * (1.0 + self._u)\n"
+        "    self._n = int(t + h + 1e-9)\n    return not 0.2 < h < 0.9\n",
+        {},
+    )
+    add(
+        "Reader",
+        [variable("u", "input"), variable("i", "input", "Integer", 0), variable("y", "output"),
+         variable("seen", "output", "Integer", 0)],
+        "def calc(self):\n    self._y = -self._u\n    self._seen = self._i\n" + step,
+        {"y": ["u"], "seen": ["i"]},
+    )  # fmt: skip
+    add(
+        "Jump",
+        [variable("y", "output")],
+        "def calc(self):\n    pass\n"
+        "def do_step(self, t, h):\n    self._y = float(t + h >= 0.5)\n    return True\n",
+        {},
+        discrete=("y",),
+    )
+    add(
+        "Refuser",
+        [variable("n", "output", "Integer", 0)],
+        "def calc(self):\n    pass\ndef do_step(self, t, h):\n    return h <= 0.1\n",
         {},
     )
     add(

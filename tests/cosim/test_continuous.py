@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+import io
+import tempfile
+import zipfile
+
 import numpy as np
 import pytest
 
 import vdfmu
 from vdfmu.cosim import simulate
+from vdfmu.cosim.component import Slave
 from vdfmu.cosim.reference import reference
 from vdfmu.errors import CosimError, SspError, UsageError
 from vdfmu.model import load_scenario
@@ -63,7 +68,7 @@ def test_extrapolated_predicts_what_is_not_computed_yet_and_runs_on_a_line(loop)
     # a row holds what an input was at the end of the step
     np.testing.assert_array_equal(results["plant.u"], results["controller.y"])
     assert results.summary["communication"] == {
-        "steps": n, "rejected": 0, "unit_steps": 5 * n, "shortest_step": H, "longest_step": H,
+        "steps": n, "convergence": None, "rejected": 0, "unit_steps": 5 * n, "shortest_step": H, "longest_step": H,
     }  # fmt: skip
 
 
@@ -133,6 +138,40 @@ def test_what_gauss_seidel_cannot_order(pack, xml):
         np.testing.assert_array_equal(results["p.z"][late:], r[late:])
 
 
+def test_what_is_discrete_is_read_as_at_the_start_of_the_step_by_units_before_its_source(pack, xml):
+    """Whatever the number of repetitions, and after rejected steps: b reads a's counter, a steps after b."""
+    c = xml.component
+    path = pack(
+        [c("plant", "Clock", "u:input y:output n:output:Integer"),
+         c("gain", "Reader", "u:input i:input:Integer y:output seen:output:Integer")],
+        ["plant.n -> gain.i", "plant.y -> gain.u", "gain.y -> plant.u"],
+    )  # fmt: skip
+    for options in ({}, {"convergence": 0.5}, {"adaptive": 1e-6}):
+        results = simulate(path, stop=4.0, step=1.0, algorithm="iterative", **options)
+        assert results["plant.n"].tolist() == [0, 1, 2, 3, 4]
+        # n is the whole number of seconds; at the start of the last step of a row it is that of the row before
+        assert results["gain.seen"].tolist() == [0, 0, 1, 2, 3]
+    assert results.summary["communication"]["rejected"] > 0
+
+
+def test_a_discrete_real_does_not_run_on_a_line(pack, xml):
+    c = xml.component
+    path = pack(
+        [c("jump", "Jump", "y:output"), c("plant", "Plant", "u:input y:output")],
+        ["jump.y -> plant.u"],
+    )
+    for algorithm in ("extrapolated", "iterative"):
+        results = simulate(path, stop=1.0, step=0.25, algorithm=algorithm)
+        assert results["jump.y"].tolist() == [
+            0,
+            0,
+            1,
+            1,
+            1,
+        ]  # jumps at 0.5 s; its new value counts for the step
+        assert results["plant.y"].tolist() == [0, 0, 0.25, 0.5, 0.75]
+
+
 @pytest.mark.parametrize("algorithm", ["extrapolated", "iterative"])
 def test_booleans_and_integers_are_passed_without_delay(pack, xml, algorithm):
     c = xml.component
@@ -196,6 +235,25 @@ def test_a_unit_that_refuses_long_steps_gets_shorter_ones(pack, xml):
     assert not [m for m in seen if "too long" in m.text]  # it was no trouble
 
 
+def test_a_refusal_counts_without_any_real_output(pack, xml):
+    path = pack([xml.component("counter", "Refuser", "n:output:Integer")])
+    results = simulate(path, stop=1.0, step=0.5, algorithm="iterative", adaptive=1e-3)
+    assert results.summary["communication"]["longest_step"] <= 0.1
+
+
+def test_saved_states_are_freed(loop, monkeypatch):
+    calls = []
+    call = Slave.call
+
+    def counted(self, name, *arguments):
+        calls.append(name)
+        return call(self, name, *arguments)
+
+    monkeypatch.setattr(Slave, "call", counted)
+    run(loop, "iterative", adaptive=1e-3)
+    assert calls.count("FreeFMUstate") == calls.count("GetFMUstate") > 0
+
+
 def test_a_fatal_refusal_is_final(pack, xml):
     c = xml.component
     path = pack([c("source", "Ramp", "y:output"), c("arm", "Fragile", "y:output")])
@@ -244,6 +302,43 @@ def test_units_that_cannot_repeat_a_step_are_named_before_the_run(pack, xml):
     with pytest.raises(SspError, match="cannot save and restore"):
         simulate(path, stop=1.0, step=0.25, algorithm="extrapolated", adaptive=1e-3)
     assert len(simulate(path, stop=1.0, step=0.25, algorithm="extrapolated")) == 5
+
+
+def test_units_of_one_step_length_are_named_before_the_run(pack, xml):
+    path = pack([xml.component("a", "Plant", "u:input y:output")], extra={})
+    rigid = path.with_name("rigid.ssp")
+    with zipfile.ZipFile(path) as old, zipfile.ZipFile(rigid, "w") as new:
+        new.writestr("SystemStructure.ssd", old.read("SystemStructure.ssd"))
+        data = io.BytesIO()
+        with (
+            zipfile.ZipFile(io.BytesIO(old.read("resources/Plant.fmu"))) as fmu,
+            zipfile.ZipFile(data, "w") as other,
+        ):
+            for name in fmu.namelist():
+                text = fmu.read(name)
+                if name == "modelDescription.xml":
+                    key = b'canHandleVariableCommunicationStepSize="'
+                    assert key + b"true" in text
+                    text = text.replace(key + b"true", key + b"false")
+                other.writestr(name, text)
+        new.writestr("resources/Plant.fmu", data.getvalue())
+    with pytest.raises(SspError, match="a: .* takes steps of one length only"):
+        simulate(rigid, stop=1.0, step=0.25, algorithm="iterative", adaptive=1e-3)
+    assert len(simulate(rigid, stop=1.0, step=0.25, algorithm="iterative")) == 5
+
+
+def test_a_unit_that_may_integrate_what_it_passes_through_is_noted(pack, xml):
+    c = xml.component
+    path = pack([c("r", "Ramp", "y:output"), c("a", "Stock", "u:input y:output")], ["r.y -> a.u"])
+    notes = simulate(path, stop=1.0, step=0.25, algorithm="extrapolated").summary["notes"]
+    assert any("a: declares no dependencies" in note and "first order" in note for note in notes)
+    notes = simulate(path, stop=1.0, step=0.25).summary["notes"]
+    assert not any("first order" in note for note in notes)
+
+
+def test_steps_below_the_resolution_of_time_are_refused(loop):
+    with pytest.raises(CosimError, match=r"below the resolution of time at 1e\+09 s"):
+        simulate(loop, start=1e9, stop=1e9 + 2**-8, step=2**-10, algorithm="iterative", adaptive=1e-3)
 
 
 def test_a_coupling_that_does_not_converge_says_so(pack, xml):
@@ -323,6 +418,24 @@ def test_the_energy_residual_has_the_order_of_the_coupling(study):
         assert np.log2(shares[0] / shares[1]) == pytest.approx(order, rel=0.1)
     # iterative ends where torque and velocity agree to the bound of convergence
     assert study("planar_tracking", "iterative", 1e-3, "python")[1] < shares[1] / 100
+
+
+def test_the_energy_residual_is_the_integral_over_the_steps():
+    """With torque and velocity held over a step, the integrals are exact: torque times way, less torque times velocity.
+
+    The trapezoidal rule takes the velocity as linear in the step, which is right to the size of its second derivative.
+    """
+    scenario = load_scenario("planar_tracking")
+    robot = scenario.robot
+    with tempfile.TemporaryDirectory() as folder:
+        path = write_ssp(scenario, cached_fmus(robot, "python"), f"{folder}/arm.ssp")
+        results = simulate(path, step=1e-3, stop=0.5, algorithm="gauss-seidel")
+    torque = robot.ell * results.array("plant.tau")[1:]
+    way = np.diff(results.array("plant.kappa"), axis=0)
+    exact = (torque * (way - 1e-3 * results.array("controller.kappa_dot")[1:])).sum(axis=0)
+    found = power_bond(results, robot)["power_bond"]
+    np.testing.assert_allclose(found["residual_energy_j"], exact, rtol=0.02)
+    np.testing.assert_allclose(found["exchanged_energy_j"], np.abs(torque * way).sum(axis=0), rtol=0.02)
 
 
 def test_error_control_finds_the_steps(study):

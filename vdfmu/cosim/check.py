@@ -7,6 +7,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
+from vdfmu.cosim.abilities import check_abilities
 from vdfmu.cosim.conversion import Conversion, compose
 from vdfmu.cosim.description import Description, Variable, read_description
 from vdfmu.cosim.schedule import ALGORITHMS, Port, Schedule, make_schedule
@@ -82,7 +83,7 @@ def check_system(
     algorithm : str
         One of `vdfmu.cosim.ALGORITHMS`.
     repeats : bool
-        Whether steps may be repeated, so that units must be able to save and restore their state.
+        Whether steps may be repeated and vary, so that units must save and restore their state.
     strict : bool
         Makes an input that has neither a connection nor a bound value a problem instead of a note.
     ignore_unmatched : bool
@@ -112,15 +113,9 @@ def check_system(
     }
     schedule, loops = make_schedule(known, links, algorithm)
     checker.problems += loops
-    if repeats or algorithm == "iterative":
-        # a unit alone in its block is repeated by error control only
-        repeated = {name for block in schedule.blocks if repeats or len(block) > 1 for name in block}
-        checker.problems += [
-            f"{name}: {known[name].source} cannot save and restore its state (canGetAndSetFMUstate), so its steps "
-            "cannot be repeated; use extrapolated with a fixed step, gauss-seidel or jacobi"
-            for name in known
-            if name in repeated and not known[name].saves_state
-        ]
+    problems, notes = check_abilities(known, links, schedule, algorithm, repeats)
+    checker.problems += problems
+    checker.notes += notes
     if checker.problems:
         raise SspError(list(dict.fromkeys(checker.problems)))
     for name, values in _overrides(known, parameters or {}).items():

@@ -41,26 +41,26 @@ class _Unit:
     slave: Slave
     gathers: list[Callable[[], None]]
     calls: list[Call]
-    moving: bool
-    """Whether its inputs run over the step by their derivatives."""
     inputs: Floats
     """What is set before the step."""
     starts: Floats
     ends: Floats
     slopes: Floats
     hold: Floats
-    """Where in the step an input is read that cannot run: 1 at the end, 0.5 in the middle."""
+    """Where on the line through the step the input begins: 0 at its start, where it runs; else it stays there."""
 
 
 @dataclass
 class _Block:
     """Units that depend on each other, in the order of their steps; or a unit alone.
 
-    `torn` are the outputs that a unit of the block reads before they are computed: those that are guessed.
+    `torn` are the continuous outputs that a unit of the block reads before they are computed: those that are guessed.
     """
 
     units: list[_Unit]
     torn: Indices
+    stepwise: list[tuple[NDArray[Any], NDArray[Any], Indices]]
+    """Of each type: outputs, those at the start of the step, and which are discrete."""
     inverse: Floats | None = None
     """Inverse of the derivative of the residual by the guess, as far as Broyden's method knows it."""
 
@@ -71,7 +71,9 @@ class ContinuousStepper:
     All outputs at the end of the step are predicted from their last two values. The units step in the order of the
     schedule; each input runs linearly from its value at the start of the step to that at its end, which is the
     computed output where its source has stepped, else the predicted one. `iterative` repeats that from the saved
-    states, with better guesses, until the outputs come out as they went in.
+    states, with better guesses, until the outputs come out as they went in. What is discrete (integers, booleans,
+    discrete reals) does not run: a unit gets what its source has computed, if it has stepped, else what it had at the
+    start of the step.
 
     Parameters
     ----------
@@ -100,6 +102,10 @@ class ContinuousStepper:
         self._gather = bank.gather(slice(0, n))
         self._starts, self._ends, self._slopes = np.zeros(n), np.zeros(n), np.zeros(max(n, 1))
         self._rates = (c_double * self._slopes.size).from_buffer(self._slopes)  # pyright: ignore[reportArgumentType]
+        self._discrete = np.array(
+            [v.variability == "discrete" for _, v in bank.variables[: bank.outputs.size]], bool
+        )
+        self._befores = [each.outputs.copy() for each in exchange.banks]
         self._nominal = np.array([v.nominal for _, v in bank.variables[: bank.outputs.size]])
         units = [self._unit(name) for name in exchange.checked.schedule.units]
         self._blocks = self._cut(units)
@@ -108,6 +114,8 @@ class ContinuousStepper:
         ]
         self._states: dict[str, c_void_p] = {}
         self._before, self._last, self._h = self._outputs.copy(), 0.0, math.inf
+        self.pressed: Callable[[], bool] = lambda: False
+        """Whether the user wants to stop, asked between the steps of a row."""
         self._extrapolated, self._interpolated = self._approximated()
 
     # ------------------------------------------------------------------ plan
@@ -115,17 +123,22 @@ class ContinuousStepper:
     def _unit(self, name: str) -> _Unit:
         exchange, bank = self.exchange, self._bank
         slave, window, calls = exchange.slaves[name], bank.input_windows[name], exchange.calls(name)
-        moving = slave.description.interpolates_inputs and window.stop > window.start
-        if moving:
+        moving = slave.description.interpolates_inputs
+        if moving and window.stop > window.start:
             calls.insert([call[-1] for call in calls].index("doStep"), self._rate_call(slave, window))
         gathers = [each.gather(each.input_windows[name]) for each in exchange.banks]
-        # An input that an output depends on directly is needed at the end of the step. Any other is integrated, and
-        # the middle of a line has the line's integral.
+        # Where an input cannot run: it is needed at the end of the step if an output depends on it directly, and at the
+        # end stays what is discrete. Any other is integrated, and the middle of a line has the line's integral.
         through = exchange.checked.schedule.through
+        hold = [
+            1.0 if "discrete" in (k.source.variability, k.sink.variability)
+            else 0.0 if moving else 1.0 if k.end in through else 0.5
+            for k in bank.links[window]
+        ]  # fmt: skip
         return _Unit(
-            slave, [gather for gather in gathers if gather is not None], calls, moving,
+            slave, [gather for gather in gathers if gather is not None], calls,
             self._inputs[window], self._starts[window], self._ends[window], self._slopes[window],
-            np.array([1.0 if k.end in through else 0.5 for k in bank.links[window]]),
+            np.array(hold),
         )  # fmt: skip
 
     def _rate_call(self, slave: Slave, window: slice) -> Call:
@@ -153,22 +166,32 @@ class ContinuousStepper:
     def _cut(self, units: list[_Unit]) -> list[_Block]:
         """Put the units of each loop into a block, with the outputs to be guessed."""
         by_name = {unit.slave.name: unit for unit in units}
+        position = self._bank.position
         blocks: list[_Block] = []
         for names in self.exchange.checked.schedule.blocks:
             rank = {name: i for i, name in enumerate(names)}
             torn = {
-                self._bank.position[k.start]
+                position[k.start]
                 for k in self._bank.links
                 if k.start[0] in rank and k.end[0] in rank and rank[k.start[0]] >= rank[k.end[0]]
             }
-            blocks.append(_Block([by_name[name] for name in names], np.array(sorted(torn), np.intp)))
+            torn -= set(np.flatnonzero(self._discrete))
+            stepwise: list[tuple[NDArray[Any], NDArray[Any], Indices]] = []
+            for bank, before in zip(self.exchange.banks, self._befores, strict=True):
+                windows = [range(w.start, w.stop) for w in (bank.output_windows[name] for name in names)]
+                own = np.array([i for w in windows for i in w], np.intp)
+                chosen = own[self._discrete[own]] if bank is self._bank else own
+                if chosen.size:
+                    stepwise.append((bank.outputs, before, chosen))
+            blocks.append(
+                _Block([by_name[name] for name in names], np.array(sorted(torn), np.intp), stepwise)
+            )
         return blocks
 
     def _approximated(self) -> tuple[Indices, Indices]:
         """Return the outputs of which a step uses an extrapolation, and those of which it uses a line."""
-        through = self.exchange.checked.schedule.through
         torn = np.zeros(0, np.intp) if self.repeat else np.concatenate([block.torn for block in self._blocks])
-        line = {self._bank.position[k.start] for k in self._bank.links if k.end not in through}
+        line = {self._bank.position[k.start] for k in self._bank.links} - set(np.flatnonzero(self._discrete))
         return torn, np.array(sorted(line), np.intp)
 
     # ------------------------------------------------------------------ steps
@@ -187,6 +210,14 @@ class ContinuousStepper:
                 left = stop - time
                 parts = math.ceil(left / min(self._h, left) - 1e-9)  # equal ones, so that none is tiny
                 end = stop if parts <= 1 else time + left / parts
+                if end <= time:
+                    raise CosimError(
+                        self._repeated[0].slave.name, "doStep", time,
+                        f"the next step, of {left / parts:.3g} s, is below the resolution of time at {time:.9g} s; "
+                        "begin nearer to zero",
+                    )  # fmt: skip
+                if self.pressed():
+                    raise KeyboardInterrupt
                 if self._attempt(time, end - time, step):
                     time = end
         np.copyto(self._inputs, self._ends)  # what a row holds of an input is its value at the end
@@ -196,6 +227,7 @@ class ContinuousStepper:
         return {
             "communication": {
                 "steps": self.steps,
+                "convergence": self.convergence if self.repeat else None,
                 "rejected": self.rejected,
                 "unit_steps": self.unit_steps,
                 # differences of times, rounded to what is more than rounding errors
@@ -209,12 +241,15 @@ class ContinuousStepper:
         self.exchange.clock.value, self.exchange.size.value, self.box.time = time, h, time
         for unit in self._repeated:
             self._save(unit.slave)
+        for bank, before in zip(self.exchange.banks, self._befores, strict=True):
+            np.copyto(before, bank.outputs)
         if self._gather is not None:
             self._gather()
             np.copyto(self._starts, self._inputs)
         if self._last > 0.0:
             np.multiply(start - self._before, h / self._last, self._outputs)
             np.add(self._outputs, start, self._outputs)
+            self._outputs[self._discrete] = start[self._discrete]
         predicted = self._outputs.copy()
         for block in self._blocks:
             if self.repeat and block.torn.size:
@@ -241,9 +276,9 @@ class ContinuousStepper:
         except CosimError as error:
             if any(unit.slave.dead for unit in self._repeated):
                 raise
-            sizes, failure = np.full(self._outputs.size, math.inf), error
+            sizes, failure = np.zeros(0), error
         worst = int(np.argmax(sizes)) if sizes.size else 0
-        ratio = float(sizes[worst]) if sizes.size else 0.0
+        ratio = math.inf if failure is not None else float(sizes.max(initial=0.0))
         self._h = min(h * min(max(_SAFETY / math.sqrt(max(ratio, 1e-12)), _LEAST), _MOST), longest)
         if ratio <= 1.0:
             self._done(start, h)
@@ -258,7 +293,8 @@ class ContinuousStepper:
             )  # fmt: skip
         self.rejected += 1
         del self.box.pending[said:]
-        np.copyto(self._outputs, start)
+        for bank, before in zip(self.exchange.banks, self._befores, strict=True):
+            np.copyto(bank.outputs, before)
         self._restore(self._repeated)
         return False
 
@@ -289,6 +325,8 @@ class ContinuousStepper:
         while len(sizes) < _MOST_SWEEPS and (len(sizes) < 3 or sizes[-1] < _HOPELESS * sizes[0]):
             if sizes:
                 self._restore(block.units)
+                for values, before, chosen in block.stepwise:
+                    values[chosen] = before[chosen]
             self._sweep(block, h)
             residual = outputs[torn] - guess
             sizes.append(float(np.max(np.abs(residual) / self._scale()[torn])))
@@ -317,12 +355,9 @@ class ContinuousStepper:
             for gather in unit.gathers:
                 gather()
             np.copyto(unit.ends, unit.inputs)
-            if unit.moving:
-                np.copyto(unit.inputs, unit.starts)
-                np.subtract(unit.ends, unit.starts, unit.slopes)
-                np.divide(unit.slopes, h, unit.slopes)
-            else:
-                np.add(unit.starts, unit.hold * (unit.ends - unit.starts), unit.inputs)
+            change = unit.ends - unit.starts
+            np.add(unit.starts, unit.hold * change, unit.inputs)
+            np.multiply(change, (1.0 - unit.hold) / h, unit.slopes)
             for function, a, b, c, d, name in unit.calls:
                 status = function(a, b, c, d)
                 if status:

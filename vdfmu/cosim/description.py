@@ -55,6 +55,8 @@ class Description:
         Whether its state can be saved and restored, so that a step can be repeated.
     interpolates_inputs : bool
         Whether it takes derivatives of its real inputs, and lets them run linearly over a step.
+    varies_steps : bool
+        Whether its steps may differ in length.
     """
 
     source: str
@@ -66,6 +68,7 @@ class Description:
     initial_dependencies: Mapping[str, frozenset[str] | None]
     saves_state: bool = False
     interpolates_inputs: bool = False
+    varies_steps: bool = True
 
     def named(self, causality: str) -> list[Variable]:
         """Return the variables of one causality, in the order of the FMU."""
@@ -133,6 +136,7 @@ def read_description(data: bytes, source: str, implementation: str = "any") -> D
         step_dependencies=_unknowns(model.outputs),
         initial_dependencies=_unknowns(model.initialUnknowns),
         saves_state=bool(model.coSimulation and model.coSimulation.canGetAndSetFMUstate),
+        varies_steps=bool(model.coSimulation and model.coSimulation.canHandleVariableCommunicationStepSize),
         interpolates_inputs=bool(model.coSimulation and model.coSimulation.canInterpolateInputs),
     )
 

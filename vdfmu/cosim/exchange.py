@@ -229,6 +229,8 @@ class SampledStepper:
 
     def __init__(self, exchange: Exchange) -> None:
         self._clock, self._size = exchange.clock, exchange.size
+        self.pressed: Callable[[], bool] = lambda: False
+        """Whether the user wants to stop; the master asks between the rows, which are the steps here."""
         gathers = [bank.gather(slice(0, bank.inputs.size)) for bank in exchange.banks]
         self.opening = [gather for gather in gathers if gather is not None]
         self.stages: list[tuple[Slave, list[Callable[[], None]], list[Call]]] = []

@@ -240,8 +240,8 @@ class _Run:
             for slave in self.slaves.values():
                 slave.close()
             self.box.flush()
-        if self._folder is not None:
-            shutil.rmtree(self._folder, ignore_errors=True)
+            if self._folder is not None:
+                shutil.rmtree(self._folder, ignore_errors=True)
 
     def initialize(self, begin: float, end: float, tolerance: float | None) -> None:
         """Take all units through initialization; leaves the outputs at `begin` in the exchange."""
@@ -287,6 +287,7 @@ class _Run:
         stride = max(1, -(-n // 100))
         try:
             with InterruptGuard() as guard:
+                stepper.pressed = lambda: guard.pressed
                 store(0)
                 done = 0
                 if progress is not None:

@@ -140,7 +140,8 @@ def facts(summary: Summary) -> list[tuple[str, str]]:
         found = [(name, f"{text} in one container FMU" if name == "Units" else text) for name, text in found]
     done: Summary | None = summary.get("communication")
     if done is not None:
-        text = f"{done['steps']} steps of {1e3 * done['shortest_step']:.3g} to {1e3 * done['longest_step']:.3g} ms"
+        lengths = dict.fromkeys(f"{1e3 * done[key]:.3g}" for key in ("shortest_step", "longest_step"))
+        text = f"{done['steps']} steps of {' to '.join(lengths)} ms"
         found.append(
             ("Communication", f"{text}, {done['rejected']} rejected, {done['unit_steps']} steps of units")
         )

@@ -54,8 +54,9 @@ def power_bond(results: Results, robot: Robot) -> dict[str, Any]:
 
     Torque and rotor velocity carry power from controller to plant. The plant takes up ``ell tau_in kappa_dot`` with the
     torque that it was given, the controller gives ``ell tau kappa_dot_in`` with the velocity that it was given; with
-    exact coupling the two are the same. Their difference, times the interval of the rows, is energy that the coupling
-    adds to the plant or takes from it; under error control, which steps between the rows, an estimate of it.
+    exact coupling the two are the same. Each step begins with inputs that are the outputs they read, so the difference
+    grows from zero over it, and half of that at the end times the step is the energy that the coupling adds to the
+    plant or takes from it (trapezoidal rule). Under error control, which steps between the rows, an estimate.
 
     Returns
     -------
@@ -70,7 +71,7 @@ def power_bond(results: Results, robot: Robot) -> dict[str, Any]:
     h = np.diff(results.time)[:, None]
     taken = (robot.ell * results.array("plant.tau") * results.array("plant.kappa_dot"))[1:]
     given = (robot.ell * results.array("controller.tau") * results.array("controller.kappa_dot"))[1:]
-    residual = h * (taken - given)
+    residual = 0.5 * h * (taken - given)
     return {
         "power_bond": {
             "residual_energy_j": residual.sum(axis=0).tolist(),
