@@ -216,7 +216,7 @@ def fmus(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
         [variable("u", "input"), variable("y", "output"), variable("n", "output", "Integer", 0)],
         "def calc(self):\n    pass\n"
         "def do_step(self, t, h):\n    self._y = self._y + h * (1.0 + self._u)\n"
-        "    self._n = int(t + h + 1e-9)\n    return not 0.2 < h < 0.9\n",
+        "    self._n = int(t + h + 1e-9)\n    return not 0.01 < h < 0.9\n",
         {},
     )
     add(
