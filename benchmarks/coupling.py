@@ -381,8 +381,8 @@ def _draw_energy(axes: Axes, found: Coupling) -> None:
         if a == "iterative":
             bound = [(p.bound or 0.0) / (p.exchanged or 1.0) for p in points]
             axes.loglog(h, bound, color=colour, linewidth=0.9, linestyle=":")
-            axes.annotate("bound of convergence", (h[0], bound[0]), (0, 5), textcoords="offset points",
-                          ha="right", fontsize=8, color=colour)  # fmt: skip
+            axes.annotate("bound of convergence", (h[0], bound[0]), (0, -5), textcoords="offset points",
+                          ha="right", va="top", fontsize=8, color=colour)  # fmt: skip
     axes.set_xlabel("communication step [ms]")
     axes.set_ylabel("energy residual over exchanged energy")
     ticks = [0.05, 0.1, 0.2, 0.5, 1, 2, 5]
