@@ -12,7 +12,7 @@ import sys
 from collections.abc import Callable
 from functools import wraps
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, NoReturn
 
 import typer
 from rich.console import Console
@@ -22,7 +22,7 @@ from rich.table import Table
 
 from vdfmu import __version__
 from vdfmu.cosim import Interrupted, LogMessage
-from vdfmu.errors import ModelError, SspError, UsageError, VdfmuError
+from vdfmu.errors import ModelError, SspError, StorageError, UsageError, VdfmuError
 from vdfmu.model import load_robot, load_scenario, robot_names, scenario_names
 
 __all__ = ["app", "main"]
@@ -260,9 +260,18 @@ def check(
     """Check an FMU or a system: schema, rules, binaries for this platform, ten steps, reference results."""
     from vdfmu.study.check import inspect_file
 
-    report = inspect_file(file, run=not no_run)
+    try:
+        report = inspect_file(file, run=not no_run)
+    except StorageError as error:
+        _fail(error, 2)
     if as_json:
-        print(json.dumps(report.to_dict(), indent=1))
+        try:
+            print(json.dumps(report.to_dict(), indent=1), flush=True)
+        except BrokenPipeError:
+            raise
+        except OSError as error:
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+            _fail(f"the findings cannot be written: {error.strerror}", 2)
     else:
         for note in report.notes:
             _say(f"note: {note}")
@@ -395,7 +404,7 @@ def main() -> None:
         sys.exit(1)
 
 
-def _fail(error: object, code: int) -> None:
+def _fail(error: object, code: int) -> NoReturn:
     errors.print(f"[red]error:[/red] {escape(str(error))}", soft_wrap=True)
     sys.exit(code)
 

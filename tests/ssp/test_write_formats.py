@@ -1,6 +1,7 @@
 """The files of both versions of SSP by the schemas of another package, OSP in libcosim, and what is refused."""
 
 import json
+import os
 import re
 import subprocess
 import sys
@@ -17,6 +18,7 @@ from vdfmu.fmu import build_fmus, interface
 from vdfmu.model import load_scenario
 from vdfmu.ssp.description import SystemDescription
 from vdfmu.ssp.documentation import system_page
+from vdfmu.ssp.drawing import draw_system
 from vdfmu.ssp.parameter_files import mapping_file, parameter_file
 from vdfmu.ssp.parameters import system_values
 from vdfmu.ssp.structure_file import structure_file
@@ -118,6 +120,27 @@ def test_impossible_formats_say_what_to_do(monkeypatch):
         fmi_of_format("2.0", None)
 
 
+@pytest.mark.parametrize("version", ["1.0", "2.0"])
+@pytest.mark.parametrize("name", ["planar_tracking", "slider_tracking", "two_joint"])
+def test_labels_in_the_diagram_have_room(name, version):
+    """Labels of 4.2 mm: those of one side are a line apart, and those of both sides do not meet."""
+    ssd = structure_file(SystemDescription(load_scenario(name), version=version))
+    space = "{http://www.w3.org/2000/svg}"
+    labels = [
+        (float(e.get("x")), float(e.get("y")), e.get("text-anchor"), len(e.text))
+        for e in ElementTree.fromstring(draw_system(ssd, {})).iter(f"{space}text")
+        if e.get("class") == "label"
+    ]
+    for x, y, side, length in labels:
+        for x2, y2, side2, length2 in labels:
+            if (x, side) == (x2, side2) and y != y2:
+                assert abs(y - y2) > 4.2
+            elif side == "start" and side2 == "end" and 0.0 < x2 - x < 80.0 and abs(y - y2) < 4.2:
+                assert (
+                    0.55 * 4.2 * (length + length2) < x2 - x
+                )  # a letter is 0.53 of its size wide in DejaVu Sans
+
+
 def test_the_page_shows_the_system(scenario):
     description = SystemDescription(scenario)
     ssd = structure_file(description)
@@ -136,6 +159,29 @@ def test_the_page_shows_the_system(scenario):
             if interface(unit, scenario.robot).find(name).type == "Real":
                 assert repr(float(value)) in cells, (unit, name)
     assert "http://" not in page.replace("http://www.w3.org/2000/svg", "")  # needs no network
+
+
+def test_an_osp_folder_has_no_file_that_is_cut_off(scenario, fmus, tmp_path, monkeypatch):
+    """A disk that fills up at any file: each file is the old one or the new one."""
+    names = {path.name for path in write_osp(scenario, fmus, tmp_path).parent.iterdir()}
+    assert len(names) == 5
+    for name in names:
+        (tmp_path / name).write_bytes(b"old")
+    new = {path.name: path.read_bytes() for path in fmus.values()}
+    replace, moved = os.replace, []
+
+    def fill(source, target):
+        if len(moved) == 2:
+            raise OSError(28, "No space left on device")
+        replace(source, target)
+        moved.append(os.path.basename(target))
+
+    monkeypatch.setattr("os.replace", fill)
+    with pytest.raises(StorageError, match="No space left"):
+        write_osp(scenario, fmus, tmp_path)
+    assert {path.name for path in tmp_path.iterdir()} == names
+    for name in names:
+        assert (tmp_path / name).read_bytes() == (new[name] if name in moved else b"old")
 
 
 RUN = """

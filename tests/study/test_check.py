@@ -1,6 +1,7 @@
 """The check of a file: what it says, and that a unit that crashes or hangs does not take it along."""
 
 import os
+import re
 import subprocess
 import sys
 import zipfile
@@ -76,7 +77,12 @@ def test_a_unit_that_ends_its_process_without_an_error_is_reported(changed):
 def test_a_unit_that_never_ends_is_stopped(changed, monkeypatch):
     monkeypatch.setattr(check_run, "SECONDS", 3.0)
     path = changed("none", {SCRIPT: "import time\ntime.sleep(1000)\n"})
-    assert check_file(path) == ["10 steps did not end within 3 s"]
+    (problem,) = check_file(path)
+    # on a busy machine Python itself may not have started after 3 s
+    assert problem.removesuffix(" did not end within 3 s") in (
+        "a run of 10 steps",
+        "the start of the process",
+    )
 
 
 def test_a_binary_for_another_platform_only_is_named(fmus, tmp_path):
@@ -122,7 +128,7 @@ def test_files_that_are_no_fmu(tmp_path):
     for text, words in {
         "<a/>": "expected the root fmiModelDescription, got 'a'",
         "<a>": "is not well-formed XML",
-        '<fmiModelDescription fmiVersion="4.0"/>': "fmiVersion is '4.0'; expected one of 1.0, 2.0, 3.0",
+        '<fmiModelDescription fmiVersion="4.0"/>': "fmiVersion is '4.0'; expected 1.0, 2.0 or 3.0",
         '<fmiModelDescription fmiVersion="2.0"/>': "modelName",
     }.items():
         with zipfile.ZipFile(tmp_path / "x.fmu", "w") as file:
@@ -173,3 +179,26 @@ def test_what_cannot_be_opened_is_a_wrong_option(tmp_path, monkeypatch):
     monkeypatch.setattr("pathlib.Path.open", refuse)
     with pytest.raises(UsageError, match="cannot be opened: Permission denied"):
         check_file(tmp_path / "closed.fmu")
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ('fmiVersion="2.0"', 'fmiVersion="2.0.4"', "fmiVersion is '2.0.4'; expected 1.0, 2.0 or 3.0"),
+        ('fmiVersion="2.0"', 'fmiVersion=""', "has no fmiVersion"),
+        (
+            "<DefaultExperiment",
+            "<DefaultExperiment tolerance='1' stepSize='-1'",
+            "stepSize is '-1'; expected",
+        ),
+    ],
+)
+def test_a_version_or_experiment_that_is_odd_is_told_and_not_run(fmus, changed, old, new, said):
+    with zipfile.ZipFile(fmus["plant"]) as archive:
+        text = archive.read("modelDescription.xml").decode()
+    if new.startswith("<Default"):
+        text = re.sub(r"<DefaultExperiment[^/>]*", new, text)
+    text = text.replace(old, new) if not new.startswith("<Default") else text
+    report = inspect_file(changed("\0", {"modelDescription.xml": text}))
+    assert any(said in problem for problem in report.problems)
+    assert not report.ran

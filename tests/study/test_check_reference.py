@@ -137,3 +137,19 @@ def test_tables_are_read_with_quotes_arrays_and_truth_values():
 def test_a_table_that_is_none(text, message):
     with pytest.raises(ValueError, match=message):
         read_table(text)
+
+
+def test_times_that_are_not_finite_are_refused_with_their_line():
+    for time in ("nan", "inf"):
+        with pytest.raises(ValueError, match="line 3: times must be finite"):
+            read_table(f"time,x\n0,1\n{time},1\n")
+
+
+def test_rows_that_are_too_close_for_even_steps_are_a_note(tmp_path_factory, tmp_path):
+    robot = load_scenario("planar_tracking").robot
+    plant = build_fmus(robot, tmp_path_factory.mktemp("fmus2"), backend="native", fmi_version="2.0")["plant"]
+    table = {f"{FOLDER}Plant_out.csv": b"time,E_kin\n0,0\n1e-12,0\n1,0\n"}
+    pack_zip(tmp_path / "close.fmu", members(plant) | table)
+    findings = compare(tmp_path / "close.fmu")
+    assert (findings.problems, findings.compared) == ([], [])
+    assert any("two rows are 1e-12 s apart" in note for note in findings.notes)

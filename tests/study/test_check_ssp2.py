@@ -194,10 +194,130 @@ def test_an_osp_system_structure_is_checked_beside_its_fmus(fmus, tmp_path):
     assert (good.problems, good.kind, good.standard) == ([], "OSP", "OSP system structure 0.1")
     assert good.notes[0].startswith("the system was not run: that takes libcosim")
     assert check(initial="q_9", sink="tau[1]").problems == [
-        "simulator 'plant': initial value: Plant.fmu has no 'q_9'",
+        "simulator 'plant': initial value of 'q_9': Plant.fmu has no such variable",
         "connection plant.q[1] -> pd.tau[1]: direction error, it joins output and output",
     ]
     assert check(source="None.fmu", sink="w").problems == [
         "simulator 'pd': there is no file 'None.fmu' beside OspSystemStructure.xml"
     ]
     assert check(sink="w").problems == ["connection plant.q[1] -> pd.w: pd has no variable 'w'"]
+
+
+def test_without_schemas_what_cannot_be_read_is_a_problem_and_no_traceback(package, monkeypatch):
+    monkeypatch.setattr(check_ssp2, "_schema", lambda kind: None)
+    for old, new in (('size="2"', 'size="x"'), ("resources/Plant.fmu", "http://[bad/Plant.fmu")):
+        (problem,) = inspect_file(package(GOOD.replace(old, new, 1)), run=False).problems
+        assert problem.startswith(
+            "x.ssp: SystemStructure.ssd: cannot be read, an element or attribute is missing"
+        )
+    (problem,) = inspect_file(
+        package(GOOD.replace('Connector name="q_d"', "Connector", 1)), run=False
+    ).problems
+    assert problem.endswith("Connector has no name")
+
+
+def test_faults_of_the_schema_are_the_only_ones(package):
+    text = GOOD.replace('size="2"', 'size="x"', 1).replace('endConnector="q"', 'endConnector="w"')
+    (problem,) = inspect_file(package(text), run=False).problems
+    assert "'x' is not a valid value" in problem
+
+
+def test_indices_choose_elements_and_must_lie_in_the_array(package):
+    def linked(start, end, plant="E_kin"):
+        size = 0 if plant == "E_kin" else 2
+        items = [
+            f'<ssd:Connection startElement="Plant" startConnector="{plant}" endElement="PDController" '
+            f'endConnector="q_d" {a} {b}/>'
+            for a, b in zip(start, end, strict=True)
+        ]
+        text = system(
+            component("Plant", connector(plant, "output", size)),
+            component("PDController", connector("q_d", "input")),
+            links=f"<ssd:Connections>{''.join(items)}</ssd:Connections>",
+        )
+        return inspect_file(package(text), run=False).problems
+
+    # one scalar feeds both elements
+    assert linked(["", ""], ['endIndices="1"', 'endIndices="2"']) == []
+    assert linked(['startIndices="2"'], ['endIndices="1"'], "q") == []
+    name = "connection Plant.E_kin -> PDController.q_d: "
+    (problem,) = linked(["", ""], ['endIndices="1"', 'endIndices="1"'])
+    assert problem.startswith(f"{name}duplicate source")
+    (problem,) = linked(["", ""], ['endIndices="1"', ""])[:1]
+    assert problem.startswith(f"{name}duplicate source")
+    for index in ("0", "3"):
+        assert linked([""], [f'endIndices="{index}"']) == [
+            f"{name}endIndices: {index} is outside of PDController.q_d, an array of 2; the first index is 1"
+        ]
+    assert linked([""], ['endIndices="1 1"']) == [
+        f"{name}endIndices: 2 for PDController.q_d, which is an array of 2"
+    ]
+
+
+def test_units_sizes_of_parameters_and_the_implementation_are_checked(package):
+    def values(value, size):
+        return (
+            '<ssd:ParameterBindings><ssd:ParameterBinding><ssd:ParameterValues><ssv:ParameterSet version="2.0" '
+            f'name="p"><ssv:Parameters><ssv:Parameter name="q_start"><ssv:Float64 value="{value}" unit="m"/>'
+            f'<ssc:Dimension size="{size}"/></ssv:Parameter></ssv:Parameters></ssv:ParameterSet>'
+            "</ssd:ParameterValues></ssd:ParameterBinding></ssd:ParameterBindings>"
+        )
+
+    def check(value, size, factor="1", implementation="CoSimulation"):
+        trajectory = component(
+            "Trajectory",
+            connector("q_d", "output").replace("<ssc:Float64/>", '<ssc:Float64 unit="m"/>'),
+            connector("q_d_dot", "output").replace("<ssc:Float64/>", '<ssc:Float64 unit="none"/>'),
+            inner=values(value, size),
+        ).replace("<ssd:Component", f'<ssd:Component implementation="{implementation}"')
+        units = (
+            f'<ssd:Units><ssc:Unit name="m"><ssc:BaseUnit m="1" factor="{factor}"/></ssc:Unit></ssd:Units>'
+        )
+        text = system(trajectory).replace("</ssd:System>", f"</ssd:System>{units}")
+        return inspect_file(package(text), run=False).problems
+
+    parameter = "x.ssp: parameter binding of Trajectory: parameter 'q_start': "
+    always = [
+        "Trajectory.q_d: unit mismatch, the SSD declares 'm' (m), the FMU 'rad' (rad)",
+        "Trajectory.q_d_dot: the SSD has no definition of unit 'none'",
+        f"{parameter}unit mismatch, the value is in 'm' (m), the FMU declares 'rad' (rad)",
+    ]
+    assert check("0 0", 2) == always
+    assert check("0 0 0", 2) == [*always[:2], f"{parameter}3 value(s) for an array of 2", always[2]]
+    assert f"{parameter}is an array of 3, the FMU declares an array of 2" in check("0 0 0", 3)
+    asked = "Trajectory: the SSD asks for ModelExchange, resources/Trajectory.fmu has CoSimulation"
+    assert asked in check("0 0", 2, implementation="ModelExchange")
+    for factor in ("0", "INF"):
+        assert any(p.startswith("unit 'm': factor") for p in check("0 0", 2, factor))
+
+
+def test_the_structure_and_the_initial_values_of_an_osp_file_are_checked(fmus, tmp_path):
+    for unit in ("plant", "controller"):
+        (tmp_path / fmus["2.0"][unit].name).write_bytes(fmus["2.0"][unit].read_bytes())
+    path = tmp_path / "OspSystemStructure.xml"
+    good = OSP.format(initial="q_0[1]", source=(tmp_path / "PDController.fmu").as_uri(), sink="q[1]")
+
+    def check(old, new):
+        assert old in good
+        path.write_text(good.replace(old, new, 1))
+        return [p.removeprefix("OspSystemStructure.xml") for p in inspect_file(path, run=False).problems]
+
+    assert check("<Simulators>", "<Algorithm>ecco</Algorithm><Simulators>") == []
+    value = "simulator 'plant': initial value of 'q_0[1]': "
+    assert check('value="1"', 'value="a"') == [f"{value}'a' is no Real"]
+    assert check("<Real", "<Integer") == [f"{value}type mismatch, Integer for a variable of type Real"]
+    (problem,) = check('variable="q_0[1]"', 'variable="q[1]"')
+    assert problem.startswith("simulator 'plant': initial value of 'q[1]': cannot be set, it is ")
+    assert check('version="0.1"', 'version="9"') == [": version is '9'; expected '0.1'"]
+    assert check("<Simulators>", "<Foo/><Simulators>") == [
+        ", line 1: OspSystemStructure: unknown element 'Foo'"
+    ]
+    assert check("<Simulators>", "<BaseStepSize>0</BaseStepSize><Simulators>") == [
+        ", line 2: BaseStepSize: expected a positive number, got '0'"
+    ]
+    assert check("<Simulators>", "<Algorithm>x</Algorithm><Simulators>") == [
+        ", line 2: Algorithm: 'x' is unknown; expected one of fixedStep, ecco"
+    ]
+    assert check('<Variable simulator="plant" name="q[1]"/>', "") == [
+        ", line 4: VariableConnection: expected two ends, got 1"
+    ]

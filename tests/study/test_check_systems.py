@@ -7,13 +7,13 @@ import zipfile
 
 import pytest
 
-from vdfmu.errors import UsageError
+from vdfmu.errors import StorageError, UsageError
 from vdfmu.fmu import build_fmus
 from vdfmu.fmu.archive import pack_zip
 from vdfmu.model import load_scenario
 from vdfmu.ssp.parameters import system_values
 from vdfmu.ssp.write import write_ssp
-from vdfmu.study.check import check_file
+from vdfmu.study.check import check_file, inspect_file
 
 REFERENCE = "extra/org.fmi-standard.fmi-ls-ref/"
 
@@ -117,3 +117,29 @@ def test_the_command_prints_json_and_ends_with_code_1_for_problems(package, tmp_
 def test_a_file_that_is_not_there_is_wrong_usage(tmp_path):
     with pytest.raises(UsageError, match="there is no such file"):
         check_file(tmp_path / "no.ssd")
+
+
+def test_the_ending_in_capitals_a_missing_icon_and_an_odd_version(package, tmp_path):
+    content = members(package)
+    ssd = content["SystemStructure.ssd"].replace(b'version="1.0" name=', b'version="1.5" name=', 1)
+    icons = [name for name in content if name.startswith("resources/icons/plant")]
+    kept = {name: data for name, data in content.items() if name not in icons}
+    pack_zip(tmp_path / "X.SSP", kept | {"SystemStructure.ssd": ssd})
+    report = inspect_file(tmp_path / "X.SSP")
+    assert (report.problems, report.ran) == ([], True)
+    assert "the SSD states version '1.5'; it was checked as SSP 1.0" in report.notes
+    assert f"plant: icon: the package has no {icons[0]!r}" in report.notes
+
+
+def test_an_fmu_of_a_long_name_is_stored_under_another(package, tmp_path):
+    content, name = members(package), f"resources/{'P' * 300}.fmu"
+    content[name] = content.pop("resources/Plant.fmu")
+    ssd = content["SystemStructure.ssd"].replace(b"resources/Plant.fmu", name.encode())
+    pack_zip(tmp_path / "long.ssp", content | {"SystemStructure.ssd": ssd})
+    assert check_file(tmp_path / "long.ssp", run=False) == []
+
+
+def test_a_temporary_folder_that_cannot_be_written_is_told(package, tmp_path, monkeypatch):
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path / "none"))
+    with pytest.raises(StorageError, match="was not checked: .*TMPDIR"):
+        check_file(package)

@@ -25,6 +25,10 @@ COUNT_LIMIT = 65_535
 """Most members of one package: more need the ZIP64 format, which SSP 1.0 excludes."""
 NESTING_LIMIT = 8
 """Most packages inside each other."""
+ELEMENT_LIMIT = 10_000
+"""Most elements of a system and the systems in it, each counted as often as it is referred to."""
+DEPTH_LIMIT = 32
+"""Most systems inside each other, written there or referred to."""
 INSIDE = "!/"
 """Between the name of a package inside a package and the name of a member of it."""
 _SHOWN = 50

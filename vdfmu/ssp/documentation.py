@@ -121,9 +121,9 @@ def _run(description: SystemDescription) -> str:
     text = f"""<p>From 0 to {stop} s with a communication step of {step} s. The numbers of the scenario are for the
 <code>{scenario.master}</code> algorithm; solver tolerance of the plant {description.tolerance:g}. The annotations
 of the default experiment say the same.</p>
-<p>Values apply in the order of the bindings of a component; no value is in two sets. An importer that applies one
-set of a component applies <code>scenario</code>; the rest are start values of the FMUs in this package, if it
-was made by <code>vdfmu ssp</code>.</p>"""
+<p>Values apply in the order of the bindings of a component. An importer that applies one set of a component applies
+<code>scenario</code>; the rest are start values of the FMUs in this package, if it was made by
+<code>vdfmu ssp</code>.</p>"""
     if description.version == "1.0":
         text += f"""
 <pre>import vdfmu

@@ -13,10 +13,12 @@ from vdfmu.ssp.archive import NAMESPACES
 __all__ = ["draw_system"]
 
 _COLOURS = ("#1f4e79", "#d9730d", "#2e7d4f", "#8e3b8c")
+_ICON = 10.0
+"""Size of an icon [mm]."""
 _STYLE = """
 svg.system { font-family: system-ui, sans-serif; max-width: 100%; height: auto; background: #ffffff; }
 .system .box { fill: #f4f7fa; stroke: #1f2328; stroke-width: .6; }
-.system .name { font-size: 7px; font-weight: 600; text-anchor: middle; fill: #1f2328; }
+.system .name { font-size: 7px; font-weight: 600; fill: #1f2328; }
 .system .label { font-size: 4.2px; fill: #1f2328; }
 .system .wire { fill: none; stroke-width: .5; stroke-linejoin: round; }
 .system .open { fill: #ffffff; stroke: #57606a; stroke-width: .4; }
@@ -91,19 +93,19 @@ def _box(
     x1, y1, x2, y2 = _corners(geometry)
     left, top, width, height = x1 - origin[0], origin[1] - y2, x2 - x1, y2 - y1
     name = component.get("name")
-    middle = left + width / 2
     parts = [
         f'<rect class="box" x="{left:g}" y="{top:g}" width="{width:g}" height="{height:g}" rx="2"/>',
-        f'<text class="name" x="{middle:g}" y="{top - 3:g}">{escape(name)}</text>',
     ]
     icon = icons.get(geometry.get("iconSource"))
-    if icon is not None:
-        size = 0.6 * width
+    indent = 0.0
+    if icon is not None:  # above the box, where no label of a connector is
         data = base64.b64encode(icon).decode()
         parts.append(
-            f'<image x="{middle - size / 2:g}" y="{top + (height - size) / 2:g}" width="{size:g}" '
-            f'height="{size:g}" opacity=".3" href="data:image/svg+xml;base64,{data}"/>'
+            f'<image x="{left:g}" y="{top - 1 - _ICON:g}" width="{_ICON:g}" height="{_ICON:g}" '
+            f'href="data:image/svg+xml;base64,{data}"/>'
         )
+        indent = _ICON + 1.5
+    parts.append(f'<text class="name" x="{left + indent:g}" y="{top - 3:g}">{escape(name)}</text>')
     connectors = component.findall("ssd:Connectors/ssd:Connector", NAMESPACES)
     for (group, kind), found in groupby(connectors, lambda c: (c.get("name").split("[")[0], c.get("kind"))):
         members = list(found)

@@ -10,6 +10,7 @@ from typing import Any
 from lxml import etree  # pyright: ignore[reportAttributeAccessIssue]  # lxml ships no stubs
 
 from vdfmu.errors import StorageError
+from vdfmu.fmu.archive import replacing
 from vdfmu.model import Scenario
 from vdfmu.ssp.description import SystemDescription
 from vdfmu.ssp.versions import require_fmi
@@ -50,7 +51,11 @@ def write_osp(
     StorageError
         If a file cannot be written.
     """
+    if not os.fspath(folder):
+        raise StorageError("the name of the folder to write is empty; expected one such as system_osp")
     folder = Path(folder)
+    if folder.exists() and not folder.is_dir():
+        raise StorageError(f"{folder}: is a file; expected a folder, or a new name for one")
     require_fmi(fmus, "2.0", "an OSP system structure")
     description = SystemDescription(scenario, values)
     names = {unit: Path(fmu).name for unit, fmu in fmus.items()}
@@ -62,13 +67,18 @@ def write_osp(
             data = Path(fmu).read_bytes()
             target = folder / names[unit]
             if not (target.is_file() and target.samefile(fmu)):
-                target.write_bytes(data)
-        path.write_bytes(content)
+                _write(target, data)
+        _write(path, content)
     except OSError as error:
         raise StorageError(
             f"{folder}: cannot be written: {error}. Choose another folder or free space."
         ) from error
     return path
+
+
+def _write(path: Path, content: bytes) -> None:
+    with replacing(path) as stream:
+        stream.write(content)
 
 
 def osp_structure(description: SystemDescription, names: Mapping[str, str]) -> Any:

@@ -9,6 +9,7 @@ from dataclasses import replace
 from typing import Any
 
 from vdfmu.errors import SspError
+from vdfmu.ssp import archive as limits
 from vdfmu.ssp.archive import NAMESPACES, Archive, parse_ssp_xml
 from vdfmu.ssp.elements import Node, Scope, read_connectors, read_units
 from vdfmu.ssp.structure import Connector
@@ -19,8 +20,15 @@ DEFINITION_TYPE = "application/x-ssp-definition"
 _SUFFIXES = {".ssp": PACKAGE_TYPE, ".ssd": DEFINITION_TYPE}
 
 
+class LimitError(SspError):
+    """A system over a limit of size, which ends the reading."""
+
+
 class TreeReader:
     """Turns the XML of systems and components into `Node` objects; keeps the problems it meets.
+
+    A system over ``ELEMENT_LIMIT`` or ``DEPTH_LIMIT`` raises `LimitError`: references to systems that refer to
+    systems multiply.
 
     Parameters
     ----------
@@ -33,13 +41,28 @@ class TreeReader:
         self._structure = structure
         self._open: list[str] = []
         """The systems that are being read from files or by reference, to find circles."""
+        self._roots: dict[str, Any] = {}
+        """The SSDs that components name; each is parsed once."""
+        self._count = 0
 
     def system(self, element: Any, scope: Scope, parent: Node | None, name: str = "") -> Node:
         """Read a system with everything below it."""
         path = () if parent is None else (*parent.path, name)
+        if len(path) > limits.DEPTH_LIMIT:
+            raise LimitError(
+                f"{scope.label}: {'.'.join(path[:3])}...: more than {limits.DEPTH_LIMIT} systems inside each other; "
+                "that is the limit (DEPTH_LIMIT). Join some of them"
+            )
         node = Node(path, "system", read_connectors(element, scope), element, scope)
         self._dictionaries(node, element, parent)
         for child in element.iterfind("ssd:Elements/*", NAMESPACES):
+            self._count += 1
+            if self._count > limits.ELEMENT_LIMIT:
+                raise LimitError(
+                    f"{scope.label}: the system has more than {limits.ELEMENT_LIMIT} elements, those of systems "
+                    "that components refer to included; that is the limit (ELEMENT_LIMIT). Look for systems that "
+                    "refer to one another many times, or split the system"
+                )
             child_name = child.get("name")
             if child_name in node.children:
                 self.problems.append(f"{scope.label}: two elements are named {node.dotted(child_name)!r}")
@@ -79,6 +102,8 @@ class TreeReader:
                 self.problems.append(f"{where}: the package has no {member!r}")
             elif (other := _SUFFIXES.get(posixpath.splitext(member)[1].lower())) is not None:
                 self.problems.append(f"{where}: {member!r} is no FMU; set the component's type to {other!r}")
+        except LimitError:
+            raise
         except SspError as error:
             self.problems += error.problems
         node.implementation = element.get("implementation", "any")
@@ -101,8 +126,11 @@ class TreeReader:
         else:
             base = posixpath.dirname(member)
             scope = Scope(outer.archive, outer.prefix, base, member, outer.label, units=outer.units)
-        with self._opened(scope.prefix + scope.document, where):
-            root = self._structure(scope.archive, scope.document, scope.label)
+        key = scope.prefix + scope.document
+        with self._opened(key, where):
+            if key not in self._roots:
+                self._roots[key] = self._structure(scope.archive, scope.document, scope.label)
+            root = self._roots[key]
             scope.define(read_units(root.find("ssd:Units", NAMESPACES)))
             return self._stand_in(node, root.find("ssd:System", NAMESPACES), scope, where)
 

@@ -9,7 +9,7 @@ from typing import Any
 
 from vdfmu.data import data_path
 from vdfmu.errors import StorageError
-from vdfmu.fmu.archive import pack_zip
+from vdfmu.fmu.archive import pack_zip, regular_target
 from vdfmu.fmu.interface import MODEL_NAMES
 from vdfmu.model import Scenario
 from vdfmu.ssp.archive import validate
@@ -59,9 +59,12 @@ def write_ssp(
     UsageError
         For an unknown version, or FMUs that the version cannot hold.
     StorageError
-        If an FMU cannot be read or the file cannot be written.
+        If an FMU cannot be read, or the file cannot be written or is no regular file.
     """
+    if not os.fspath(path):
+        raise StorageError("the name of the file to write is empty; expected one such as system.ssp")
     path = Path(path)
+    regular_target(path)
     fmi_version = require_version(version)
     require_fmi(fmus, fmi_version, f"SSP {version}")
     description = SystemDescription(scenario, values, version)

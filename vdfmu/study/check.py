@@ -13,14 +13,14 @@ from typing import Any
 from urllib.parse import unquote
 
 from vdfmu.cosim.check import check_system
-from vdfmu.errors import SspError, UsageError
+from vdfmu.errors import SspError, StorageError, UsageError
 from vdfmu.fmu.archive import pack_zip
 from vdfmu.ssp.archive import Archive, is_inside, parse_xml
 from vdfmu.ssp.read import DEFAULT, load_ssp, variants
 from vdfmu.study.check_osp import NAMESPACE as OSP_NAMESPACE
 from vdfmu.study.check_osp import check_osp
 from vdfmu.study.check_ssp2 import check_ssp2
-from vdfmu.study.check_unit import check_unit
+from vdfmu.study.check_unit import check_unit, store
 from vdfmu.study.findings import Findings
 
 __all__ = ["FORMAT", "Report", "check_file", "inspect_file"]
@@ -86,10 +86,22 @@ def inspect_file(path: str | os.PathLike[str], run: bool = True) -> Report:
     ------
     UsageError
         If there is no such file, or one that cannot be opened, or of another ending.
+    StorageError
+        If the temporary folder cannot be written.
     """
     path = Path(path)
     suffix = path.suffix.lower()
     _require(path, suffix)
+    try:
+        return _inspect(path, suffix, run)
+    except OSError as error:
+        raise StorageError(
+            f"{path}: was not checked: {error}. The check needs a temporary folder with free space; "
+            "TMPDIR names another one."
+        ) from error
+
+
+def _inspect(path: Path, suffix: str, run: bool) -> Report:
     if suffix == ".fmu":
         return _report(path, "FMU", *check_unit(path, run))
     if suffix == ".xml":
@@ -139,7 +151,10 @@ def _check_package(path: Path, folder: Path, run: bool) -> tuple[Findings, str |
                 has = f"; it has {', '.join(names)}" if names else ""
                 has += "; it is an FMU, name it .fmu" if "modelDescription.xml" in archive else ""
                 return Findings([f"{path.name}: the package has no {DEFAULT!r}{has}"]), None
-            versions = {name: _version(archive, path.name, name) for name in names}
+            versions: dict[str, str | None] = {}
+            for name in names:
+                versions[name], notes = _head(archive, path.name, name)
+                findings.add(Findings(notes=notes), "" if name == DEFAULT else name)
     except SspError as error:
         return Findings(error.problems), None
     checked: set[str] = set()
@@ -153,16 +168,29 @@ def _check_package(path: Path, folder: Path, run: bool) -> tuple[Findings, str |
     if run and not findings.problems and default.startswith("1"):
         from vdfmu.study.check_run import run_apart
 
-        findings.add(run_apart(path))
+        findings.add(run_apart(path, "SSP"))
     return findings, f"SSP {default}" if default else None
 
 
-def _version(archive: Archive, label: str, name: str) -> str | None:
-    """Return the version that an SSD states; None where it cannot be read, which its check reports."""
+def _head(archive: Archive, label: str, name: str) -> tuple[str | None, list[str]]:
+    """Return the version that an SSD states, None where it cannot be read, and notes on it."""
     try:
-        return parse_xml(archive.read(name), f"{label}: {name}").get("version")
+        root = parse_xml(archive.read(name), f"{label}: {name}")
     except SspError:
-        return None
+        return None, []  # reported by its check
+    version = root.get("version")
+    notes: list[str] = []
+    if version and version not in ("1.0", "2.0"):
+        taken = "2.0" if version.startswith("2") else "1.0"
+        notes.append(f"the SSD states version {version!r}; it was checked as SSP {taken}")
+    for element in root.iter():
+        icon = element.get("iconSource")
+        member = posixpath.normpath(unquote(icon)) if icon else ""
+        if is_inside(member) and member not in archive:
+            notes.append(
+                f"{element.getparent().get('name') or 'the system'}: icon: the package has no {icon!r}"
+            )
+    return version, notes
 
 
 def _check_ssp1(path: Path, variant: str, folder: Path, checked: set[str]) -> Findings:
@@ -175,9 +203,7 @@ def _check_ssp1(path: Path, variant: str, folder: Path, checked: set[str]) -> Fi
     for source, data in system.fmus.items():
         if source not in checked:
             checked.add(source)
-            fmu = folder / posixpath.basename(source)
-            fmu.write_bytes(data)
-            unit, _ = check_unit(fmu, run=False)
+            unit, _ = check_unit(store(data, folder), False, posixpath.basename(source))
             findings.add(Findings(unit.problems), source)
     return findings
 
@@ -195,7 +221,7 @@ def _pack(ssd: Path, package: Path) -> None:
             if name in members or not is_inside(name):
                 continue  # what points outside is reported by the check
             file = (home / name).resolve()
-            if file.is_file() and file.is_relative_to(home):
+            if len(file.name) < 256 and file.is_file() and file.is_relative_to(home):
                 members[name] = file.read_bytes()
                 if name.lower().endswith(".ssd"):
                     waiting.append((posixpath.dirname(name), members[name]))

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import Any
-from urllib.parse import unquote
+from urllib.parse import unquote, urlsplit
 
 from vdfmu.errors import SspError
 from vdfmu.ssp.archive import parse_xml
@@ -15,6 +16,51 @@ __all__ = ["NAMESPACE", "check_osp"]
 
 NAMESPACE = "http://opensimulationplatform.com/MSMI/OSPSystemStructure"
 _NS = {"osp": NAMESPACE}
+_ALGORITHMS = ("fixedStep", "ecco")
+_VALUES = ("Real", "Integer", "Boolean", "String")
+_ECCO = (
+    "SafetyFactor", "StepSize", "MinimumStepSize", "MaximumStepSize", "MinimumChangeRate", "MaximumChangeRate",
+    "ProportionalGain", "IntegralGain", "RelativeTolerance", "AbsoluteTolerance",
+)  # fmt: skip
+_TIMES = ("StartTime", "EndTime", "BaseStepSize")
+_CHILDREN: dict[str, tuple[str, ...]] = {
+    "OspSystemStructure": (
+        *_TIMES,
+        "Algorithm",
+        "Simulators",
+        "Functions",
+        "Connections",
+        "EccoConfiguration",
+    ),
+    "Simulators": ("Simulator",),
+    "Simulator": ("InitialValues",),
+    "InitialValues": ("InitialValue",),
+    "InitialValue": _VALUES,
+    "Functions": ("LinearTransformation", "Sum", "VectorSum"),
+    "Connections": (
+        "VariableConnection",
+        "SignalConnection",
+        "VariableGroupConnection",
+        "SignalGroupConnection",
+    ),
+    "VariableConnection": ("Variable",),
+    "SignalConnection": ("Variable", "Signal"),
+    "VariableGroupConnection": ("VariableGroup",),
+    "SignalGroupConnection": ("SignalGroup", "VariableGroup"),
+    "EccoConfiguration": _ECCO,
+}
+"""Elements of the version 0.1 and what may be in them."""
+_NEEDED: dict[str, tuple[str, ...]] = {
+    "Simulator": ("name", "source"),
+    "InitialValue": ("variable",),
+    **dict.fromkeys(_VALUES, ("value",)),
+    **dict.fromkeys(("Variable", "VariableGroup"), ("simulator", "name")),
+    **dict.fromkeys(("Signal", "SignalGroup"), ("function", "name")),
+    "LinearTransformation": ("name",),
+    "Sum": ("name", "inputCount"),
+    "VectorSum": ("name", "inputCount", "dimension"),
+}
+"""Attributes that an element must have."""
 
 
 def check_osp(path: Path, run: bool = True) -> Findings:
@@ -26,6 +72,9 @@ def check_osp(path: Path, run: bool = True) -> Findings:
         return Findings(error.problems)
     if root.tag != f"{{{NAMESPACE}}}OspSystemStructure":
         return Findings([f"{path.name}: expected the root OspSystemStructure, got {root.tag!r}"])
+    findings.problems += _structure(root, path.name)
+    if findings.problems:
+        return findings  # what follows finds elements by their names; libcosim goes no further either
     findings.notes.append("the system was not run: that takes libcosim; the master of vdfmu runs SSP 1.0")
     known: dict[str, dict[str, Any] | None] = {}
     checked: dict[str, dict[str, Any] | None] = {}
@@ -38,21 +87,113 @@ def check_osp(path: Path, run: bool = True) -> Findings:
             checked[source] = _unit(path, source, where, run, findings)
         variables = known[name] = checked[source]
         for value in item.iterfind("osp:InitialValues/osp:InitialValue", _NS):
-            if variables is not None and value.get("variable") not in variables:
-                findings.problems.append(f"{where}: initial value: {source} has no {value.get('variable')!r}")
+            name = value.get("variable")
+            faults = _value_faults(value[0])
+            if variables is not None and name not in variables:
+                faults.append(f"{source} has no such variable")
+            elif variables is not None:
+                faults += _set_faults(value[0], variables[name])
+            findings.problems += [f"{where}: initial value of {name!r}: {fault}" for fault in faults]
     if not known:
         findings.problems.append(f"{path.name}: has no simulators")
     _connections(root, known, findings)
     return findings
 
 
+def _tag(element: Any) -> str:
+    return element.tag.removeprefix(f"{{{NAMESPACE}}}")
+
+
+def _structure(root: Any, label: str) -> list[str]:
+    """Return what breaks the structure of version 0.1: elements, attributes, numbers."""
+    problems: list[str] = []
+    if root.get("version") != "0.1":
+        problems.append(f"{label}: version is {root.get('version')!r}; expected '0.1'")
+    for element in root.iter():
+        tag, children = _tag(element), [_tag(child) for child in element]
+        where = f"{label}, line {element.sourceline}: {tag}"
+        known = _CHILDREN.get(tag, ())
+        problems += [f"{where}: unknown element {child!r}" for child in children if child not in known]
+        problems += [f"{where}: has no {name}" for name in _NEEDED.get(tag, ()) if element.get(name) is None]
+        if tag == "InitialValue" and len(children) != 1:
+            problems.append(f"{where}: expected one of {', '.join(_VALUES)}, got {len(children)} elements")
+        elif tag.endswith("Connection") and len(children) != 2:
+            problems.append(f"{where}: expected two ends, got {len(children)}")
+        elif tag == "Algorithm" and (element.text or "").strip() not in ("", *_ALGORITHMS):
+            known = ", ".join(_ALGORITHMS)
+            problems.append(f"{where}: {element.text!r} is unknown; expected one of {known}")
+        if tag in (*_TIMES, *_ECCO):
+            problems += _number_faults(element.text, where, tag == "BaseStepSize")
+        elif tag == "Simulator" and element.get("stepSize") is not None:
+            problems += _number_faults(element.get("stepSize"), f"{where}: stepSize", False)
+    return problems
+
+
+def _number_faults(text: str | None, where: str, positive: bool) -> list[str]:
+    try:
+        value = float(text or "")
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value) or (positive and value <= 0.0):
+        return [f"{where}: expected a {'positive' if positive else 'finite'} number, got {text!r}"]
+    return []
+
+
+def _value_faults(value: Any) -> list[str]:
+    """Return what is wrong with the text of a value."""
+    kind, text = _tag(value), value.get("value")
+    try:
+        if kind == "Real":
+            float(text)
+        elif kind == "Integer" and not -(2**31) <= int(text) < 2**31:
+            raise ValueError
+        elif kind == "Boolean" and text.strip() not in ("true", "false", "1", "0"):
+            raise ValueError
+    except ValueError:
+        return [f"{text!r} is no {kind}"]
+    return []
+
+
+def _set_faults(value: Any, variable: Any) -> list[str]:
+    """Return why a variable does not take an initial value."""
+    kind = _tag(value)
+    faults: list[str] = []
+    if kind != variable.type and (kind, variable.type) != ("Integer", "Enumeration"):
+        faults.append(f"type mismatch, {kind} for a variable of type {variable.type}")
+    settable = variable.causality in ("input", "parameter") or variable.initial in ("exact", "approx")
+    if variable.variability == "constant" or not settable:
+        initial = f", initial {variable.initial!r}" if variable.initial else ""
+        faults.append(f"cannot be set, it is {variable.variability or ''} {variable.causality}{initial}")
+    return faults
+
+
+def _file(path: Path, source: str) -> Path | None:
+    """Return the file that a URI means, a relative one beside the description; None for one elsewhere."""
+    try:
+        parts = urlsplit(source)
+    except ValueError:
+        return path.parent / source
+    if parts.scheme == "file":
+        return path.parent / unquote(parts.path)
+    if len(parts.scheme) > 1 or parts.netloc:
+        return None
+    return path.parent / unquote(source)
+
+
+def _is_file(path: Path) -> bool:
+    try:
+        return path.is_file()
+    except OSError:  # a name that is too long
+        return False
+
+
 def _unit(path: Path, source: str, where: str, run: bool, findings: Findings) -> dict[str, Any] | None:
     """Check an FMU and return its variables by name, or None."""
-    if "://" in source:
+    fmu = _file(path, source)
+    if fmu is None:
         findings.notes.append(f"{where}: {source} was not checked: it is not a file beside the description")
         return None
-    fmu = path.parent / unquote(source)
-    if not fmu.is_file():
+    if not _is_file(fmu):
         findings.problems.append(f"{where}: there is no file {source!r} beside {path.name}")
         return None
     unit, standard = check_unit(fmu, run)

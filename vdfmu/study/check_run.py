@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import os
 import subprocess
 import sys
 import tempfile
+from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
 
 import fmpy
 
 from vdfmu.cosim.master import simulate
-from vdfmu.errors import VdfmuError
+from vdfmu.errors import StorageError, VdfmuError
 from vdfmu.ssp.read import load_ssp
 from vdfmu.study.check_reference import compare
 from vdfmu.study.findings import Findings
@@ -24,15 +26,31 @@ STEPS = 10
 SECONDS = 60.0
 """Time that the short run may take, with the start of Python and the preparation of the unit."""
 _ANSWER = "findings.json"
+_PHASE = "phase.txt"
+_FULL = (errno.ENOSPC, errno.EDQUOT)
+_FULL_SAID = "vdfmu: no space left in the temporary folder"
+"""Last line of the error output of a process that could not write."""
 
 
-def run_apart(path: Path) -> Findings:
-    """Run an FMU or a package for ten steps in another process, which a foreign unit may crash or never leave."""
+def run_apart(path: Path, kind: str = "FMU") -> Findings:
+    """Run an FMU or a package for ten steps in another process, which a foreign unit may crash or never leave.
+
+    Parameters
+    ----------
+    path : Path
+    kind : str, optional
+        ``FMU``, or ``SSP`` for a package, whatever the name of the file ends with.
+
+    Raises
+    ------
+    StorageError
+        If the temporary folder is full.
+    """
     findings = Findings(ran=True)
     with tempfile.TemporaryDirectory(prefix="vdfmu_check_") as folder:
         try:
             done = subprocess.run(
-                [sys.executable, "-P", "-m", "vdfmu.study.check_run", str(path.resolve()), folder],
+                [sys.executable, "-P", "-m", "vdfmu.study.check_run", kind, str(path.resolve()), folder],
                 stdin=subprocess.DEVNULL,
                 stdout=subprocess.DEVNULL,
                 stderr=subprocess.PIPE,
@@ -41,17 +59,30 @@ def run_apart(path: Path) -> Findings:
                 check=False,
             )
         except subprocess.TimeoutExpired:
-            return Findings([f"{STEPS} steps did not end within {SECONDS:g} s"], ran=True)
+            phase = Path(folder, _PHASE)
+            what = phase.read_text(encoding="utf-8") if phase.is_file() else "the start of the process"
+            return Findings([f"{what} did not end within {SECONDS:g} s"], ran=True)
         except OSError as error:
             return Findings([f"{STEPS} steps could not be tried: {error}"])
         answer = Path(folder, _ANSWER)
-        answered = answer.is_file()
-        if answered:
+        answered = False
+        try:
             findings.add(Findings(**json.loads(answer.read_text(encoding="utf-8"))))
+            answered = True
+        except FileNotFoundError:
+            pass
+        except (ValueError, TypeError) as error:  # cut off, or written by the unit
+            findings.problems.append(f"the findings of the run of {STEPS} steps cannot be read: {error}")
+            answered = True
+    said = done.stderr.decode(errors="replace").strip().splitlines()[-1:]
+    if done.returncode and said == [_FULL_SAID]:
+        raise StorageError(
+            f"{path.name}: the run needs a temporary folder, and {tempfile.gettempdir()} is full; "
+            "free space there, or name another folder in TMPDIR"
+        )
     if done.returncode:
         code = done.returncode
         how = f"signal {-code}" if code < 0 else f"exit code {code}"
-        said = done.stderr.decode(errors="replace").strip().splitlines()[-1:]
         findings.problems.append(
             f"the process crashed ({how}) in a run of {STEPS} steps{''.join(f': {s}' for s in said)}"
         )
@@ -60,7 +91,7 @@ def run_apart(path: Path) -> Findings:
     return findings
 
 
-def _run_unit(path: Path) -> Findings:
+def _run_unit(path: Path, phase: Callable[[str], None]) -> Findings:
     """Make ten steps of an FMU, then compare with the reference results that it carries."""
     messages: list[str] = []
 
@@ -92,9 +123,12 @@ def _run_unit(path: Path) -> Findings:
             remote_platform=None,  # pyright: ignore[reportArgumentType]  # None: never another process
         )
     except Exception as error:  # whatever a foreign unit does, it is reported
+        if isinstance(error, OSError) and error.errno in _FULL:
+            raise
         return Findings([f"{STEPS} steps of {step:g} s failed: {'; '.join([*messages, str(error)])}"])
     if messages:
         return Findings([f"{STEPS} steps of {step:g} s gave: {message}" for message in messages])
+    phase("the comparison with the reference results")
     return compare(path)
 
 
@@ -106,14 +140,26 @@ def _run_system(path: Path) -> Findings:
     try:
         simulate(system, start=start, stop=start + STEPS * step, step=step, log=lambda message: None)
     except (VdfmuError, OSError) as error:
+        if isinstance(error, OSError) and error.errno in _FULL:
+            raise
         return Findings([f"{STEPS} steps of {step:g} s failed: {error}"])
     return Findings()
 
 
-def _main(path: str, folder: str) -> None:
+def _main(kind: str, path: str, folder: str) -> None:
     tempfile.tempdir = folder  # what a crash leaves there goes with the folder
-    findings = _run_system(Path(path)) if path.endswith(".ssp") else _run_unit(Path(path))
-    Path(folder, _ANSWER).write_text(json.dumps(asdict(findings)), encoding="utf-8")
+
+    def phase(what: str) -> None:
+        Path(folder, _PHASE).write_text(what, encoding="utf-8")
+
+    try:
+        phase(f"a run of {STEPS} steps")
+        findings = _run_system(Path(path)) if kind == "SSP" else _run_unit(Path(path), phase)
+        Path(folder, _ANSWER).write_text(json.dumps(asdict(findings)), encoding="utf-8")
+    except OSError as error:
+        if error.errno not in _FULL:
+            raise
+        sys.exit(_FULL_SAID)
 
 
 if __name__ == "__main__":

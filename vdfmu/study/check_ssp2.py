@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+from collections.abc import Mapping
 from functools import lru_cache
 from pathlib import Path, PurePosixPath
 from typing import Any
@@ -12,10 +13,21 @@ from lxml import etree  # pyright: ignore[reportAttributeAccessIssue]  # lxml sh
 from vdfmu.errors import SspError
 from vdfmu.ssp.archive import NAMESPACES, Archive, parse_xml
 from vdfmu.ssp.elements import Node, Scope, read_units
-from vdfmu.ssp.structure import Connector
+from vdfmu.ssp.read import read_experiment
+from vdfmu.ssp.structure import Connector, Unit
 from vdfmu.ssp.tree import TreeReader
 from vdfmu.ssp.wiring import Wiring
-from vdfmu.study.check_unit import check_unit, read_unit
+from vdfmu.study.check_unit import check_unit, read_unit, store
+from vdfmu.study.check_values import (
+    ArrayWiring,
+    connector_unit_faults,
+    dimension_faults,
+    fmu_units,
+    parameter_faults,
+    shape_of,
+    show_shape,
+    unit_faults,
+)
 from vdfmu.study.findings import Findings
 
 __all__ = ["check_ssp2"]
@@ -51,15 +63,17 @@ def check_ssp2(path: Path, variant: str, folder: Path, run: bool, checked: set[s
         check = _Check(archive, path.name, folder, run, checked)
         try:
             root = check.structure(archive, variant, path.name)
+            check.system(root, variant)
         except SspError as error:
-            return Findings(error.problems)
-        scope = Scope(archive, "", "", variant, path.name)
-        scope.define(read_units(root.find("ssd:Units", NAMESPACES)))
-        reader = TreeReader(check.structure)
-        top = reader.system(root.find("ssd:System", NAMESPACES), scope, None)
-        check.findings.problems += reader.problems
-        check.node(top)
-        check.connections(Wiring(top), top)
+            check.findings.problems += error.problems
+        except (
+            ValueError,
+            TypeError,
+            AttributeError,
+        ) as error:  # what the schema refuses, where there is none
+            check.findings.problems.append(
+                f"{path.name}: {variant}: cannot be read, an element or attribute is missing or odd: {error}"
+            )
         return check.findings
 
 
@@ -73,6 +87,20 @@ class _Check:
         self.findings = Findings(notes=["the system was not run: the master runs SSP 1.0 with FMI 2.0"])
         self._variables: dict[str, dict[str, Any] | None] = {}
         self._of_component: dict[str, dict[str, Any]] = {}
+        self._units: dict[str, dict[str, Unit]] = {}
+        self._kinds: dict[str, list[str]] = {}
+
+    def system(self, root: Any, variant: str) -> None:
+        """Check the system of an SSD, given its root."""
+        self.findings.problems += read_experiment(root, f"{self.label}: {variant}")[2]
+        scope = Scope(self.archive, "", "", variant, self.label)
+        scope.define(read_units(root.find("ssd:Units", NAMESPACES)))
+        reader = TreeReader(self.structure)
+        top = reader.system(root.find("ssd:System", NAMESPACES), scope, None)
+        self.findings.problems += reader.problems
+        self.findings.problems += unit_faults(scope.units)
+        self.node(top)
+        self.connections(ArrayWiring(top), top)
 
     def structure(self, archive: Archive, member: str, label: str) -> Any:
         """Return the root of an SSD of a package; its faults against the schema are kept."""
@@ -92,16 +120,24 @@ class _Check:
         if schema is None:
             self.findings.notes.append(_NO_SCHEMA)
         elif not schema.validate(root):
-            faults = [f"{where}, line {e.line}: {e.message}" for e in schema.error_log]
-            if kind == "ssd" and any(item.get("name") is None for item in root.iter(*_NAMED)):
-                raise SspError(faults)  # what follows finds elements by their names
-            self.findings.problems += faults
+            raise SspError([f"{where}, line {e.line}: {e.message}" for e in schema.error_log])
+        nameless = [item for item in root.iter(*_NAMED[kind]) if item.get("name") is None]
+        if nameless:  # what follows finds elements by their names
+            raise SspError(
+                [f"{where}, line {i.sourceline}: {i.tag.rsplit('}')[1]} has no name" for i in nameless]
+            )
         return root
 
     def node(self, node: Node) -> None:
         """Check an element with everything below it."""
         if node.kind == "component" and node.source:
             self.component(node)
+        else:
+            self.findings.problems += [
+                f"{node.dotted(c.name)}: {fault}"
+                for c in node.connectors.values()
+                for fault in connector_unit_faults(c, node.scope.units, None)
+            ]
         self.bindings(node, node.element, node.scope)
         if node.outer is not None:
             self.bindings(node, *node.outer)
@@ -116,24 +152,41 @@ class _Check:
         if variables is None:
             return
         self._of_component[node.label] = variables
+        units = self._units[node.source]
+        kinds = self._kinds[node.source]
+        if node.implementation != "any" and node.implementation not in kinds:
+            has = " and ".join(kinds) or "none"
+            self.findings.problems.append(
+                f"{node.label}: the SSD asks for {node.implementation}, {node.source} has {has}"
+            )
         for connector in node.connectors.values():
             where = f"{node.label}.{connector.name}"
             variable = variables.get(connector.name)
             if variable is None:
                 self.findings.problems.append(f"{where}: {node.source} has no such variable")
             else:
-                self.findings.problems += [f"{where}: {text}" for text in _misfits(connector, variable)]
+                misfits = _misfits(connector, variable)
+                misfits += connector_unit_faults(connector, node.scope.units, _unit_of(variable, units))
+                self.findings.problems += [f"{where}: {text}" for text in misfits]
 
     def _unit(self, source: str) -> dict[str, Any] | None:
         if source not in self.archive:
             return None  # reported by the reader
-        fmu = self.folder / PurePosixPath(source).name
-        fmu.write_bytes(self.archive.read(source))
         try:
-            if source not in self.checked:
-                self.checked.add(source)
-                self.findings.add(check_unit(fmu, self.run)[0], source)
-            return {v.name: v for v in read_unit(fmu).modelVariables}
+            fmu = store(self.archive.read(source), self.folder)
+        except SspError as error:
+            self.findings.problems += error.problems
+            return None
+        if source not in self.checked:
+            self.checked.add(source)
+            self.findings.add(check_unit(fmu, self.run, PurePosixPath(source).name)[0], source)
+        try:
+            description = read_unit(fmu)
+            self._units[source] = fmu_units(description)
+            self._kinds[source] = [
+                kind for kind in _KINDS if getattr(description, kind[0].lower() + kind[1:], None) is not None
+            ]
+            return {v.name: v for v in description.modelVariables}
         except Exception:  # reported by the check of the unit
             return None
 
@@ -148,10 +201,20 @@ class _Check:
                     values = binding.find("ssd:ParameterValues/ssv:ParameterSet", NAMESPACES)
                 if values is None:
                     raise SspError(f"{where}: has neither a source nor inline values")
-                names = [
-                    binding.get("prefix", "") + str(item.get("name"))
-                    for item in values.iterfind("ssv:Parameters/ssv:Parameter", NAMESPACES)
-                ]
+                prefix = binding.get("prefix", "")
+                items = list(values.iterfind("ssv:Parameters/ssv:Parameter", NAMESPACES))
+                names = [prefix + str(item.get("name")) for item in items]
+                own = read_units(values.find("ssv:Units", NAMESPACES))
+                self.findings.problems += [f"{where}: {fault}" for fault in unit_faults(own)]
+                units = {**scope.units_here(), **own}
+                targets = names if mapping is None else [""] * len(names)
+                for item, target in zip(items, targets, strict=True):
+                    variable = self._of_component.get(node.label, {}).get(target)
+                    declared = None if variable is None else _unit_of(variable, self._units[node.source])
+                    faults = parameter_faults(item, units, variable, declared)
+                    self.findings.problems += [
+                        f"{where}: parameter {item.get('name')!r}: {f}" for f in faults
+                    ]
                 if mapping is not None:
                     table = self._external(scope, mapping, "ssm", f"{where}, mapping")
                     if table is None:
@@ -200,14 +263,24 @@ class _Check:
                 self.findings.problems.append(
                     f"connection {connection}: type mismatch, {source.type} to {sink.type}"
                 )
-            shapes = [_shape(source), _shape(sink)]
-            if None not in shapes and shapes[0] != shapes[1]:
-                self.findings.problems.append(
-                    f"connection {connection}: dimension mismatch, {_show(shapes[0])} to {_show(shapes[1])}"
-                )
+        self.findings.problems += dimension_faults(top, self._of_component)
 
 
-_NAMED = [f"{{{NAMESPACES['ssd']}}}{tag}" for tag in ("Connector", "Component", "SignalDictionaryReference")]
+_KINDS = ("CoSimulation", "ModelExchange", "ScheduledExecution")
+_NAMED = {
+    "ssd": [
+        f"{{{NAMESPACES['ssd']}}}{tag}" for tag in ("Connector", "Component", "SignalDictionaryReference")
+    ],
+    "ssv": [f"{{{NAMESPACES['ssv']}}}Parameter"],
+    "ssm": [f"{{{NAMESPACES['ssm']}}}none"],  # without a tag every element would be found
+    "ssb": [f"{{{NAMESPACES['ssb']}}}DictionaryEntry"],
+}
+
+
+def _unit_of(variable: Any, units: Mapping[str, Unit]) -> Unit | None:
+    """Return the unit of a variable, its own or that of its type."""
+    name = variable.unit or getattr(variable.declaredType, "unit", None)
+    return None if not name else units.get(name, Unit(name))
 
 
 def _misfits(connector: Connector, variable: Any) -> list[str]:
@@ -218,32 +291,13 @@ def _misfits(connector: Connector, variable: Any) -> list[str]:
     kind = connector.type
     if kind is not None and variable.type not in _TYPES.get(kind, {kind}):
         misfits.append(f"the SSD declares type {kind}, the FMU {variable.type}")
-    shape = _shape(variable)
-    if shape is not None:
-        declared = connector.dimensions
-        fits = len(declared) == len(shape) and all(
-            d is None or s is None or d == s for d, s in zip(declared, shape, strict=True)
-        )
-        if not fits:
-            misfits.append(f"the SSD declares {_show(declared)}, the FMU {_show(shape)}")
-    return misfits
-
-
-def _shape(variable: Any) -> tuple[int | None, ...] | None:
-    """Return the sizes of a variable; None for one that a parameter sets, as far as it has no start value."""
-    sizes: list[int | None] = []
-    for dimension in variable.dimensions or ():
-        text = dimension.start
-        if text is None and dimension.variable is not None:
-            text = dimension.variable.start
-        sizes.append(None if text is None else int(text))
-    return tuple(sizes)
-
-
-def _show(shape: tuple[int | None, ...] | None) -> str:
-    return (
-        "a scalar" if not shape else "an array of " + " x ".join("?" if s is None else str(s) for s in shape)
+    shape, declared = shape_of(variable), connector.dimensions
+    fits = len(declared) == len(shape) and all(
+        d is None or s is None or d == s for d, s in zip(declared, shape, strict=True)
     )
+    if not fits:
+        misfits.append(f"the SSD declares {show_shape(declared)}, the FMU {show_shape(shape)}")
+    return misfits
 
 
 @lru_cache

@@ -2,21 +2,24 @@
 
 from __future__ import annotations
 
+import math
 import posixpath
+import re
 from pathlib import Path
 from typing import Any
 
 import fmpy
 from fmpy.model_description import ValidationError
 
-from vdfmu.errors import SspError
+from vdfmu.errors import SspError, StorageError
 from vdfmu.ssp.archive import XML_LIMIT, Archive, parse_xml
 from vdfmu.study.findings import Findings
 
-__all__ = ["check_unit", "read_unit"]
+__all__ = ["check_unit", "read_unit", "store"]
 
 _DESCRIPTION = "modelDescription.xml"
-_VERSIONS = ("1.0", "2.0", "3.0")
+_VERSION = re.compile(r"[12]\.0|3\.0(\.\d+)?")
+"""FMI 1.0 and 2.0 fix the text of fmiVersion; FMI 3.0 leaves a third number open."""
 _XML_FOLDERS = ("terminalsAndIcons/", "sources/", "extra/")
 _MAGIC = {
     ".so": (b"\x7fELF",),
@@ -26,12 +29,26 @@ _MAGIC = {
 """First bytes of a shared library."""
 
 
-def check_unit(path: Path, run: bool = True) -> tuple[Findings, str | None]:
+def store(data: bytes, folder: Path) -> Path:
+    """Write an FMU of a package into a temporary folder, under a number: its name there may be too long for a file."""
+    path = folder / f"{sum(1 for _ in folder.iterdir())}.fmu"
+    try:
+        path.write_bytes(data)
+    except OSError as error:
+        raise StorageError(
+            f"{path}: cannot be written: {error.strerror}; free space there, or name another folder in TMPDIR"
+        ) from error
+    return path
+
+
+def check_unit(path: Path, run: bool = True, name: str = "") -> tuple[Findings, str | None]:
     """Check an FMU of FMI 1.0, 2.0 or 3.0.
 
     Parameters
     ----------
     path : Path
+    name : str, optional
+        Its name in messages, if not that of the file.
     run : bool, optional
         Whether to make ten steps and to compare with reference results, in a process of its own.
 
@@ -43,15 +60,17 @@ def check_unit(path: Path, run: bool = True) -> tuple[Findings, str | None]:
     """
     findings = Findings()
     try:
-        version, names = _read(path, findings)
+        version, names = _read(path, name or path.name, findings)
     except SspError as error:
-        why = [problem.removeprefix(f"{path.name}: ") for problem in error.problems]
-        return Findings([f"{path.name} is no FMU that can be read: {problem}" for problem in why]), None
-    standard = None if version is None else f"FMI {version}"
-    if version is None or version[:3] not in _VERSIONS:
-        findings.problems.append(
-            f"{_DESCRIPTION}: fmiVersion is {version!r}; expected one of {', '.join(_VERSIONS)}"
-        )
+        name = name or path.name
+        why = [problem.removeprefix(f"{name}: ") for problem in error.problems]
+        return Findings([f"{name} is no FMU that can be read: {problem}" for problem in why]), None
+    standard = f"FMI {version}" if version else None
+    if not version:
+        findings.problems.append(f"{_DESCRIPTION}: has no fmiVersion; expected 1.0, 2.0 or 3.0")
+        return findings, standard
+    if not _VERSION.fullmatch(version):
+        findings.problems.append(f"{_DESCRIPTION}: fmiVersion is {version!r}; expected 1.0, 2.0 or 3.0")
         return findings, standard
     if version == "1.0":
         findings.notes.append("FMI 1.0: fmpy and other importers run it, the master of vdfmu takes FMI 2.0")
@@ -73,7 +92,12 @@ def check_unit(path: Path, run: bool = True) -> tuple[Findings, str | None]:
             "no co-simulation: a master needs it; other importers bring a solver of their own"
         )
     here = _binaries(path, description, kinds, names, findings)
-    if here and run:
+    odd = _experiment(description)
+    if not any("'DefaultExperiment'" in problem for problem in findings.problems):  # by the schema
+        findings.problems += odd
+    if here and run and odd:
+        findings.notes.append("not run: its default experiment says nothing that can be run")
+    elif here and run:
         from vdfmu.study.check_run import run_apart
 
         findings.add(run_apart(path))
@@ -102,9 +126,33 @@ def read_unit(path: Path) -> Any:
     return fmpy.read_model_description(str(path), validate=False)
 
 
-def _read(path: Path, findings: Findings) -> tuple[str | None, list[str]]:
+def _experiment(description: Any) -> list[str]:
+    """Return what is wrong with the times of the default experiment."""
+    experiment = description.defaultExperiment
+    problems: list[str] = []
+    times: dict[str, float] = {}
+    for name in ("startTime", "stopTime", "stepSize"):
+        text = getattr(experiment, name, None)
+        if text is None:
+            continue
+        try:
+            times[name] = float(text)
+        except ValueError:
+            times[name] = math.nan
+        if not math.isfinite(times[name]) or (name == "stepSize" and times[name] <= 0.0):
+            wanted = "a positive number" if name == "stepSize" else "a finite number"
+            problems.append(f"{_DESCRIPTION}: DefaultExperiment: {name} is {text!r}; expected {wanted}")
+    start, stop = times.get("startTime", 0.0), times.get("stopTime", math.inf)
+    if not problems and stop < start:
+        problems.append(
+            f"{_DESCRIPTION}: DefaultExperiment: stopTime {stop:g} lies before startTime {start:g}"
+        )
+    return problems
+
+
+def _read(path: Path, label: str, findings: Findings) -> tuple[str | None, list[str]]:
     """Return version and members; XML that must not be parsed goes no further."""
-    with Archive(path, path.name) as archive:
+    with Archive(path, label) as archive:
         if _DESCRIPTION not in archive:
             hint = "; it is a package of SSP, name it .ssp" if "SystemStructure.ssd" in archive else ""
             raise SspError(f"it has no {_DESCRIPTION!r}{hint}")
