@@ -235,6 +235,14 @@ def fmus(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
         discrete=("y",),
     )
     add(
+        "Talker",
+        [variable("u", "input"), variable("y", "output", start=1.0)],
+        "def calc(self):\n    pass\n"
+        "def do_step(self, t, h):\n    self.log('a step', Fmi2Status.warning)\n    self._y = self._y + h * self._u\n"
+        "    return True\n",
+        {},
+    )
+    add(
         "Refuser",
         [variable("n", "output", "Integer", 0)],
         "def calc(self):\n    pass\ndef do_step(self, t, h):\n    return h <= 0.1\n",

@@ -254,6 +254,18 @@ def test_saved_states_are_freed(loop, monkeypatch):
     assert calls.count("FreeFMUstate") == calls.count("GetFMUstate") > 0
 
 
+def test_a_repeated_step_says_things_once(pack, xml):
+    c = xml.component
+    path = pack(
+        [c("plant", "Talker", "u:input y:output"), c("gain", "Gain", "u:input y:output")],
+        ["plant.y -> gain.u", "gain.y -> plant.u"],
+    )
+    seen = []
+    results = simulate(path, stop=1.0, step=0.25, algorithm="iterative", log=seen.append)
+    assert results.summary["communication"]["unit_steps"] > 2 * 4
+    assert [m.time for m in seen if m.text == "a step"] == [0.0, 0.25, 0.5, 0.75]
+
+
 def test_a_fatal_refusal_is_final(pack, xml):
     c = xml.component
     path = pack([c("source", "Ramp", "y:output"), c("arm", "Fragile", "y:output")])

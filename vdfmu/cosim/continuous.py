@@ -322,8 +322,10 @@ class ContinuousStepper:
         guess = outputs[torn]
         change = last = residual = np.zeros(torn.size)
         sizes: list[float] = []
+        said = len(self.box.pending)
         while len(sizes) < _MOST_SWEEPS and (len(sizes) < 3 or sizes[-1] < _HOPELESS * sizes[0]):
             if sizes:
+                del self.box.pending[said:]  # of a step that is taken back
                 self._restore(block.units)
                 for values, before, chosen in block.stepwise:
                     values[chosen] = before[chosen]
