@@ -39,4 +39,6 @@ $(VENV)/demo: $(VENV)/python pyproject.toml constraints.txt
 
 $(VENV)/test $(VENV)/bench $(VENV)/docs $(VENV)/dev: $(VENV)/%: $(VENV)/python pyproject.toml constraints.txt
 	$(PIP_INSTALL) -e ".[$*]"
+	$(if $(filter test,$*),@echo "preparing the compiler for all platforms: minutes the first time")
+	$(if $(filter test,$*),$(BIN)/python tests/prepare.py)
 	touch $@

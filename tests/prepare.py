@@ -1,0 +1,12 @@
+"""Let the compiler make what it needs of its own for each platform: minutes the first time, which the tests then save.
+
+Run as ``python tests/prepare.py``; what it makes stays in the cache, where the tests look.
+"""
+
+from vdfmu.fmu.native import PLATFORMS
+from vdfmu.fmu.native.compile import Job, compile_libraries
+
+SOURCE = b'#include <math.h>\n#include <stdio.h>\nint prepare(double x) { return printf("%g", sin(x)); }\n'
+
+if __name__ == "__main__":
+    compile_libraries([Job("prepare", {"prepare.c": SOURCE}, platform) for platform in PLATFORMS])
