@@ -239,6 +239,9 @@ def test_a_refusal_counts_without_any_real_output(pack, xml):
     path = pack([xml.component("counter", "Refuser", "n:output:Integer")])
     results = simulate(path, stop=1.0, step=0.5, algorithm="iterative", adaptive=1e-3)
     assert results.summary["communication"]["longest_step"] <= 0.1
+    # the shortest step is a millionth of the longest: 1 s, and refused
+    with pytest.raises(CosimError, match="counter: doStep .*discard"):
+        simulate(path, stop=1e6, step=1e6, algorithm="iterative", adaptive=1e-3)
 
 
 def test_saved_states_are_freed(loop, monkeypatch):

@@ -105,7 +105,7 @@ class ContinuousStepper:
         self._discrete = np.array(
             [v.variability == "discrete" for _, v in bank.variables[: bank.outputs.size]], bool
         )
-        self._befores = [each.outputs.copy() for each in exchange.banks]
+        self._begun = [each.outputs.copy() for each in exchange.banks]
         self._nominal = np.array([v.nominal for _, v in bank.variables[: bank.outputs.size]])
         units = [self._unit(name) for name in exchange.checked.schedule.units]
         self._blocks = self._cut(units)
@@ -113,7 +113,7 @@ class ContinuousStepper:
             u for b in self._blocks for u in b.units if error is not None or (repeat and b.torn.size)
         ]
         self._states: dict[str, c_void_p] = {}
-        self._before, self._last, self._h = self._outputs.copy(), 0.0, math.inf
+        self._previous, self._last, self._h = self._outputs.copy(), 0.0, math.inf
         self.pressed: Callable[[], bool] = lambda: False
         """Whether the user wants to stop, asked between the steps of a row."""
         self._extrapolated, self._interpolated = self._approximated()
@@ -177,7 +177,7 @@ class ContinuousStepper:
             }
             torn -= set(np.flatnonzero(self._discrete))
             stepwise: list[tuple[NDArray[Any], NDArray[Any], Indices]] = []
-            for bank, before in zip(self.exchange.banks, self._befores, strict=True):
+            for bank, before in zip(self.exchange.banks, self._begun, strict=True):
                 windows = [range(w.start, w.stop) for w in (bank.output_windows[name] for name in names)]
                 own = np.array([i for w in windows for i in w], np.intp)
                 chosen = own[self._discrete[own]] if bank is self._bank else own
@@ -199,9 +199,8 @@ class ContinuousStepper:
     def advance(self, start: float, step: float, stop: float) -> None:
         """Step all units from `start` by `step` to `stop`, in as many steps as the error control wants."""
         if self.error is None:
-            before = self._outputs.copy()
-            self._step(start, step, before)
-            self._done(before, step)
+            self._step(start, step)
+            self._done(step)
         else:
             time = start
             if self._h == math.inf:
@@ -236,18 +235,19 @@ class ContinuousStepper:
             }
         }
 
-    def _step(self, time: float, h: float, start: Floats) -> Floats:
-        """Step all units, whose outputs are `start`; return the outputs that were predicted."""
+    def _step(self, time: float, h: float) -> Floats:
+        """Step all units; return the outputs that were predicted."""
         self.exchange.clock.value, self.exchange.size.value, self.box.time = time, h, time
+        for bank, before in zip(self.exchange.banks, self._begun, strict=True):
+            np.copyto(before, bank.outputs)
         for unit in self._repeated:
             self._save(unit.slave)
-        for bank, before in zip(self.exchange.banks, self._befores, strict=True):
-            np.copyto(before, bank.outputs)
+        start = self._begun[0]
         if self._gather is not None:
             self._gather()
             np.copyto(self._starts, self._inputs)
         if self._last > 0.0:
-            np.multiply(start - self._before, h / self._last, self._outputs)
+            np.multiply(start - self._previous, h / self._last, self._outputs)
             np.add(self._outputs, start, self._outputs)
             self._outputs[self._discrete] = start[self._discrete]
         predicted = self._outputs.copy()
@@ -258,8 +258,9 @@ class ContinuousStepper:
                 self._sweep(block, h)
         return predicted
 
-    def _done(self, start: Floats, h: float) -> None:
-        self._before, self._last = start, h
+    def _done(self, h: float) -> None:
+        np.copyto(self._previous, self._begun[0])
+        self._last = h
         self.steps += 1
         self.shortest, self.longest = min(self.shortest, h), max(self.longest, h)
 
@@ -270,22 +271,23 @@ class ContinuousStepper:
         restored state after fmi2Discard and fmi2Error.
         """
         assert self.error is not None
-        start, said, failure = self._outputs.copy(), len(self.box.pending), None
+        said, failure = len(self.box.pending), None
         try:
-            sizes = self._errors(self._step(time, h, start), h) / self.error
+            sizes = self._errors(self._step(time, h), h) / self.error
         except CosimError as error:
             if any(unit.slave.dead for unit in self._repeated):
                 raise
             sizes, failure = np.zeros(0), error
-        worst = int(np.argmax(sizes)) if sizes.size else 0
         ratio = math.inf if failure is not None else float(sizes.max(initial=0.0))
         self._h = min(h * min(max(_SAFETY / math.sqrt(max(ratio, 1e-12)), _LEAST), _MOST), longest)
         if ratio <= 1.0:
-            self._done(start, h)
+            self._done(h)
             return True
         if self._h < _SHORTEST * longest:
-            unit, variable = self._bank.variables[worst]
-            raise failure or CosimError(
+            if failure is not None:
+                raise failure
+            unit, variable = self._bank.variables[int(np.argmax(sizes))]
+            raise CosimError(
                 unit, "doStep", time,
                 f"the error of {variable.name} in a step of {h:.3g} s is {ratio:.3g} times the allowed {self.error:g}, "
                 "and no shorter step is tried: the signal jumps, or the allowed error is below that of the units' "
@@ -293,7 +295,7 @@ class ContinuousStepper:
             )  # fmt: skip
         self.rejected += 1
         del self.box.pending[said:]
-        for bank, before in zip(self.exchange.banks, self._befores, strict=True):
+        for bank, before in zip(self.exchange.banks, self._begun, strict=True):
             np.copyto(bank.outputs, before)
         self._restore(self._repeated)
         return False
