@@ -103,9 +103,9 @@ def run(report: Report, quick: bool = False) -> None:
     report.save(draw(found))
 
 
-def missing(importer: str) -> str:
-    """Say what is not installed of an importer; empty if nothing."""
-    for package in PACKAGES[importer]:
+def missing(importer: str, packages: Mapping[str, Sequence[str]] = PACKAGES) -> str:
+    """Say what is not installed of an importer, of those that need `packages`; empty if nothing."""
+    for package in packages[importer]:
         try:
             version(package)
         except PackageNotFoundError:

@@ -9,12 +9,13 @@ import sys
 import tempfile
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from importlib.metadata import PackageNotFoundError, version
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from benchmarks import importers
 from benchmarks.importers import ImporterError, ask, ask_rows
 from benchmarks.report import Report, Table
 from vdfmu.cosim.container import write_container
@@ -43,9 +44,7 @@ __all__ = [
 
 TITLE = "The system in other importers"
 
-PACKAGES = {
-    "ecos": ("ecospy", "tbb"),
-    "libcosim": ("libcosimpy",),
+PACKAGES = importers.PACKAGES | {
     "fmpy.simulate_fmu": ("fmpy",),
     "fmpy.ssp": ("fmpy",),
     "fmucontainer": ("fmu-manipulation-toolbox",),
@@ -216,12 +215,7 @@ class Tracking:
 
 def missing(tool: str) -> str:
     """Say what is not installed of a tool; empty if nothing."""
-    for package in PACKAGES[tool]:
-        try:
-            version(package)
-        except PackageNotFoundError:
-            return f"{tool} needs {package}, which is not installed (pip install .[bench])"
-    return ""
+    return importers.missing(tool, PACKAGES)
 
 
 def examine(tracking: Tracking, case: Case) -> Seen:
