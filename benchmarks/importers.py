@@ -205,16 +205,15 @@ def ask(request: Mapping[str, Any], timeout: float = 600.0) -> dict[str, Any]:
     except subprocess.TimeoutExpired:
         raise ImporterError(f"no end after {timeout:g} s", crashed=True) from None
     answers = [line for line in done.stdout.splitlines() if line.startswith(MARK)]
+    said = (done.stderr or done.stdout).strip()[-2000:]
+    how = signal.strsignal(-done.returncode) if done.returncode < 0 else f"exit code {done.returncode}"
     if not answers:
-        said = (done.stderr or done.stdout).strip()[-2000:]
-        how = signal.strsignal(-done.returncode) if done.returncode < 0 else f"exit code {done.returncode}"
         raise ImporterError(f"the process ended: {how}", crashed=True, said=said)
     found = json.loads(answers[-1].removeprefix(MARK))
     if "error" in found:
         raise ImporterError(found["error"])
     if done.returncode != 0:
-        how = signal.strsignal(-done.returncode) if done.returncode < 0 else f"exit code {done.returncode}"
-        raise ImporterError(f"the process ended after the run: {how}", crashed=True)
+        raise ImporterError(f"the process ended after the run: {how}", crashed=True, said=said)
     return found
 
 

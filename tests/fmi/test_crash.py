@@ -6,6 +6,7 @@ case is repeated, with garbage collections and new instances in between, under P
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
@@ -197,3 +198,47 @@ def test_the_process_survives_all_misuse(
     results = [line for line in said if line.startswith("result")]
     assert len(results) == 5 * len(CASES)
     assert len(set(results)) == 1
+
+
+AT_THE_END = """
+import ctypes, os, shutil, sys, tempfile
+from fmpy.fmi2 import FMU2Slave
+from fmpy import read_model_description
+
+source, spelling = sys.argv[1:]
+folder = tempfile.mkdtemp()
+shutil.copytree(source, folder, dirs_exist_ok=True)
+description = read_model_description(source)
+unit = FMU2Slave(
+    guid=description.guid, modelIdentifier=description.coSimulation.modelIdentifier, unzipDirectory=folder,
+    instanceName="unit",
+)
+if spelling == "slashes":
+    unit.unzipDirectory = "/" + folder
+elif spelling == "link":
+    unit.unzipDirectory = folder + "-link"
+    os.symlink(folder, unit.unzipDirectory)
+unit.instantiate()
+shutil.rmtree(folder)
+if spelling == "link":
+    os.remove(unit.unzipDirectory)
+
+
+class Spy(ctypes.CDLL):
+    def __init__(self, *arguments):
+        super().__init__(*arguments)
+        print("freed", os.path.basename(self._name))
+
+
+ctypes.CDLL = Spy
+"""
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="under Windows the library frees its data once")
+@pytest.mark.parametrize("spelling", ["same", "slashes", "link"])
+def test_a_library_whose_file_is_gone_is_freed_before_the_end(
+    folders: Mapping[str, Mapping[str, Path]], run_python: Callable[..., str], spelling: str
+) -> None:
+    """The resources may be named otherwise than the library: ecos says `file:////tmp` and loads from `/tmp`."""
+    said = run_python(AT_THE_END, folders["planar_2dof"]["trajectory"], spelling)
+    assert said.split() == ["freed", "Trajectory.so"]

@@ -16,7 +16,9 @@ before the exit. Of a slave that is free, as far as that can be known, an empty 
 
 from __future__ import annotations
 
+import _ctypes
 import atexit
+import contextlib
 import ctypes
 import logging
 import os
@@ -45,7 +47,7 @@ _SPARE = 8
 _held: list[tuple[Any, ...]] = []
 _for_ever: list[Any] = []
 _libraries: set[str] = set()
-"""Paths of the native libraries that made slaves."""
+"""Native libraries that made slaves, by the names under which the loader knows them."""
 
 
 class RefusalError(FmuError):
@@ -102,7 +104,19 @@ def loaded_from(resources: str, model_name: str) -> None:
     """Note the library that makes a slave, and take its folder out of ``sys.path``."""
     if resources in sys.path:
         sys.path.remove(resources)
-    _libraries.add(str(Path(resources).parent / "binaries" / "linux64" / f"{model_name}.so"))
+    if sys.platform == "linux":
+        with contextlib.suppress(OSError):  # some other library than pythonfmu's made the slave
+            _libraries.add(_loader_name(Path(resources).parent / "binaries" / "linux64" / f"{model_name}.so"))
+
+
+def _loader_name(path: Path) -> str:
+    """Return the name under which the loader knows a library: it is found by that when its file is gone."""
+    library = ctypes.CDLL(str(path), os.RTLD_LAZY | os.RTLD_NOLOAD)
+    try:
+        # the handle is glibc's and musl's struct link_map: an address, then the name
+        return os.fsdecode((ctypes.c_char_p * 2).from_address(library._handle)[1])
+    finally:
+        _ctypes.dlclose(library._handle)
 
 
 def _references(slave: Any, count: int) -> tuple[Any, ...]:
