@@ -120,14 +120,15 @@ def test_a_unit_that_fails_ends_with_code_1_and_its_words(tmp_path):
 
 def test_ctrl_c_keeps_the_rows_so_far(tmp_path):
     process = subprocess.Popen(
-        [sys.executable, "-m", "vdfmu.cli", "run", "tracking", "--stop", "1000"],
+        # many solver steps in each row: there is to be little to write at the end
+        [sys.executable, "-m", "vdfmu.cli", "run", "tracking", "--stop", "1000", "--set", "plant.tolerance=1e-12"],
         cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
     )  # fmt: skip
     package = tmp_path / "results" / "tracking" / "system.ssp"
     deadline = time.monotonic() + 120
     while not package.exists() and time.monotonic() < deadline:
         time.sleep(0.1)
-    time.sleep(3.0)  # into the stepping loop; a stop before it would leave no rows, and the test would fail
+    time.sleep(2.0)  # into the stepping loop; a stop before it would leave no rows, and the test would fail
     process.send_signal(signal.SIGINT)
     _, errors = process.communicate(timeout=120)
     assert process.returncode == 130

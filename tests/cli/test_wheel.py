@@ -15,34 +15,22 @@ ROOT = Path(vdfmu.__file__).resolve().parents[1]
 
 @pytest.mark.slow
 def test_the_wheel_alone_gives_the_same_tracking_run(tmp_path):
-    subprocess.run(
-        [
-            sys.executable,
-            "-m",
-            "pip",
-            "wheel",
-            "--quiet",
-            "--no-deps",
-            "--wheel-dir",
-            tmp_path / "dist",
-            ROOT,
-        ],
-        check=True,
-    )
+    pip = [sys.executable, "-m", "pip", "--quiet", "--disable-pip-version-check"]
+    build = [*pip, "wheel", "--no-deps", "--wheel-dir", tmp_path / "dist", ROOT]
+    subprocess.run(build, check=True)
     (wheel,) = (tmp_path / "dist").glob("vdfmu-*.whl")
-    venv.create(tmp_path / "env", with_pip=True)
-    folder = "Scripts" if sys.platform == "win32" else "bin"
-    python = tmp_path / "env" / folder / "python"
-    install = [python, "-m", "pip", "install", "--quiet", "--disable-pip-version-check"]
-    subprocess.run([*install, "-c", ROOT / "constraints.txt", wheel], check=True)
+    venv.create(tmp_path / "env", with_pip=False)
+    python = tmp_path / "env" / ("Scripts" if sys.platform == "win32" else "bin") / "python"
+    install = [*pip, "--python", python, "install", "-c", ROOT / "constraints.txt", wheel]
+    subprocess.run(install, check=True)
 
     empty = tmp_path / "empty"
     empty.mkdir()
-    command = [python.parent / "vdfmu", "run", "tracking", "--no-reference"]
+    command = [python.parent / "vdfmu", "run", "tracking", "--stop", "2", "--no-reference"]
     done = subprocess.run(command, cwd=empty, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     installed = json.loads((empty / "results" / "tracking" / "summary.json").read_text())
-    here = vdfmu.run("tracking", out=tmp_path / "here", reference=False).summary
+    here = vdfmu.run("tracking", out=tmp_path / "here", stop=2.0, reference=False).summary
     for key in ("rms_position_error_deg", "max_position_error_deg", "rms_torque_compensation_error_nm"):
         assert installed[key] == here[key]  # the same arithmetic: equal to the last bit
 
