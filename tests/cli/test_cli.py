@@ -42,6 +42,36 @@ def test_build_ssp_check_models_work_together(tmp_path):
     assert packed.returncode == 0, packed.stderr
     with zipfile.ZipFile(tmp_path / "planar.ssp") as archive:
         assert "SystemStructure.ssd" in archive.namelist()
+    # the package runs as the scenario does, its step, master and stop time taken from it
+    done = vdfmu("simulate", "planar.ssp", "--stop", "0.2", "--set", "controller.K_p=900", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "planar.ssp" in done.stdout
+    ran = vdfmu(
+        "run",
+        "planar_tracking",
+        "--no-reference",
+        "--stop",
+        "0.2",
+        "--set",
+        "controller.K_p=900",
+        cwd=tmp_path,
+    )
+    assert ran.returncode == 0, ran.stderr
+    ours, theirs = tmp_path / "results" / "planar_ssp", tmp_path / "results" / "planar_tracking"
+    assert (ours / "results.csv").read_text() == (theirs / "results.csv").read_text()
+    assert (ours / "signals.png").exists()
+    summary = json.loads((ours / "summary.json").read_text())
+    assert (summary["package"], summary["steps"]) == ("planar.ssp", 200)
+    assert summary["settings"] == {"controller.K_p": "900"}
+    # what is there is kept by a wrong option, and replaced by another run
+    assert vdfmu("simulate", "planar.ssp", "--step", "0.003", "--stop", "0.2", cwd=tmp_path).returncode == 2
+    assert (ours / "signals.png").exists()
+    failed = vdfmu("simulate", "planar.ssp", "--set", "controller.K_p=1e9", cwd=tmp_path)
+    assert failed.returncode == 1
+    assert "plant: doStep at t =" in failed.stderr
+    assert "doStep" in json.loads((ours / "summary.json").read_text())["error"]
+    assert len((ours / "results.csv").read_text().splitlines()) > 3
+    assert not (ours / "signals.png").exists()
 
 
 def test_models_are_listed_and_shown(tmp_path):
@@ -85,6 +115,9 @@ def test_check_lists_the_problems_of_a_broken_fmu(tmp_path):
         (["run", "planar_tracking", "--adaptive", "1e-6"], "use extrapolated or iterative"),
         (["run", "planar_tracking", "--step", "fast"], "Invalid value for '--step'"),
         (["run", "contrast", "--set", "controller.K_p=1"], "has no units"),
+        (["run", "system.ssp"], "'vdfmu simulate' runs it"),
+        (["simulate", "tracking"], "expected a system package, NAME.ssp"),
+        (["simulate", "system.ssp"], "there is no such file"),
         (["check", "missing.fmu"], "there is no such file"),
         (["models", "show", "robot.toml"], "robot.toml"),
     ],
@@ -137,7 +170,7 @@ def test_ctrl_c_keeps_the_rows_so_far(tmp_path):
 
 
 @pytest.mark.parametrize(
-    "command", [["run"], ["build"], ["ssp"], ["check"], ["models", "list"], ["models", "show"]]
+    "command", [["run"], ["simulate"], ["build"], ["ssp"], ["check"], ["models", "list"], ["models", "show"]]
 )
 def test_help_of_every_command_has_an_example(tmp_path, command):
     done = vdfmu(*command, "--help", cwd=tmp_path)

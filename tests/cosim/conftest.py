@@ -249,6 +249,12 @@ def fmus(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
         {},
     )
     add(
+        "Array",
+        [variable("k[1]", "parameter"), variable("k[2]", "parameter"), variable("y", "output")],
+        "def calc(self):\n    self._y = 10.0 * getattr(self, '_k[1]') + getattr(self, '_k[2]')\n" + step,
+        {},
+    )
+    add(
         "Degrees",
         [variable("y", "output", start=0.0, unit="deg"), variable("mm", "output", start=0.0, unit="mm"),
          variable("degC", "output", start=0.0, unit="degC")],
@@ -281,7 +287,7 @@ SSD = """<?xml version="1.0" encoding="UTF-8"?>
   xmlns:ssm="http://ssp-standard.org/SSP1/SystemStructureParameterMapping" version="1.0" name="test">
   <ssd:System name="root">{connectors}{bindings}
   <ssd:Elements>{elements}</ssd:Elements>{connections}</ssd:System>
-  {units}<ssd:DefaultExperiment startTime="0" stopTime="1"/>
+  {units}{experiment}
 </ssd:SystemStructureDescription>"""
 
 
@@ -339,6 +345,7 @@ def pack(tmp_path: Path, fmus: dict[str, Path]) -> Callable[..., Path]:
         units: str = "",
         dictionaries: str = "",
         extra: Mapping[str, str | bytes] | None = None,
+        experiment: str = '<ssd:DefaultExperiment startTime="0" stopTime="1"/>',
         name: str = "test.ssp",
     ) -> Path:
         items = [c if c.startswith("<") else connection(c) for c in connections]
@@ -349,6 +356,7 @@ def pack(tmp_path: Path, fmus: dict[str, Path]) -> Callable[..., Path]:
             connections=(f"<ssd:Connections>{''.join(items)}</ssd:Connections>" if items else "")
             + dictionaries,
             units=f"<ssd:Units>{units}</ssd:Units>" if units else "",
+            experiment=experiment,
         )
         path = tmp_path / name
         with zipfile.ZipFile(path, "w") as archive:

@@ -163,7 +163,7 @@ def test_default_experiment_and_units(tmp_path):
         '<ssd:DefaultExperiment startTime="0.5" stopTime="2"/>'
     )
     loaded = load_ssp(write(tmp_path / "x.ssp", system(component()) + rest, {"a.fmu": b""}))
-    assert (loaded.start, loaded.stop) == (0.5, 2.0)
+    assert (loaded.experiment.start, loaded.experiment.stop) == (0.5, 2.0)
     assert loaded.units["N.m"].dimension == "kg.m2/s2"
     assert [c.name for c in loaded.components] == ["a"]
 

@@ -1,4 +1,4 @@
-"""Systems that refer to systems: how many elements and how deep, in every way of reference; the default experiment."""
+"""Systems that refer to systems: how many elements and how deep, in every way of reference."""
 
 from __future__ import annotations
 
@@ -112,34 +112,3 @@ def test_ssp_2_has_the_same_limits(tmp_path, monkeypatch):
         members = {n: file.read(n).replace(b'version="1.0"', b'version="2.0"') for n in file.namelist()}
     path.write_bytes(pack(dict(members)))
     assert any("ELEMENT_LIMIT" in text for text in check_file(path))
-
-
-@pytest.mark.parametrize(
-    ("attributes", "expected"),
-    [
-        ('stopTime="INF"', "expected a finite stopTime, got INF"),
-        ('stopTime="NaN"', "expected a finite stopTime, got NaN"),
-        ('startTime="-INF" stopTime="1"', "expected a finite startTime, got -INF"),
-        ('startTime="3" stopTime="2"', "expected a stopTime after startTime 3 s, got 2 s"),
-        ('startTime="2" stopTime="2"', "expected a stopTime after startTime 2 s, got 2 s"),
-        ('stopTime="-1"', "expected a stopTime after startTime 0 s, got -1 s"),
-    ],
-)
-@pytest.mark.parametrize("version", ["1.0", "2.0"])
-def test_a_default_experiment_that_cannot_be_run_is_a_problem(tmp_path, attributes, expected, version):
-    path = tmp_path / "x.ssp"
-    text = ssd("", f"<ssd:DefaultExperiment {attributes}/>").replace('version="1.0"', f'version="{version}"')
-    path.write_bytes(pack({"SystemStructure.ssd": text}))
-    (found,) = [problem for problem in check_file(path) if "default experiment" in problem]
-    assert found.startswith("x.ssp: SystemStructure.ssd, line 1: default experiment: ")
-    assert expected in found
-    if version == "1.0":
-        assert problems(path) == [found]
-
-
-@pytest.mark.parametrize("attributes", ["", 'startTime="1"', 'stopTime="2"', 'startTime="-1" stopTime="0"'])
-def test_a_default_experiment_may_leave_out_times(tmp_path, attributes):
-    path = tmp_path / "x.ssp"
-    path.write_bytes(pack({"SystemStructure.ssd": ssd("", f"<ssd:DefaultExperiment {attributes}/>")}))
-    system = load_ssp(path)
-    assert (system.start is None) == ("startTime" not in attributes)

@@ -79,7 +79,8 @@ def check_system(
     ----------
     system : System
     parameters : mapping of str to value, optional
-        Values of ``component.variable``, in the unit of the FMU. They win over those of the package.
+        Values of ``component.variable``, in the unit of the FMU; without an index, of all ``component.variable[...]``.
+        They win over those of the package.
     algorithm : str
         One of `vdfmu.cosim.ALGORITHMS`.
     repeats : bool
@@ -351,7 +352,7 @@ def as_type(value: Value, variable: Variable, exact: str | None = None) -> Value
 
 
 def _overrides(descriptions: Mapping[str, Description], parameters: Mapping[str, Value]) -> Starts:
-    """Resolve ``component.variable`` names given by the user."""
+    """Resolve ``component.variable`` names given by the user; one without an index stands for all elements."""
     starts: Starts = {}
     problems: list[str] = []
     for full, value in parameters.items():
@@ -364,16 +365,19 @@ def _overrides(descriptions: Mapping[str, Description], parameters: Mapping[str,
         owner = max(owners, key=len)
         name = full[len(owner) + 1 :]
         variables = descriptions[owner].variables
-        variable = variables.get(name)
-        if variable is None:
-            problems.append(f"parameter {full!r}: {owner} has no variable {name!r}" + _hint(name, variables))
-        elif not variable.settable:
-            problems.append(f"parameter {full!r}: {_why_not(variable)}")
-        else:
+        wanted = [name] if name in variables else [v for v in variables if v.startswith(f"{name}[")]
+        if not wanted:
+            whole = dict.fromkeys(v.partition("[")[0] for v in variables)
+            problems.append(f"parameter {full!r}: {owner} has no variable {name!r}" + _hint(name, whole))
+        for one in wanted:
+            variable = variables[one]
             try:
-                starts.setdefault(owner, {})[name] = (variable, as_type(value, variable))
+                if not variable.settable:
+                    raise ValueError(_why_not(variable))
+                starts.setdefault(owner, {})[one] = (variable, as_type(value, variable))
             except ValueError as error:
                 problems.append(f"parameter {full!r}: {error}")
+                break
     if problems:
         raise UsageError("\n".join(problems))
     return starts

@@ -200,9 +200,10 @@ def _model(
     tokens = "\n".join(str(c.modelDescription.instantiationToken) for c in components.values())
     content = f"{tokens}\n{step!r}\n{[(v.name, v.start) for v in variables]}"
     token = "{" + str(uuid.UUID(bytes=sha256(content.encode()).digest()[:16])) + "}"
-    experiment = fmi.DefaultExperiment(
-        startTime=f"{checked.system.start or 0.0!r}",
-        stopTime=None if checked.system.stop is None else repr(checked.system.stop),
+    experiment = checked.system.experiment
+    default = fmi.DefaultExperiment(
+        startTime=f"{experiment.start or 0.0!r}",
+        stopTime=None if experiment.stop is None else repr(experiment.stop),
         stepSize=repr(step),
     )
     model = fmi.ModelDescription(
@@ -214,7 +215,7 @@ def _model(
         variableNamingConvention="structured",
         coSimulation=fmi.CoSimulation(modelIdentifier="container_fmu", fixedInternalStepSize=step),
         unitDefinitions=list(units.values()),
-        defaultExperiment=experiment,
+        defaultExperiment=default,
         modelVariables=variables,
         outputs=outputs,
         initialUnknowns=[fmi.Unknown(variable=unknown.variable) for unknown in outputs],
@@ -269,7 +270,7 @@ def simulate_container(
         package = Path(folder) / f"{container.stem}.ssp"
         pack_zip(package, {member: container.read_bytes()})
         only = Component_(_NAME, member, "CoSimulation", {})
-        folded = System(package, container.stem, (only,), (), {}, None, None)
+        folded = System(package, container.stem, (only,), (), {})
 
         def say(message: LogMessage) -> None:
             text = message.text.replace(f"{_NAME}.", "", 1)

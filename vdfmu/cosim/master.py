@@ -23,6 +23,7 @@ from vdfmu.cosim.schedule import ALGORITHMS
 from vdfmu.errors import CosimError, UsageError, VdfmuError
 from vdfmu.model.scenario import CONTINUOUS
 from vdfmu.ssp.archive import Archive
+from vdfmu.ssp.experiment import Experiment
 from vdfmu.ssp.read import load_ssp
 from vdfmu.ssp.structure import System
 
@@ -41,8 +42,8 @@ def simulate(
     *,
     start: float | None = None,
     stop: float | None = None,
-    step: float,
-    algorithm: str = "gauss-seidel",
+    step: float | None = None,
+    algorithm: str | None = None,
     adaptive: float | None = None,
     convergence: float | None = None,
     tolerance: float | None = None,
@@ -64,10 +65,12 @@ def simulate(
         An SSP 1.0, or what `vdfmu.ssp.load_ssp` made of it.
     start, stop : float, optional
         Simulated time [s]. Default: the default experiment of the SSD; its start else 0.
-    step : float
+    step : float, optional
         Communication step [s]. `stop` - `start` must be a multiple of it, within 1e-9 relative. With `adaptive` the
-        longest step, and the interval of the rows.
-    algorithm : str
+        longest step, and the interval of the rows. Default: that of the default experiment's annotation, of this
+        project or of libcosim.
+    algorithm : str, optional
+        Default: that of the default experiment's annotation, with its `adaptive`; else ``gauss-seidel``.
         ``gauss-seidel`` or ``jacobi``, which sample the coupled signals at the communication points; ``extrapolated``
         or ``iterative``, which take them as continuous and are of second order in the step.
     adaptive : float, optional
@@ -79,7 +82,8 @@ def simulate(
     tolerance : float, optional
         Relative tolerance for the units' solvers.
     parameters : mapping of str to value, optional
-        Values of ``component.variable`` in the unit of the FMU; they win over those of the package.
+        Values of ``component.variable`` in the unit of the FMU; they win over those of the package. Without an index
+        for all ``component.variable[...]``.
     record : sequence of str, optional
         Names of signals to record, with ``*`` for any text. Default: all outputs and connected inputs.
     progress : callable, optional
@@ -107,7 +111,11 @@ def simulate(
     """
     if not isinstance(system, System):
         system = load_ssp(system)
-    begin, end, n = _grid(system, start, stop, step)
+    experiment = system.experiment
+    if algorithm is None:
+        algorithm = experiment.algorithm or "gauss-seidel"
+        adaptive = experiment.adaptive if adaptive is None else adaptive
+    begin, end, step, n = _grid(experiment, start, stop, step)
     if tolerance is not None and not 0.0 < tolerance < np.inf:
         raise UsageError(f"tolerance must be positive and finite, got {tolerance}")
     check_coupling(algorithm, adaptive, convergence)
@@ -118,7 +126,7 @@ def simulate(
     with _Run(checked, log) as run:
         run.initialize(begin, end, tolerance)
         run.summary |= {
-            "system": system.name, "algorithm": algorithm, "order": list(checked.schedule.units),
+            "system": system.name, "algorithm": algorithm, "adaptive": adaptive, "order": list(checked.schedule.units),
             "start": begin, "stop": end, "step": step, "steps": n, "notes": list(checked.notes),
         }  # fmt: skip
         if algorithm in CONTINUOUS:
@@ -150,12 +158,17 @@ def check_coupling(algorithm: str, adaptive: float | None, convergence: float | 
         raise UsageError(f"convergence: expected a relative change between 0 and 1, got {convergence:g}")
 
 
-def _grid(system: System, start: float | None, stop: float | None, step: float) -> tuple[float, float, int]:
-    """Return start, stop and number of steps; UsageError when they do not fit."""
-    begin = start if start is not None else system.start if system.start is not None else 0.0
-    end = stop if stop is not None else system.stop
+def _grid(
+    experiment: Experiment, start: float | None, stop: float | None, step: float | None
+) -> tuple[float, float, float, int]:
+    """Return start, stop, step and number of steps; UsageError when they do not fit."""
+    begin = start if start is not None else experiment.start or 0.0
+    end = stop if stop is not None else experiment.stop
+    step = step if step is not None else experiment.step
     if end is None:
-        raise UsageError("no stop time: the system has no default experiment, give stop")
+        raise UsageError("no stop time: the system's default experiment has none, give stop")
+    if step is None:
+        raise UsageError("no communication step: the system's default experiment has none, give step")
     for name, value in (("start", begin), ("stop", end), ("step", step)):
         if not np.isfinite(value):
             raise UsageError(f"{name} must be finite, got {value}")
@@ -170,7 +183,7 @@ def _grid(system: System, start: float | None, stop: float | None, step: float) 
             f"stop - start = {end - begin:.12g} s is no multiple of the step {step:.12g} s; "
             f"the nearest stop is {begin + n * step:.12g} s"
         )
-    return float(begin), float(end), n
+    return float(begin), float(end), float(step), n
 
 
 def _refuse_escapes(folder: Path) -> None:

@@ -118,10 +118,11 @@ def facts(summary: Summary) -> list[tuple[str, str]]:
     """Return name and text of what the run was: scenario, robot, units, master, step, duration."""
     settings: Summary = summary.get("settings") or {}
     lines = {
+        "Package": ("package", "{}"),
         "Scenario": ("scenario", "{}"),
         "Robot": ("robot", "{}"),
         "Units": ("backend", "{} FMUs"),
-        "Master": ("master", "{}"),
+        "Master": ("master" if "master" in summary else "algorithm", "{}"),
         "Error control": ("adaptive", "{:g} a step"),
         "Step": ("step", "{:g} s"),
         "Stop": ("stop", "{:g} s"),

@@ -148,7 +148,7 @@ def dress(axes: Axes, title: str, quantity: str, unit: str, time: Floats | None 
             unit = rf"$10^{{{exponent}}}$ {unit}"
         axes.yaxis.set_major_formatter(formatter)
         axes.yaxis.get_offset_text().set_visible(False)
-    axes.set_ylabel(f"{quantity} [{unit}]")
+    axes.set_ylabel(" ".join(part for part in (quantity, f"[{unit}]" if unit else "") if part))
     if time is not None and len(time) and time[-1] > time[0]:
         axes.set_xlim(float(time[0]), float(time[-1]))
 

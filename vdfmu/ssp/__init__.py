@@ -1,5 +1,6 @@
 """Reading of system structure packages (SSP 1.0)."""
 
+from vdfmu.ssp.experiment import Experiment
 from vdfmu.ssp.read import load_ssp
 from vdfmu.ssp.structure import Component, Connection, Connector, Hop, Parameter, System, Transformation, Unit
 
@@ -7,6 +8,7 @@ __all__ = [
     "Component",
     "Connection",
     "Connector",
+    "Experiment",
     "Hop",
     "Parameter",
     "System",

@@ -125,9 +125,11 @@ of the default experiment say the same.</p>
 <code>scenario</code>; the rest are start values of the FMUs in this package, if it was made by
 <code>vdfmu ssp</code>.</p>"""
     if description.version == "1.0":
-        text += f"""
+        text += """
+<pre>vdfmu simulate system.ssp</pre>
+<p>or in Python</p>
 <pre>import vdfmu
-results = vdfmu.simulate("system.ssp", stop={stop}, step={step}, algorithm="{scenario.master}")
+results = vdfmu.simulate("system.ssp")
 print(results["plant.q[1]"][-1])</pre>"""
     return text
 

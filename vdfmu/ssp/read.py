@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -11,11 +10,12 @@ from vdfmu.errors import SspError
 from vdfmu.ssp.archive import NAMESPACES, Archive, parse_ssp_xml, parse_xml
 from vdfmu.ssp.bindings import Bindings
 from vdfmu.ssp.elements import Node, Scope, read_units
+from vdfmu.ssp.experiment import read_experiment
 from vdfmu.ssp.structure import Component, System
 from vdfmu.ssp.tree import TreeReader
 from vdfmu.ssp.wiring import Wiring
 
-__all__ = ["DEFAULT", "load_ssp", "read_experiment", "refuse_version", "variants"]
+__all__ = ["DEFAULT", "load_ssp", "refuse_version", "variants"]
 
 DEFAULT = "SystemStructure.ssd"
 """The SSD that a package must have."""
@@ -59,7 +59,7 @@ def load_ssp(path: str | Path, variant: str = DEFAULT) -> System:
         wiring = Wiring(top)
         bindings = Bindings(wiring)
         bindings.collect(top)
-        start, stop, faults = read_experiment(root, f"{path.name}: {variant}")
+        experiment, faults = read_experiment(root, f"{path.name}: {variant}")
         problems = reader.problems + bindings.fatal + faults
         if problems:
             raise SspError(list(dict.fromkeys(problems)))
@@ -74,8 +74,7 @@ def load_ssp(path: str | Path, variant: str = DEFAULT) -> System:
             ),
             connections=tuple(wiring.flatten()),
             units=dict(scope.units),
-            start=start,
-            stop=stop,
+            experiment=experiment,
             problems=tuple(wiring.problems),
             unmatched=tuple(bindings.unmatched),
         )
@@ -107,31 +106,6 @@ def _structure(archive: Archive, member: str, label: str) -> Any:
     data = archive.read(member)
     refuse_version(parse_xml(data, where), where)
     return parse_ssp_xml(data, "ssd", where)
-
-
-def read_experiment(root: Any, where: str) -> tuple[float | None, float | None, list[str]]:
-    """Return start and stop of the default experiment, and what is wrong with them."""
-    experiment = root.find("ssd:DefaultExperiment", NAMESPACES)
-    if experiment is None:
-        return None, None, []
-    place = f"{where}, line {experiment.sourceline}: default experiment"
-    times: list[float | None] = []
-    problems: list[str] = []
-    for key in ("startTime", "stopTime"):
-        text = experiment.get(key)
-        try:
-            value = None if text is None else float(text)
-        except ValueError:
-            value = math.nan
-        times.append(value)
-        if value is not None and not math.isfinite(value):
-            problems.append(
-                f"{place}: expected a finite {key}, got {text}; write a time in s or leave it out"
-            )
-    start, stop = times
-    if not problems and stop is not None and stop <= (start or 0.0):
-        problems.append(f"{place}: expected a stopTime after startTime {start or 0.0:g} s, got {stop:g} s")
-    return start, stop, problems
 
 
 def _components(node: Node) -> Iterator[Node]:

@@ -6,6 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from vdfmu.ssp.experiment import Experiment
+
 BASE_UNITS = ("kg", "m", "s", "A", "K", "mol", "cd", "rad")
 
 
@@ -161,8 +163,8 @@ class System:
         Component to component; nested systems and system connectors are resolved.
     units : mapping of str to Unit
         The unit definitions of the SSD.
-    start, stop : float or None
-        The default experiment [s].
+    experiment : Experiment
+        How it is run unless told otherwise.
     problems : tuple of str
         Faults of the wiring. `vdfmu.cosim.check` reports them together with those of the FMUs.
     unmatched : tuple of str
@@ -174,8 +176,7 @@ class System:
     components: tuple[Component, ...]
     connections: tuple[Connection, ...]
     units: Mapping[str, Unit]
-    start: float | None
-    stop: float | None
+    experiment: Experiment = field(default_factory=Experiment)
     problems: tuple[str, ...] = ()
     unmatched: tuple[str, ...] = ()
 

@@ -6,16 +6,12 @@ from typing import Any
 
 from vdfmu.fmu.interface import MODEL_NAMES
 from vdfmu.ssp.description import Signal, SystemDescription, positions
+from vdfmu.ssp.experiment import EXPERIMENT_TYPE, FOREIGN, OSP_TYPE
 from vdfmu.ssp.geometry import Router
 from vdfmu.ssp.xml import META, add, add_foreign, add_units, root
 
-__all__ = ["EXPERIMENT", "EXPERIMENT_TYPE", "OSP_ANNOTATIONS", "mapping_name", "structure_file"]
+__all__ = ["mapping_name", "structure_file"]
 
-EXPERIMENT_TYPE = "org.vdfmu.experiment"
-"""Type of the annotation that says how the default experiment is run."""
-EXPERIMENT = "urn:org.vdfmu:experiment"
-"""Namespace of its content."""
-OSP_ANNOTATIONS = "http://opensimulationplatform.com/SSP/OSPAnnotations"
 _SIDES = {"input": 0.0, "output": 1.0}
 
 
@@ -28,9 +24,7 @@ def structure_file(description: SystemDescription) -> Any:
         "description": f"{description.description}. {scenario.description}",
         **META,
     }
-    # libcosim takes a declaration inside an annotation for an algorithm: all are at the root
-    foreign = {"osp": OSP_ANNOTATIONS, "vdfmu": EXPERIMENT}
-    top = root("ssd:SystemStructureDescription", attributes, ("ssd", "ssc"), foreign)
+    top = root("ssd:SystemStructureDescription", attributes, ("ssd", "ssc"), FOREIGN)
     system = add(top, "ssd:System", name=description.name, description=description.description)
     elements = add(system, "ssd:Elements")
     heights: dict[tuple[str, str], float] = {}
@@ -119,15 +113,18 @@ def _add_connector(connectors: Any, signal: Signal, x: float, y: float) -> None:
 
 def _add_experiment(top: Any, description: SystemDescription) -> None:
     """Append the default experiment; how it is run is ours to say, and in the words of libcosim."""
-    experiment = add(top, "ssd:DefaultExperiment", startTime=0.0, stopTime=float(description.scenario.stop))
+    scenario = description.scenario
+    experiment = add(top, "ssd:DefaultExperiment", startTime=0.0, stopTime=float(scenario.stop))
     annotations = add(experiment, "ssd:Annotations")
     ours = add(annotations, "ssc:Annotation", type=EXPERIMENT_TYPE)
-    add_foreign(
-        ours, EXPERIMENT, "Experiment",
-        communicationStepSize=float(description.step),
-        algorithm=description.scenario.master,
-        solverTolerance=description.tolerance,
-    )  # fmt: skip
-    osp = add(annotations, "ssc:Annotation", type="com.opensimulationplatform")
-    algorithm = add_foreign(osp, OSP_ANNOTATIONS, "Algorithm")
-    add_foreign(algorithm, OSP_ANNOTATIONS, "FixedStepAlgorithm", baseStepSize=float(description.step))
+    attributes = {
+        "communicationStepSize": float(description.step),
+        "algorithm": scenario.master,
+        "solverTolerance": description.tolerance,
+    }
+    if scenario.adaptive is not None:
+        attributes["adaptive"] = scenario.adaptive
+    add_foreign(ours, FOREIGN["vdfmu"], "Experiment", **attributes)
+    osp = add(annotations, "ssc:Annotation", type=OSP_TYPE)
+    algorithm = add_foreign(osp, FOREIGN["osp"], "Algorithm")
+    add_foreign(algorithm, FOREIGN["osp"], "FixedStepAlgorithm", baseStepSize=float(description.step))

@@ -135,8 +135,11 @@ def _run_unit(path: Path, phase: Callable[[str], None]) -> Findings:
 def _run_system(path: Path) -> Findings:
     """Make ten steps of a system."""
     system = load_ssp(path)
-    start = system.start or 0.0
-    step = 1e-3 if system.stop is None else min(1e-3, (system.stop - start) / STEPS)
+    experiment = system.experiment
+    start = experiment.start or 0.0
+    step = experiment.step or 1e-3
+    if experiment.stop is not None:
+        step = min(step, (experiment.stop - start) / STEPS)
     try:
         simulate(system, start=start, stop=start + STEPS * step, step=step, log=lambda message: None)
     except (VdfmuError, OSError) as error:

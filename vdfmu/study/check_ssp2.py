@@ -13,7 +13,7 @@ from lxml import etree  # pyright: ignore[reportAttributeAccessIssue]  # lxml sh
 from vdfmu.errors import SspError
 from vdfmu.ssp.archive import NAMESPACES, Archive, parse_xml
 from vdfmu.ssp.elements import Node, Scope, read_units
-from vdfmu.ssp.read import read_experiment
+from vdfmu.ssp.experiment import read_experiment
 from vdfmu.ssp.structure import Connector, Unit
 from vdfmu.ssp.tree import TreeReader
 from vdfmu.ssp.wiring import Wiring
@@ -92,7 +92,7 @@ class _Check:
 
     def system(self, root: Any, variant: str) -> None:
         """Check the system of an SSD, given its root."""
-        self.findings.problems += read_experiment(root, f"{self.label}: {variant}")[2]
+        self.findings.problems += read_experiment(root, f"{self.label}: {variant}")[1]
         scope = Scope(self.archive, "", "", variant, self.label)
         scope.define(read_units(root.find("ssd:Units", NAMESPACES)))
         reader = TreeReader(self.structure)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import json
 import math
 import os
 import tempfile
@@ -14,9 +13,9 @@ from typing import Any
 from vdfmu import __version__
 from vdfmu.cosim import Interrupted, LogMessage, Results, simulate
 from vdfmu.cosim.container import simulate_container, write_container
-from vdfmu.cosim.master import InterruptGuard, check_coupling
+from vdfmu.cosim.master import check_coupling
 from vdfmu.cosim.reference import REFERENCE_OF, reference
-from vdfmu.errors import CosimError, StorageError, UsageError, VdfmuError
+from vdfmu.errors import CosimError, StorageError, UsageError
 from vdfmu.fmu import build_fmus
 from vdfmu.fmu.build import choose_backend
 from vdfmu.fmu.content import Content
@@ -30,23 +29,13 @@ from vdfmu.ssp.parameters import system_values
 from vdfmu.ssp.read import load_ssp
 from vdfmu.ssp.write import write_ssp
 from vdfmu.study.contrast import contrast
+from vdfmu.study.folder import keep, make_empty, write, write_summary
 from vdfmu.study.summary import compare, power_bond, sampling_warnings, tracking_errors
 
 __all__ = ["cached_fmus", "prepare", "run"]
 
 Progress = Callable[[str, int, int], None]
 """Called with the stage, the number of finished steps and their total."""
-
-_OUTPUTS = (
-    "results.csv",
-    "container.fmu",
-    "summary.json",
-    "system.ssp",
-    *(f"figure_{number}.png" for number in (7, 8, 10, 11, 13, 14)),
-    "torques.png",
-    "errors.png",
-)
-"""Files that a run writes, and replaces in the folder of an earlier one."""
 
 _spare_folders: list[tempfile.TemporaryDirectory[str]] = []
 
@@ -167,7 +156,7 @@ def run(
             raise UsageError(
                 f"scenario {scenario.name} has no units, so there is nothing to set: {', '.join(settings)}."
             )
-        _make_empty(folder)
+        make_empty(folder)
         return _run_contrast(scenario, folder)
 
     if container and backend is None:
@@ -182,7 +171,7 @@ def run(
     if log is not None:
         for warning in warnings:  # before the run, which may fail for what they say
             log(LogMessage("", 0.0, "warning", "", warning))
-    _make_empty(folder)
+    make_empty(folder)
     report("build", 0, 1)
     package = write_ssp(scenario, cached_fmus(scenario.robot, backend), folder / "system.ssp", values)
     if container:
@@ -197,7 +186,7 @@ def run(
     try:
         results = _simulate(scenario, package, container, report, log)
     except (CosimError, Interrupted) as error:
-        _keep(error, folder, summary)
+        keep(error, folder, summary)
         raise
     wall = results.summary["wall_s"]
     summary |= results.summary | {"real_time_factor": scenario.stop / wall}
@@ -205,10 +194,10 @@ def run(
     summary |= power_bond(results, scenario.robot)
     summary["paper"] = dict(scenario.paper)
     results.summary = summary
-    _write(results, folder)
+    write(results, folder)
     if reference:
         summary["reference"] = _references(scenario, values, results, report)
-        _write_summary(summary, folder)
+        write_summary(summary, folder)
     run_figures(results, scenario, folder)
     return results
 
@@ -246,7 +235,7 @@ def _run_contrast(scenario: Scenario, folder: Path) -> Results:
     study = contrast(scenario)
     results = study.results()
     results.summary = _head(scenario) | study.summary(dict(scenario.paper))
-    _write(results, folder)
+    write(results, folder)
     contrast_figures(study, folder, scenario)
     return results
 
@@ -297,42 +286,3 @@ def check_options(stop: float, step: float) -> None:
     check_step(problems, stop, step)
     if problems.lines:
         raise UsageError(" ".join(problems.lines))
-
-
-def _make_empty(folder: Path) -> None:
-    """Make the folder of the results, without the files of an earlier run."""
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        for name in _OUTPUTS:
-            (folder / name).unlink(missing_ok=True)
-    except OSError as error:
-        raise UsageError(
-            f"{folder}: cannot hold the results: {error}. Choose another folder with --out."
-        ) from error
-
-
-def _write(results: Results, folder: Path) -> None:
-    """Write rows and summary; Ctrl-C waits for them, and a second one does not."""
-    with InterruptGuard() as guard:
-        results.to_csv(folder / "results.csv")
-        _write_summary(results.summary, folder)
-    if guard.pressed:
-        raise Interrupted(float(results.time[-1]), results)
-
-
-def _write_summary(summary: Mapping[str, Any], folder: Path) -> None:
-    path = folder / "summary.json"
-    try:
-        path.write_text(json.dumps(summary, indent=2) + "\n", encoding="utf-8")
-    except OSError as error:
-        raise VdfmuError(
-            f"{path}: cannot be written: {error}. Free space or choose another folder."
-        ) from error
-
-
-def _keep(error: CosimError | Interrupted, folder: Path, summary: dict[str, Any]) -> None:
-    """Write the rows that a failed run recorded, and why it ended."""
-    results = error.results
-    if results is not None:
-        results.summary = summary | results.summary | {"error": str(error)}
-        _write(results, folder)

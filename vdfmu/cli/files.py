@@ -1,0 +1,148 @@
+"""``vdfmu build``, ``container``, ``ssp`` and ``check``: FMUs and packages."""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from vdfmu.cli.terminal import (
+    BackendOption,
+    RobotOption,
+    ScenarioArgument,
+    SetOption,
+    fail,
+    parse_settings,
+    say,
+)
+from vdfmu.errors import StorageError
+from vdfmu.model import load_scenario
+
+
+def build(
+    scenario: ScenarioArgument = "tracking",
+    robot: RobotOption = None,
+    out: Annotated[Path, typer.Option(help="Folder of the FMUs.")] = Path("fmus"),
+    backend: BackendOption = None,
+    fmi: Annotated[str, typer.Option(help="Version of FMI: 2.0, or 3.0 for native FMUs.")] = "2.0",
+    platform: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="Platform of native FMUs, such as x86_64-windows, or all; default this machine's. Repeatable."
+        ),
+    ] = None,
+    settings: SetOption = None,
+) -> None:
+    """Build the four FMUs of a scenario's robot, with the scenario's values as start values."""
+    from vdfmu.fmu import build_fmus
+    from vdfmu.ssp.parameters import system_values
+
+    chosen = load_scenario(scenario, robot)
+    built = build_fmus(
+        chosen.robot,
+        out,
+        start_values=system_values(chosen, parse_settings(settings)),
+        backend=backend,
+        fmi_version=fmi,
+        platforms=platform,
+    )
+    for path in built.values():
+        say(str(path))
+
+
+def container(
+    scenario: ScenarioArgument = "tracking",
+    robot: RobotOption = None,
+    out: Annotated[Path | None, typer.Option(help="File to write; default SCENARIO.fmu.")] = None,
+    step: Annotated[float | None, typer.Option(help="Step at which the units exchange values.")] = None,
+    settings: SetOption = None,
+) -> None:
+    """Fold the system of a scenario into one native FMU that steps its units without a master."""
+    import tempfile
+
+    from vdfmu.cosim.container import write_container
+    from vdfmu.ssp.parameters import system_values
+    from vdfmu.ssp.write import write_ssp
+    from vdfmu.study.run import cached_fmus, prepare
+
+    chosen = prepare(scenario, robot=robot, step=step)
+    values = system_values(chosen, parse_settings(settings))
+    with tempfile.TemporaryDirectory(prefix="vdfmu_") as folder:
+        package = write_ssp(chosen, cached_fmus(chosen.robot, "native"), Path(folder) / "system.ssp", values)
+        path = out if out is not None else Path(f"{chosen.name}.fmu")
+        say(str(write_container(package, path, step=chosen.step)))
+
+
+def ssp(
+    scenario: ScenarioArgument = "tracking",
+    robot: RobotOption = None,
+    form: Annotated[
+        str,
+        typer.Option(
+            "--format",
+            help="1.0 or 2.0: version of SSP, 2.0 with native units of FMI 3.0. osp: a folder for libcosim.",
+        ),
+    ] = "1.0",
+    out: Annotated[
+        Path | None,
+        typer.Option(help="File to write, default SCENARIO.ssp; with osp a folder, default SCENARIO_osp."),
+    ] = None,
+    backend: BackendOption = None,
+    settings: SetOption = None,
+) -> None:
+    """Pack the system of a scenario as an SSP or for libcosim, with FMUs and parameters inside.
+
+    The FMUs have the scenario's values as start values too, for importers that do not apply all parameter sets.
+    """
+    import tempfile
+
+    from vdfmu.fmu import build_fmus
+    from vdfmu.ssp.parameters import system_values
+    from vdfmu.ssp.versions import fmi_of_format
+    from vdfmu.ssp.write import write_osp, write_ssp
+
+    fmi_version = fmi_of_format(form, backend)
+    chosen = load_scenario(scenario, robot)
+    values = system_values(chosen, parse_settings(settings))
+    with tempfile.TemporaryDirectory(prefix="vdfmu_") as folder:
+        fmus = build_fmus(chosen.robot, folder, start_values=values, backend=backend, fmi_version=fmi_version)
+        if form == "osp":
+            say(str(write_osp(chosen, fmus, out or Path(f"{chosen.name}_osp"), values)))
+        else:
+            say(str(write_ssp(chosen, fmus, out or Path(f"{chosen.name}.ssp"), values, version=form)))
+
+
+def check(
+    file: Annotated[Path, typer.Argument(help="An FMU, SSP, SSD or OSP file, of this or any other tool.")],
+    no_run: Annotated[bool, typer.Option("--no-run", help="Read only; do not run the units' code.")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the findings as JSON.")] = False,
+) -> None:
+    """Check an FMU or a system: schema, rules, binaries for this platform, ten steps, reference results."""
+    from vdfmu.study.check import inspect_file
+
+    try:
+        report = inspect_file(file, run=not no_run)
+    except StorageError as error:
+        fail(error, 2)
+    if as_json:
+        try:
+            print(json.dumps(report.to_dict(), indent=1), flush=True)
+        except BrokenPipeError:
+            raise
+        except OSError as error:
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+            fail(f"the findings cannot be written: {error.strerror}", 2)
+    else:
+        for note in report.notes:
+            say(f"note: {note}")
+        for problem in report.problems:
+            say(f"problem: {problem}")
+        what = f" ({report.standard})" if report.standard else ""
+        count = f"{len(report.problems)} problem(s)" if report.problems else "no problems"
+        say(f"{file}{what}: {count}")
+    if report.problems:
+        raise typer.Exit(1)

@@ -1,0 +1,141 @@
+"""``vdfmu run`` and ``simulate``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from vdfmu.cli.terminal import (
+    BackendOption,
+    Bars,
+    RobotOption,
+    ScenarioArgument,
+    SetOption,
+    console,
+    parse_settings,
+    say,
+)
+from vdfmu.errors import UsageError
+from vdfmu.model.scenario import MASTERS
+
+StepOption = Annotated[float | None, typer.Option(help="Communication step in seconds.")]
+StopOption = Annotated[float | None, typer.Option(help="End of the run in seconds.")]
+MasterOption = Annotated[str | None, typer.Option(help=f"{', '.join(MASTERS[:-1])} or {MASTERS[-1]}.")]
+AdaptiveOption = Annotated[
+    float | None,
+    typer.Option(
+        help="Relative error of a coupled signal that a communication step may have; steps are shortened to it.",
+        show_default=False,
+    ),
+]
+
+
+def run(
+    scenario: ScenarioArgument = "tracking",
+    robot: RobotOption = None,
+    step: StepOption = None,
+    stop: StopOption = None,
+    master: MasterOption = None,
+    adaptive: AdaptiveOption = None,
+    out: Annotated[Path | None, typer.Option(help="Folder of the results; default results/SCENARIO.")] = None,
+    no_reference: Annotated[
+        bool, typer.Option("--no-reference", help="Do not solve the references.")
+    ] = False,
+    backend: BackendOption = None,
+    container: Annotated[
+        bool, typer.Option("--container", help="Fold the units into one container FMU and run that.")
+    ] = False,
+    settings: SetOption = None,
+) -> None:
+    """Run a scenario: build what is stale, co-simulate, solve the references, compare, write tables and figures."""
+    from vdfmu.report import tables
+    from vdfmu.study.run import run as run_study
+
+    if Path(scenario).suffix.lower() == ".ssp":
+        raise UsageError(f"{scenario}: is no scenario but a system package; 'vdfmu simulate' runs it.")
+    with Bars() as bars:
+        results = run_study(
+            scenario,
+            robot=robot,
+            step=step,
+            stop=stop,
+            master=master,
+            adaptive=adaptive,
+            out=out,
+            reference=not no_reference,
+            backend=backend,
+            container=container,
+            settings=parse_settings(settings),
+            progress=bars.update,
+            log=bars.log,
+        )
+    summary = results.summary
+    console.print(tables.run_panel(summary))
+    console.print(
+        tables.contrast_table(summary) if summary["kind"] == "contrast" else tables.tracking_table(summary)
+    )
+    if "reference" in summary:
+        console.print(tables.reference_table(summary))
+    _say_written(out if out is not None else Path("results") / summary["scenario"])
+
+
+def simulate(
+    package: Annotated[Path, typer.Argument(help="A system package of SSP 1.0, of this or any other tool.")],
+    variant: Annotated[
+        str, typer.Option(metavar="SSD", help="The SSD to run, where the package has several.")
+    ] = "SystemStructure.ssd",
+    start: Annotated[float | None, typer.Option(help="Start of the run in seconds.")] = None,
+    stop: StopOption = None,
+    step: StepOption = None,
+    master: MasterOption = None,
+    adaptive: AdaptiveOption = None,
+    tolerance: Annotated[
+        float | None, typer.Option(help="Relative tolerance for the units' solvers.")
+    ] = None,
+    out: Annotated[Path | None, typer.Option(help="Folder of the results; default results/NAME_ssp.")] = None,
+    record: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="SIGNAL", help="Signals to record, such as 'plant.q[*]'; default all. Repeatable."
+        ),
+    ] = None,
+    settings: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--set",
+            metavar="COMPONENT.VARIABLE=VALUE",
+            help="Set a parameter or input; without an index, of all elements. Repeatable.",
+        ),
+    ] = None,
+) -> None:
+    """Run a system package, and write its signals and a picture of them.
+
+    What is not given is taken from the package's default experiment and its annotations.
+    """
+    from vdfmu.report import tables
+    from vdfmu.study.system import default_folder, run_system
+
+    with Bars() as bars:
+        results = run_system(
+            package,
+            variant=variant,
+            start=start,
+            stop=stop,
+            step=step,
+            master=master,
+            adaptive=adaptive,
+            tolerance=tolerance,
+            settings=parse_settings(settings),
+            record=record or None,
+            out=out,
+            progress=bars.update,
+            log=bars.log,
+        )
+    console.print(tables.run_panel(results.summary))
+    _say_written(out if out is not None else default_folder(package))
+
+
+def _say_written(folder: Path) -> None:
+    say(f"Written to {folder}: {', '.join(sorted(p.name for p in folder.iterdir()))}")

@@ -1,0 +1,121 @@
+"""What all commands share: options, output, progress, and the way they end."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+from functools import wraps
+from typing import Annotated, Any, NoReturn
+
+import typer
+from rich.console import Console
+from rich.markup import escape
+from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+
+from vdfmu.cosim import Interrupted, LogMessage
+from vdfmu.errors import UsageError
+
+__all__ = [
+    "BackendOption", "Bars", "RobotOption", "ScenarioArgument", "SetOption", "console", "fail", "parse_settings",
+    "say", "stoppable",
+]  # fmt: skip
+
+console = Console(highlight=False)
+errors = Console(stderr=True, highlight=False)
+
+ScenarioArgument = Annotated[str, typer.Argument(help="Name of a shipped scenario, or path of a TOML file.")]
+RobotOption = Annotated[
+    str | None,
+    typer.Option("--robot", help="Robot in place of the scenario's: a name or the path of a TOML file."),
+]
+BackendOption = Annotated[
+    str | None,
+    typer.Option(
+        "--backend", help="Kind of FMU, native or python; default native where its compiler is installed."
+    ),
+]
+SetOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--set",
+        metavar="UNIT.PARAMETER=VALUE",
+        help="Set a parameter; without an index, for all joints. Repeatable.",
+    ),
+]
+
+
+def stoppable(command: Callable[..., None]) -> Callable[..., None]:
+    """Say that Ctrl-C stopped a command; typer would end the program without a word."""
+
+    @wraps(command)
+    def stoppable(*args: Any, **kwargs: Any) -> None:
+        try:
+            command(*args, **kwargs)
+        except KeyboardInterrupt as stopped:
+            kept = "; the rows so far are kept" if isinstance(stopped, Interrupted) else ""
+            errors.print(f"stopped: {stopped}{kept}" if str(stopped) else "stopped", markup=False)
+            raise typer.Exit(130) from None
+
+    return stoppable
+
+
+def say(text: str) -> None:
+    """Print a line that may hold a path: unbroken, so that it can be copied or read by a program."""
+    console.print(text, markup=False, soft_wrap=True)
+
+
+def parse_settings(items: list[str] | None) -> dict[str, str]:
+    """Read ``--set`` options: name to text."""
+    settings: dict[str, str] = {}
+    for item in items or []:
+        key, equals, value = item.partition("=")
+        if not equals or not key.strip() or not value.strip():
+            raise UsageError(f"--set {item}: expected UNIT.PARAMETER=VALUE, such as controller.K_p[1]=3000.")
+        settings[key.strip()] = value.strip()
+    return settings
+
+
+def fail(error: object, code: int) -> NoReturn:
+    """Say what is wrong and end."""
+    errors.print(f"[red]error:[/red] {escape(str(error))}", soft_wrap=True)
+    sys.exit(code)
+
+
+class Bars:
+    """Progress bars, one a stage, and the messages of the units above them."""
+
+    def __init__(self) -> None:
+        self._progress = Progress(
+            TextColumn("{task.description:20}"), BarColumn(), TextColumn("{task.percentage:3.0f} %"),
+            TimeElapsedColumn(), TimeRemainingColumn(), console=errors, transient=False,
+            disable=not errors.is_terminal,
+        )  # fmt: skip
+        self._tasks: dict[str, TaskID] = {}
+        self._notes: dict[str, list[str]] = {}
+
+    def __enter__(self) -> Bars:
+        self._progress.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._progress.stop()
+        for what, names in self._notes.items():
+            self.say(f"note: {', '.join(names)}: {what}")
+
+    def update(self, stage: str, done: int, total: int) -> None:
+        """Show how far a stage is."""
+        if stage not in self._tasks:
+            self._tasks[stage] = self._progress.add_task(stage)
+        self._progress.update(self._tasks[stage], completed=done, total=total)
+
+    def say(self, text: str) -> None:
+        """Print a line above the bars."""
+        self._progress.console.print(text, markup=False, soft_wrap=True)
+
+    def log(self, message: LogMessage) -> None:
+        """Show a message of a unit; notes of the same words come once, at the end."""
+        if message.status == "note":
+            name, _, what = message.text.partition(": ")
+            self._notes.setdefault(what, []).append(name)
+        elif message.status not in ("ok", "error", "fatal"):  # the error that ends the run quotes these
+            self.say(str(message) if message.unit else f"{message.status}: {message.text}")

@@ -1,0 +1,66 @@
+"""The folder of a run's results: emptied of an earlier run, and filled even when the run fails."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from vdfmu.cosim import Interrupted, Results
+from vdfmu.cosim.master import InterruptGuard
+from vdfmu.errors import CosimError, UsageError, VdfmuError
+
+__all__ = ["keep", "make_empty", "write", "write_summary"]
+
+_OUTPUTS = (
+    "results.csv",
+    "container.fmu",
+    "summary.json",
+    "system.ssp",
+    *(f"figure_{number}.png" for number in (7, 8, 10, 11, 13, 14)),
+    "torques.png",
+    "errors.png",
+    "signals.png",
+)
+"""Files that a run writes, and replaces in the folder of an earlier one."""
+
+
+def make_empty(folder: Path) -> None:
+    """Make the folder of the results, without the files of an earlier run."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        for name in _OUTPUTS:
+            (folder / name).unlink(missing_ok=True)
+    except OSError as error:
+        raise UsageError(
+            f"{folder}: cannot hold the results: {error}. Choose another folder with --out."
+        ) from error
+
+
+def write(results: Results, folder: Path) -> None:
+    """Write rows and summary; Ctrl-C waits for them, and a second one does not."""
+    with InterruptGuard() as guard:
+        results.to_csv(folder / "results.csv")
+        write_summary(results.summary, folder)
+    if guard.pressed:
+        raise Interrupted(float(results.time[-1]), results)
+
+
+def write_summary(summary: Mapping[str, Any], folder: Path) -> None:
+    """Write ``summary.json``."""
+    path = folder / "summary.json"
+    try:
+        path.write_text(json.dumps(summary, indent=2) + "\n", encoding="utf-8")
+    except OSError as error:
+        raise VdfmuError(
+            f"{path}: cannot be written: {error}. Free space or choose another folder."
+        ) from error
+
+
+def keep(error: CosimError | Interrupted, folder: Path, summary: Mapping[str, Any]) -> None:
+    """Write the rows that a failed run recorded, and why it ended."""
+    results = error.results
+    if results is not None:
+        results.summary = {**summary, **results.summary, "error": str(error)}
+        write(results, folder)

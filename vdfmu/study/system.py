@@ -1,0 +1,108 @@
+"""Run a system package, of this project or of any other."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from vdfmu import __version__
+from vdfmu.cosim import Interrupted, LogMessage, Results, simulate
+from vdfmu.errors import CosimError, UsageError
+from vdfmu.report.signals import signals_figure
+from vdfmu.ssp.read import DEFAULT, load_ssp
+from vdfmu.study.folder import keep, make_empty, write
+
+__all__ = ["default_folder", "run_system"]
+
+Progress = Callable[[str, int, int], None]
+"""Called with the stage, the number of finished steps and their total."""
+
+
+def default_folder(package: str | os.PathLike[str]) -> Path:
+    """Return ``results/NAME_ssp``."""
+    return Path("results") / f"{Path(package).stem}_ssp"
+
+
+def run_system(
+    package: str | os.PathLike[str],
+    *,
+    variant: str = DEFAULT,
+    start: float | None = None,
+    stop: float | None = None,
+    step: float | None = None,
+    master: str | None = None,
+    adaptive: float | None = None,
+    tolerance: float | None = None,
+    settings: Mapping[str, Any] | None = None,
+    record: Sequence[str] | None = None,
+    out: str | os.PathLike[str] | None = None,
+    progress: Progress | None = None,
+    log: Callable[[LogMessage], None] | None = None,
+) -> Results:
+    """Run an SSP 1.0 and write ``results.csv``, ``summary.json`` and ``signals.png``.
+
+    Parameters
+    ----------
+    package : path
+        The ``.ssp`` file.
+    variant : str, optional
+        The SSD to run, where the package has several at its root.
+    start, stop, step : float, optional [s]
+        Simulated time and communication step; default those of the package's default experiment and its annotations.
+    master, adaptive, tolerance, record : optional
+        As ``algorithm``, ``adaptive``, ``tolerance`` and ``record`` of :func:`vdfmu.cosim.simulate`.
+    settings : mapping of str to value, optional
+        Values of ``component.variable``, without an index of all its elements; they win over those of the package.
+    out : path, optional
+        Folder for the files; default :func:`default_folder`. Files of an earlier run in it are replaced.
+    progress : callable, optional
+        Called with stage, done, total.
+    log : callable, optional
+        Receives the messages of the units.
+
+    Returns
+    -------
+    Results
+        Recorded signals; `summary` is what ``summary.json`` holds.
+
+    Raises
+    ------
+    UsageError, SspError
+        Before the run, for what is wrong with the package or the options.
+    CosimError, vdfmu.cosim.Interrupted
+        A unit failed, or the user stopped the run. The rows so far are in ``results.csv``.
+    """
+    package = Path(package)
+    if package.suffix.lower() != ".ssp":
+        raise UsageError(f"{package}: expected a system package, NAME.ssp. 'vdfmu ssp' writes one.")
+    system = load_ssp(package, variant)
+    folder = Path(out) if out is not None else default_folder(package)
+    summary: dict[str, Any] = {
+        "package": str(package),
+        "vdfmu": __version__,
+        "settings": {name: str(value) for name, value in (settings or {}).items()},
+    }
+
+    def advance(done: int, total: int) -> None:
+        if done == 0:  # all checks are passed: results of an earlier run go now, and a full disk shows
+            make_empty(folder)
+        if progress is not None:
+            progress("co-simulation", done, total)
+
+    try:
+        results = simulate(
+            system, start=start, stop=stop, step=step, algorithm=master, adaptive=adaptive, tolerance=tolerance,
+            parameters=settings, record=record, progress=advance, log=log,
+        )  # fmt: skip
+    except (CosimError, Interrupted) as error:
+        keep(error, folder, summary)
+        raise
+    done = results.summary
+    factor = (done["stop"] - done["start"]) / done["wall_s"]
+    results.summary = summary | done | {"real_time_factor": factor}
+    write(results, folder)
+    inputs = {".".join(connection.end) for connection in system.connections}
+    signals_figure(results, folder, hidden=() if record else inputs)
+    return results
