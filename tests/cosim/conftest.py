@@ -249,6 +249,29 @@ def fmus(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
         {},
     )
     add(
+        "Digital",  # a discrete output for the input of the moment
+        [variable("x", "input"), variable("u", "output"), variable("k", "parameter", start=1.0)],
+        "def calc(self):\n    self._u = self._k * self._x\n" + step,
+        {"u": ["x"]},
+        discrete=("u",),
+    )
+    add(
+        "Relay",
+        [variable("u", "input"), variable("up", "output", "Boolean", True)],
+        "def calc(self):\n    pass\n"
+        "def do_step(self, t, h):\n"
+        "    self._up = self._u < -0.1 or (self._up and self._u <= 0.1)\n    return True\n",
+        {"up": ["u"]},
+    )
+    for motor, dependencies in (("Motor", {}), ("DirectMotor", {"y": ["up"]})):  # the second says too much
+        add(
+            motor,
+            [variable("up", "input", "Boolean", True), variable("y", "output")],
+            "def calc(self):\n    pass\n"
+            "def do_step(self, t, h):\n    self._y += h * (1.0 if self._up else -1.0)\n    return True\n",
+            dependencies,
+        )
+    add(
         "Array",
         [variable("k[1]", "parameter"), variable("k[2]", "parameter"), variable("y", "output")],
         "def calc(self):\n    self._y = 10.0 * getattr(self, '_k[1]') + getattr(self, '_k[2]')\n" + step,

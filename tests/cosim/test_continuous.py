@@ -124,9 +124,10 @@ def test_what_gauss_seidel_cannot_order(pack, xml):
     c = xml.component
     both = "a:input b:input y:output z:output"
     path = pack(
-        [c("source", "Ramp", "y:output"), c("p", "Crossed", both), c("q", "Crossed", both)],
-        ["source.y -> p.a", "source.y -> q.b", "p.y -> q.a", "q.z -> p.b"],
-    )
+        [c("source", "Ramp", "y:output"), c("p", "Crossed", both), c("q", "Crossed", both),
+         c("end", "Adder", "a:input b:input y:output")],
+        ["source.y -> p.a", "source.y -> q.b", "p.y -> q.a", "q.z -> p.b", "p.z -> end.a", "q.y -> end.b"],
+    )  # fmt: skip
     with pytest.raises(SspError, match="gauss-seidel cannot order"):
         simulate(path, stop=1.0, step=0.25)
     for algorithm in ("iterative", "extrapolated"):
@@ -154,22 +155,49 @@ def test_what_is_discrete_is_read_as_at_the_start_of_the_step_by_units_before_it
     assert results.summary["communication"]["rejected"] > 0
 
 
-def test_a_discrete_real_does_not_run_on_a_line(pack, xml):
+def test_a_discrete_real_acts_from_its_change_on(pack, xml):
     c = xml.component
     path = pack(
         [c("jump", "Jump", "y:output"), c("plant", "Plant", "u:input y:output")],
         ["jump.y -> plant.u"],
     )
-    for algorithm in ("extrapolated", "iterative"):
-        results = simulate(path, stop=1.0, step=0.25, algorithm=algorithm)
-        assert results["jump.y"].tolist() == [
-            0,
-            0,
-            1,
-            1,
-            1,
-        ]  # jumps at 0.5 s; its new value counts for the step
-        assert results["plant.y"].tolist() == [0, 0, 0.25, 0.5, 0.75]
+    for options in ({"algorithm": "extrapolated"}, {"algorithm": "iterative"}, {"adaptive": 1e-3}):
+        results = simulate(path, stop=1.0, step=0.25, **{"algorithm": "iterative", **options})
+        assert results["jump.y"].tolist() == [0, 0, 1, 1, 1]  # jumps at 0.5 s
+        np.testing.assert_allclose(results["plant.y"], [0, 0, 0, 0.25, 0.5], rtol=0, atol=ROUNDING)
+
+
+def test_a_discrete_controller_holds_its_output(pack, xml):
+    """It is the zero-order hold that `gauss-seidel` is, whatever the order of the units: x' = -3 x(t_k)."""
+    c = xml.component
+    units = [c("plant", "Plant", "u:input y:output"), c("digital", "Digital", "x:input u:output")]
+    for elements in (units, units[::-1]):
+        path = pack(elements, ["plant.y -> digital.x", "digital.u -> plant.u"])
+        for algorithm in ("gauss-seidel", "extrapolated", "iterative"):
+            results = simulate(
+                path, stop=1.0, step=0.125, algorithm=algorithm,
+                parameters={"plant.x0": 1.0, "digital.k": -3.0},
+            )  # fmt: skip
+            expected = (1 - 3 * 0.125) ** np.arange(9)
+            np.testing.assert_allclose(results["plant.y"], expected, rtol=0, atol=ROUNDING)
+        assert results.summary["communication"]["unit_steps"] == 16  # nothing to repeat
+
+
+@pytest.mark.parametrize("motor", ["Motor", "DirectMotor"])
+def test_a_switch_in_a_loop_acts_from_the_next_step_on(pack, xml, motor):
+    """A relay holds the state of an integrator between -0.1 and 0.1; it acts a step late, and always converges."""
+    c = xml.component
+    path = pack(
+        [c("relay", "Relay", "u:input up:output:Boolean"), c("plant", motor, "up:input:Boolean y:output")],
+        ["plant.y -> relay.u", "relay.up -> plant.up"],
+    )
+    h = 2**-6
+    for options in ({}, {"adaptive": 1e-3}):
+        results = simulate(path, stop=4.0, step=h, algorithm="iterative", **options)
+        y = results["plant.y"]
+        assert np.count_nonzero(np.diff(results["relay.up"].astype(int))) > 10
+        assert np.abs(y).max() <= 0.1 + 2 * h  # speed 1: a step to see it, and one to act
+        assert np.abs(y).max() >= 0.1
 
 
 @pytest.mark.parametrize("algorithm", ["extrapolated", "iterative"])

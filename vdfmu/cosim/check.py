@@ -33,6 +33,11 @@ class Link:
     conversion: Conversion
     stepped: bool
 
+    @property
+    def discrete(self) -> bool:
+        """Whether the value changes at communication points only."""
+        return self.sink.type != "Real" or "discrete" in (self.source.variability, self.sink.variability)
+
     def __str__(self) -> str:
         return f"{'.'.join(self.start)} -> {'.'.join(self.end)}"
 

@@ -8,14 +8,15 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from ctypes import byref, c_double, c_int, c_size_t, c_uint, c_void_p
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from vdfmu.cosim.broyden import Broyden
 from vdfmu.cosim.component import MessageBox, Slave
-from vdfmu.cosim.exchange import Call, Exchange, component_argument
+from vdfmu.cosim.exchange import Bank, Call, Exchange, component_argument
 from vdfmu.errors import CosimError
 
 __all__ = ["ContinuousStepper"]
@@ -23,15 +24,14 @@ __all__ = ["ContinuousStepper"]
 Floats = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
-_MOST_SWEEPS = 30
-_HOPELESS = 1e3
-"""Growth of the change over the first at which repeating ends, before numbers overflow."""
 _FIRST, _SHORTEST = 1e-5, 1e-6
 """First and shortest step of the error control, relative to the longest. The first finds the slopes of the signals."""
 _SAFETY, _LEAST, _MOST = 0.9, 0.2, 2.0
 """Next step relative to the last: factor to the wanted one, and its bounds, as one-step methods have them."""
-_KEPT = 1e-3
-"""Bound below which Broyden's formula divides by what is mostly rounding errors."""
+_BETWEEN_JUMPS = 5
+"""Accepted steps between two jumps of a signal; where there are fewer, it is no jump that makes them fail."""
+_BLIND = 0.1
+"""Allowed error over the largest value of a signal from which on it is as good as none."""
 
 
 @dataclass
@@ -48,6 +48,8 @@ class _Unit:
     slopes: Floats
     hold: Floats
     """Where on the line through the step the input begins: 0 at its start, where it runs; else it stays there."""
+    held: Indices
+    """Those that keep their value at the start of the step."""
 
 
 @dataclass
@@ -61,8 +63,7 @@ class _Block:
     torn: Indices
     stepwise: list[tuple[NDArray[Any], NDArray[Any], Indices]]
     """Of each type: outputs, those at the start of the step, and which are discrete."""
-    inverse: Floats | None = None
-    """Inverse of the derivative of the residual by the guess, as far as Broyden's method knows it."""
+    solver: Broyden = field(default_factory=Broyden)
 
 
 class ContinuousStepper:
@@ -72,8 +73,8 @@ class ContinuousStepper:
     schedule; each input runs linearly from its value at the start of the step to that at its end, which is the
     computed output where its source has stepped, else the predicted one. `iterative` repeats that from the saved
     states, with better guesses, until the outputs come out as they went in. What is discrete (integers, booleans,
-    discrete reals) does not run: a unit gets what its source has computed, if it has stepped, else what it had at the
-    start of the step.
+    discrete reals) does not run: it changes at the end of a step, and over the step has the value at its start. Where an
+    output depends on it directly (see `Schedule.fresh`), the unit gets its value at the end of the step.
 
     Parameters
     ----------
@@ -99,13 +100,14 @@ class ContinuousStepper:
         bank = self._bank = exchange.banks[0]
         self._outputs, self._inputs = bank.outputs, bank.inputs
         n = len(bank.links)
-        self._gather = bank.gather(slice(0, n))
         self._starts, self._ends, self._slopes = np.zeros(n), np.zeros(n), np.zeros(max(n, 1))
         self._rates = (c_double * self._slopes.size).from_buffer(self._slopes)  # pyright: ignore[reportArgumentType]
         self._discrete = np.array(
             [v.variability == "discrete" for _, v in bank.variables[: bank.outputs.size]], bool
         )
         self._begun = [each.outputs.copy() for each in exchange.banks]
+        self._waiting = {each.kind: np.zeros_like(each.inputs) for each in exchange.banks[1:]}
+        self._gathers = [each.gather(slice(0, len(each.links))) for each in exchange.banks]
         self._nominal = np.array([v.nominal for _, v in bank.variables[: bank.outputs.size]])
         units = [self._unit(name) for name in exchange.checked.schedule.units]
         self._blocks = self._cut(units)
@@ -126,20 +128,40 @@ class ContinuousStepper:
         moving = slave.description.interpolates_inputs
         if moving and window.stop > window.start:
             calls.insert([call[-1] for call in calls].index("doStep"), self._rate_call(slave, window))
-        gathers = [each.gather(each.input_windows[name]) for each in exchange.banks]
-        # Where an input cannot run: it is needed at the end of the step if an output depends on it directly, and at the
-        # end stays what is discrete. Any other is integrated, and the middle of a line has the line's integral.
-        through = exchange.checked.schedule.through
+        # Where an input cannot run: it is needed at the end of the step if an output depends on it directly. Any other is
+        # integrated: the middle of a line has the line's integral, and a discrete one stays as it is at the start.
+        schedule = exchange.checked.schedule
+        gathers = [self._gather_of(each, name) for each in exchange.banks]
+        links = bank.links[window]
         hold = [
-            1.0 if "discrete" in (k.source.variability, k.sink.variability)
-            else 0.0 if moving else 1.0 if k.end in through else 0.5
-            for k in bank.links[window]
+            1.0 if k.discrete or not moving and k.end in schedule.through else 0.0 if moving else 0.5
+            for k in links
         ]  # fmt: skip
+        held = [i for i, k in enumerate(links) if k.discrete and k.end not in schedule.fresh]
         return _Unit(
             slave, [gather for gather in gathers if gather is not None], calls,
             self._inputs[window], self._starts[window], self._ends[window], self._slopes[window],
-            np.array(hold),
+            np.array(hold), np.array(held, np.intp),
         )  # fmt: skip
+
+    def _gather_of(self, bank: Bank, name: str) -> Callable[[], None] | None:
+        """Return the function that brings a unit's inputs of one type up to date, but those that wait for the next step.
+
+        Those of reals wait in `_sweep`.
+        """
+        window = bank.input_windows[name]
+        gather = bank.gather(window)
+        fresh = self.exchange.checked.schedule.fresh
+        held = np.array([i for i, k in enumerate(bank.links[window]) if k.end not in fresh], np.intp)
+        if gather is None or bank is self._bank or not held.size:
+            return gather
+        inputs, starts = bank.inputs[window], self._waiting[bank.kind][window]
+
+        def some() -> None:
+            gather()
+            inputs[held] = starts[held]
+
+        return some
 
     def _rate_call(self, slave: Slave, window: slice) -> Call:
         """Return the call that gives the first derivatives of a unit's inputs."""
@@ -243,9 +265,10 @@ class ContinuousStepper:
         for unit in self._repeated:
             self._save(unit.slave)
         start = self._begun[0]
-        if self._gather is not None:
-            self._gather()
-            np.copyto(self._starts, self._inputs)
+        for bank, gather in zip(self.exchange.banks, self._gathers, strict=True):
+            if gather is not None:
+                gather()
+                np.copyto(self._waiting.get(bank.kind, self._starts), bank.inputs)
         if self._last > 0.0:
             np.multiply(start - self._previous, h / self._last, self._outputs)
             np.add(self._outputs, start, self._outputs)
@@ -321,35 +344,33 @@ class ContinuousStepper:
     def _solve(self, block: _Block, time: float, h: float) -> None:
         """Step the units of a block until the guess of the torn outputs comes out as it went in."""
         torn, outputs = block.torn, self._outputs
-        guess = outputs[torn]
-        change = last = residual = np.zeros(torn.size)
-        sizes: list[float] = []
         said = len(self.box.pending)
-        while len(sizes) < _MOST_SWEEPS and (len(sizes) < 3 or sizes[-1] < _HOPELESS * sizes[0]):
-            if sizes:
+        first = True
+
+        def repeat(guess: Floats) -> Floats:
+            nonlocal first
+            if not first:
                 del self.box.pending[said:]  # of a step that is taken back
                 self._restore(block.units)
                 for values, before, chosen in block.stepwise:
                     values[chosen] = before[chosen]
+                outputs[torn] = guess
+            first = False
             self._sweep(block, h)
-            residual = outputs[torn] - guess
-            sizes.append(float(np.max(np.abs(residual) / self._scale()[torn])))
-            if sizes[-1] <= self.convergence:
-                return
-            if len(sizes) > 1:
-                _broyden(block, change, residual - last)
-            last = residual
-            change = residual if block.inverse is None else -block.inverse @ residual
-            guess = guess + change
-            outputs[torn] = guess
-        block.inverse = None
-        i = int(np.argmax(np.abs(residual) / self._scale()[torn]))
+            return outputs[torn]
+
+        sizes, count = block.solver.solve(
+            outputs[torn], repeat, lambda residual: np.abs(residual) / self._scale()[torn], self.convergence
+        )
+        if np.all(sizes <= self.convergence):
+            return
+        i = int(np.argmax(sizes))
         unit, variable = self._bank.variables[torn[i]]
+        way = "" if self.error is not None else ", or error control (adaptive)"
         raise CosimError(
             unit, "doStep", time,
-            f"the coupling does not converge: {variable.name} still changes by {abs(residual[i]):.3g} after "
-            f"{len(sizes)} repetitions of the step (wanted: {self.convergence:g} relative); choose a shorter step, or "
-            "error control (adaptive)",
+            f"the coupling does not converge: {variable.name} still changes by {sizes[i]:.3g} of its size after "
+            f"{count} repetitions of the step (wanted: {self.convergence:g}); choose a shorter step{way}",
         )  # fmt: skip
 
     def _sweep(self, block: _Block, h: float) -> None:
@@ -359,6 +380,8 @@ class ContinuousStepper:
             for gather in unit.gathers:
                 gather()
             np.copyto(unit.ends, unit.inputs)
+            if unit.held.size:
+                unit.ends[unit.held] = unit.starts[unit.held]
             change = unit.ends - unit.starts
             np.add(unit.starts, unit.hold * change, unit.inputs)
             np.multiply(change, (1.0 - unit.hold) / h, unit.slopes)
@@ -388,15 +411,3 @@ class ContinuousStepper:
         """Free the saved states."""
         for name in list(self._states):
             self._free(self.exchange.slaves[name])
-
-
-def _broyden(block: _Block, change: Floats, difference: Floats) -> None:
-    """Improve the inverse of the derivative of the residual, by Broyden's first formula in its inverse form.
-
-    Without coupling the residual falls by the change of the guess: the derivative is minus the identity.
-    """
-    inverse = -np.eye(change.size) if block.inverse is None else block.inverse
-    moved = inverse @ difference
-    scale = change @ moved
-    if abs(scale) > _KEPT * (change @ change):
-        block.inverse = inverse + np.outer(change - moved, change @ inverse) / scale

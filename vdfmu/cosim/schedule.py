@@ -35,9 +35,10 @@ class Schedule:
         The components in the order of their doStep.
     fresh : frozenset of (str, str)
         Inputs that get the value their source computed in the same step. All others get the value that
-        their source had at the start of the step.
+        their source had at the start of the step; with a `CONTINUOUS` algorithm all other discrete ones.
     through : frozenset of (str, str)
-        Connected inputs that an output of their unit depends on directly.
+        Connected inputs that an output of their unit depends on directly which another unit reads, or which any does
+        if none is read.
     blocks : tuple of tuple of str
         The components again, those that depend on each other in one block; for `CONTINUOUS` algorithms.
     """
@@ -67,8 +68,8 @@ def make_schedule(
     jacobi
         Every input is the output at t_k. Feed-through costs one more step of delay.
     extrapolated, iterative
-        Every input runs over the step to the value of its source at t_k+1, computed or predicted (see
-        `vdfmu.cosim.continuous`). Units step after those that they read; where units read each other, in the order of
+        Every continuous input runs over the step to the value of its source at t_k+1, computed or predicted (see
+        `vdfmu.cosim.continuous`). A discrete one keeps its value at t_k, unless it feeds through. Units step after those that they read; where units read each other, in the order of
         gauss-seidel within their block.
 
     Parameters
@@ -109,12 +110,16 @@ def make_schedule(
         for unit, description in descriptions.items()
         for output in [v.name for v in description.named("output")]
     }
-    through = frozenset((unit, name) for (unit, _), names in read.items() for name in names)
+    through = _through(read, {k.start for k in links if k.stepped})
     feeding = {k.start[0] for k in links if read.get(k.start)}
     if algorithm in CONTINUOUS:
-        blocks = _blocks(list(descriptions), [k for k in links if k.stepped], feeding)
+        stepped = [k for k in links if k.stepped]
+        fresh = _fresh_discrete(list(descriptions), stepped, through)
+        blocks = _blocks(
+            list(descriptions), [k for k in stepped if not k.discrete or k.end in fresh], feeding
+        )
         names = tuple(name for block in blocks for name in block)
-        return Schedule(initial, names, frozenset(), through, blocks), problems
+        return Schedule(initial, names, fresh, through, blocks), problems
     fresh = [k for k in links if sequential and k.stepped and read[k.start]]
     names = sorted(descriptions, key=lambda name: name not in feeding) if sequential else list(descriptions)
     unit_edges = {(k.start[0], k.end[0]) for k in fresh}
@@ -127,6 +132,37 @@ def make_schedule(
             )
     order = names if problems else topological(names, unit_edges)
     return Schedule(initial, tuple(order), frozenset(k.end for k in fresh), through), problems
+
+
+def _through(read: Mapping[Port, Sequence[str]], starts: set[Port]) -> frozenset[Port]:
+    """Return the inputs that an output depends on directly which another unit reads, or any if none is read.
+
+    An output that nobody reads must not decide how the others are computed.
+    """
+    coupled = {unit for unit, _ in starts}
+    return frozenset(
+        (unit, name)
+        for (unit, output), names in read.items()
+        if unit not in coupled or (unit, output) in starts
+        for name in names
+    )
+
+
+def _fresh_discrete(names: Sequence[str], links: Sequence[Link], through: frozenset[Port]) -> frozenset[Port]:
+    """Return the discrete inputs that get the value of the end of the step: those that outputs depend on directly.
+
+    But for those through which, within the step, the value depends on itself: a switch in such a loop would have no
+    value to settle on.
+    """
+    edges = {(k.start[0], k.end[0]) for k in links if not k.discrete or k.end in through}
+    loop_of = {name: i for i, (part, _) in enumerate(cycles(names, edges)) for name in part}
+    return frozenset(
+        k.end
+        for k in links
+        if k.discrete
+        and k.end in through
+        and (k.start[0] not in loop_of or loop_of[k.start[0]] != loop_of.get(k.end[0]))
+    )
 
 
 def _blocks(names: Sequence[str], links: Sequence[Link], feeding: set[str]) -> tuple[tuple[str, ...], ...]:

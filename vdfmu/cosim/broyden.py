@@ -1,0 +1,104 @@
+"""Broyden's method: repeat until a guess comes out as it went in."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["Broyden"]
+
+Floats = NDArray[np.float64]
+
+_LEAST = 30
+"""Repetitions at least; of a linear loop the method needs at most twice its number of unknowns (Gay 1979)."""
+_HOPELESS = 1e3
+"""Growth of the change over the first at which repeating ends, before numbers overflow."""
+_KEPT = 1e-3
+"""Bound below which Broyden's formula divides by what is mostly rounding errors."""
+
+
+@dataclass
+class Broyden:
+    """Solver of one fixed point problem after the other, which keeps what it has learnt.
+
+    Attributes
+    ----------
+    inverse : array (n, n) or None
+        Inverse of the derivative of the residual by the guess, as far as the method knows it. None: minus the
+        identity, which is right without coupling.
+    """
+
+    inverse: Floats | None = None
+
+    def solve(
+        self,
+        guess: Floats,
+        repeat: Callable[[Floats], Floats],
+        size: Callable[[Floats], Floats],
+        tolerance: float,
+    ) -> tuple[Floats, int]:
+        """Repeat with better guesses until every residual is within the tolerance, or there is no hope.
+
+        Parameters
+        ----------
+        guess : (n,) array
+        repeat : callable
+            Returns what comes out of a guess, (n,).
+        size : callable
+            Sizes of the residual, what came out minus the guess, (n,), as the tolerance measures them.
+        tolerance : float
+
+        Returns
+        -------
+        (n,) array
+            Sizes of the last residual: all within the tolerance if it was solved.
+        int
+            Number of repetitions.
+        """
+        kept = self.inverse is not None
+        sizes, count = self._try(guess, repeat, size, tolerance)
+        if kept and not np.all(sizes <= tolerance):  # what was learnt may be of another regime
+            self.inverse = None
+            sizes, more = self._try(guess, repeat, size, tolerance)
+            count += more
+        if not np.all(sizes <= tolerance):
+            self.inverse = None
+        return sizes, count
+
+    def _try(
+        self,
+        guess: Floats,
+        repeat: Callable[[Floats], Floats],
+        size: Callable[[Floats], Floats],
+        tolerance: float,
+    ) -> tuple[Floats, int]:
+        most = max(_LEAST, 2 * guess.size + 10)
+        change = last = np.zeros(guess.size)
+        first = 0.0
+        for count in range(1, most + 1):
+            residual = repeat(guess) - guess
+            sizes = size(residual)
+            largest = float(np.max(sizes, initial=0.0))
+            if largest <= tolerance or count == most:
+                return sizes, count
+            if count > 1:
+                self._learn(change, residual - last)
+            else:
+                first = largest
+            if not largest < _HOPELESS * first and count > 2:
+                return sizes, count
+            last = residual
+            change = residual if self.inverse is None else -self.inverse @ residual
+            guess = guess + change
+        raise AssertionError("the last repetition returns")
+
+    def _learn(self, change: Floats, difference: Floats) -> None:
+        """Improve the inverse by Broyden's first formula in its inverse form."""
+        inverse = -np.eye(change.size) if self.inverse is None else self.inverse
+        moved = inverse @ difference
+        scale = change @ moved
+        if abs(scale) > _KEPT * (change @ change):
+            self.inverse = inverse + np.outer(change - moved, change @ inverse) / scale
