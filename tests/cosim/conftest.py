@@ -249,6 +249,33 @@ def fmus(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
         {},
     )
     add(
+        "Telling",  # x' = u, and its input
+        [
+            variable("u", "input"),
+            variable("y", "output"),
+            variable("told", "output"),
+            variable("x0", "parameter"),
+        ],
+        "def calc(self):\n    self._y = self._x0\n    self._told = self._u\n"
+        "def do_step(self, t, h):\n    self._y += h * self._u\n    self._told = self._u\n    return True\n",
+        {"told": ["u"]},
+    )
+    add(
+        "Late",  # a step that does not say that it is none
+        [variable("y", "output"), variable("at", "parameter")],
+        "def calc(self):\n    pass\n"
+        "def do_step(self, t, h):\n    self._y = float(t + h >= self._at)\n    return True\n",
+        {},
+    )
+    add(
+        "Lag",  # y' = u - y, exact for a constant input
+        [variable("u", "input"), variable("y", "output")],
+        "def calc(self):\n    pass\n"
+        "def do_step(self, t, h):\n"
+        "    self._y = self._u + (self._y - self._u) * 2.718281828459045 ** -h\n    return True\n",
+        {},
+    )
+    add(
         "Digital",  # a discrete output for the input of the moment
         [variable("x", "input"), variable("u", "output"), variable("k", "parameter", start=1.0)],
         "def calc(self):\n    self._u = self._k * self._x\n" + step,

@@ -57,10 +57,30 @@ def check_abilities(
                 f"{name}: {unit.source} takes steps of one length only (canHandleVariableCommunicationStepSize); use a "
                 "fixed step"
             )
-        if name in fed and not unit.interpolates_inputs and None in unit.step_dependencies.values():
+        if name not in fed or unit.interpolates_inputs:
+            continue
+        if None in unit.step_dependencies.values():
             notes.append(
                 f"{name}: declares no dependencies of its outputs and takes no derivatives of its inputs, which are "
                 "held at their values at the end of a step. If it integrates them, the coupling is of first order, and "
                 "error control does not see it"
             )
+        for link in links:
+            if link.end[0] == name and not link.discrete and link.end in schedule.through:
+                others = [
+                    output
+                    for output in sorted({k.start[1] for k in links if k.start[0] == name})
+                    if not _depends(unit, output, link.end[1])
+                ]
+                if others:
+                    notes.append(
+                        f"{name}.{link.end[1]}: takes no derivatives and is held at its value at the end of a step, as "
+                        f"an output depends on it directly. If {others[0]} integrates it, the coupling is of first "
+                        "order, and error control does not see it"
+                    )
     return problems, notes
+
+
+def _depends(unit: Description, output: str, name: str) -> bool:
+    known = unit.step_dependencies.get(output)
+    return known is None or name in known

@@ -12,10 +12,11 @@ __all__ = ["Broyden"]
 
 Floats = NDArray[np.float64]
 
-_LEAST = 30
-"""Repetitions at least; of a linear loop the method needs at most twice its number of unknowns (Gay 1979)."""
-_HOPELESS = 1e3
-"""Growth of the change over the first at which repeating ends, before numbers overflow."""
+_LEAST, _EACH = 30, 3
+"""Repetitions at least, and for each unknown: a linear loop needs two, but for rounding errors (Gay 1979)."""
+_HOPELESS = 1e9
+"""Growth of the change over the first at which repeating ends, before numbers overflow. On its way the method grows a
+lot: 1e3 is too little for 8 unknowns whose loop has a gain of 40."""
 _KEPT = 1e-3
 """Bound below which Broyden's formula divides by what is mostly rounding errors."""
 
@@ -75,7 +76,7 @@ class Broyden:
         size: Callable[[Floats], Floats],
         tolerance: float,
     ) -> tuple[Floats, int]:
-        most = max(_LEAST, 2 * guess.size + 10)
+        most = max(_LEAST, _EACH * guess.size)
         change = last = np.zeros(guess.size)
         first = 0.0
         for count in range(1, most + 1):

@@ -119,6 +119,9 @@ def check_system(
     }
     schedule, loops = make_schedule(known, links, algorithm)
     checker.problems += loops
+    checker.notes += [
+        f"algebraic loop during initialization, solved: {loop}" for loop in schedule.initial.loops
+    ]
     problems, notes = check_abilities(known, links, schedule, algorithm, repeats)
     checker.problems += problems
     checker.notes += notes

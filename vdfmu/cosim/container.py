@@ -80,6 +80,11 @@ def write_container(
     changing = [str(link) for link in checked.links if not link.conversion.trivial]
     if changing:
         raise UsageError(f"{changing[0]}: a container FMU passes values on unchanged; remove the conversion.")
+    if loops := checked.schedule.initial.loops:
+        raise UsageError(
+            f"algebraic loop during initialization: {loops[0]}. A container FMU passes values on once and does not "
+            "solve it; break the loop, or run the system without a container."
+        )
     path = Path(path)
     try:
         with tempfile.TemporaryDirectory(prefix="vdfmu_container_") as folder:
@@ -135,7 +140,7 @@ def _bundles(checked: Checked) -> list[list[Link]]:
     on each other in a circle.
     """
     whole: dict[tuple[str, str, str], list[Link]] = {}
-    for link in checked.schedule.initial:
+    for link in checked.schedule.initial.links:
         whole.setdefault((link.start[0], link.end[0], link.source.type), []).append(link)
     edges = {
         (before, after)
@@ -144,7 +149,7 @@ def _bundles(checked: Checked) -> list[list[Link]]:
         if before[1] == after[0] and _feeds(checked.descriptions[after[0]], feeding, fed)
     }
     if cycles(list(whole), edges):
-        return [[link] for link in checked.schedule.initial]
+        return [[link] for link in checked.schedule.initial.links]
     return [whole[key] for key in topological(list(whole), edges)]
 
 

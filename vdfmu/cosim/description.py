@@ -19,7 +19,8 @@ from vdfmu.ssp.structure import BASE_UNITS, Unit
 class Variable:
     """A scalar variable of an FMU.
 
-    `reference` is its value reference, `items` those of an enumeration, `nominal` the size of its values, in its unit.
+    `reference` is its value reference, `items` those of an enumeration, `nominal` the size of its values, in its unit,
+    None where the FMU does not say.
     """
 
     name: str
@@ -31,7 +32,12 @@ class Variable:
     unit: Unit | None = None
     relative: bool = False
     items: Mapping[str, int] | None = None
-    nominal: float = 1.0
+    nominal: float | None = None
+
+    @property
+    def size(self) -> float:
+        """The nominal value; 1, as FMI has it, where the FMU states none."""
+        return self.nominal or 1.0
 
     @property
     def settable(self) -> bool:
@@ -177,6 +183,6 @@ def _variables(model: ModelDescription, relative: set[str]) -> dict[str, Variabl
     return variables
 
 
-def _nominal(text: Any) -> float:
-    """Size of a variable's values; 1, as FMI has it, where the FMU states none or zero."""
-    return abs(float(text)) if text is not None and float(text) != 0.0 else 1.0
+def _nominal(text: Any) -> float | None:
+    """Size of a variable's values; None where the FMU states none or zero."""
+    return abs(float(text)) if text is not None and float(text) != 0.0 else None

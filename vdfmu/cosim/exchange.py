@@ -10,12 +10,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vdfmu.cosim.broyden import Broyden
 from vdfmu.cosim.check import Checked, Link
 from vdfmu.cosim.component import C_TYPE, FMI_TYPE, Slave
 from vdfmu.cosim.description import Variable
 from vdfmu.cosim.results import Signal
 from vdfmu.cosim.schedule import Port
-from vdfmu.errors import UsageError
+from vdfmu.errors import CosimError, UsageError
 
 Call = tuple[Any, Any, Any, Any, Any, str]
 """An FMI function, its four arguments, and its name for messages."""
@@ -130,19 +131,55 @@ class Exchange:
         self.size = c_double()
         """Argument communicationStepSize."""
 
-    def initialize(self) -> None:
-        """Carry the values over the connections in initialization mode, in the order of dependencies."""
-        by_kind = {bank.kind: bank for bank in self.banks}
-        for link in self.checked.schedule.initial:
-            value = self.slaves[link.start[0]].get(link.source)
-            if link.conversion.table is not None:
-                value = link.conversion.table.get(int(value), int(value))
-            elif not link.conversion.trivial:
-                value = link.conversion.factor * value + link.conversion.offset
-            self.slaves[link.end[0]].set(link.sink, value)
-            if link.stepped:
-                bank = by_kind[FMI_TYPE[link.sink.type]]
-                bank.memory[bank.position[link.end]] = value
+    def initialize(self, time: float, convergence: float) -> None:
+        """Carry the values over the connections in initialization mode, in the order of dependencies.
+
+        Where they depend on themselves, until they agree: to `convergence`, relative to their size and at least to
+        their nominal value. CosimError if they do not.
+        """
+        initial = self.checked.schedule.initial
+        if not initial.torn:
+            for link in initial.links:
+                self._carry(link, self._value(link))
+            return
+        values = np.array([self._value(link) for link in initial.torn], np.float64)
+        least = np.array([1.0 if link.discrete else link.sink.size for link in initial.torn])
+
+        def repeat(guess: NDArray[np.float64]) -> NDArray[np.float64]:
+            for link, value in zip(initial.torn, guess.tolist(), strict=True):
+                self._carry(link, value if FMI_TYPE[link.sink.type] == "Real" else round(value))
+            for link in initial.links:
+                self._carry(link, self._value(link))
+            values[:] = [self._value(link) for link in initial.torn]
+            return values
+
+        def size(residual: NDArray[np.float64]) -> NDArray[np.float64]:
+            sizes = np.abs(residual) / np.maximum(np.abs(values), least)
+            return np.where(np.isnan(sizes), np.inf, sizes)
+
+        sizes, count = Broyden().solve(values.copy(), repeat, size, convergence)
+        worst = int(np.argmax(sizes))
+        if not sizes[worst] <= convergence:
+            link = initial.torn[worst]
+            raise CosimError(
+                link.start[0], "initialization", time,
+                f"the values do not agree after {count} repetitions: {link} still changes by {sizes[worst]:.3g} of its "
+                f"size (wanted: {convergence:g}). Algebraic loop: {initial.loops[worst]}. Give start values nearer to "
+                "the solution, or break the loop",
+            )  # fmt: skip
+
+    def _value(self, link: Link) -> float | int:
+        """Return what a connection carries now."""
+        value = self.slaves[link.start[0]].get(link.source)
+        if link.conversion.table is not None:
+            return link.conversion.table.get(int(value), int(value))
+        return value if link.conversion.trivial else link.conversion.factor * value + link.conversion.offset
+
+    def _carry(self, link: Link, value: float | int) -> None:
+        self.slaves[link.end[0]].set(link.sink, value)
+        if link.stepped:
+            bank = next(b for b in self.banks if b.kind == FMI_TYPE[link.sink.type])
+            bank.memory[bank.position[link.end]] = value
 
     def read_outputs(self) -> None:
         """Get all outputs."""
@@ -255,6 +292,10 @@ class SampledStepper:
                 status = function(a, b, c, d)
                 if status:
                     slave.judge(status, name)
+
+    def notes(self) -> list[str]:
+        """Return what is worth knowing after the run: nothing."""
+        return []
 
     def facts(self) -> dict[str, Any]:
         """Return what the summary says of the steps: nothing."""

@@ -27,6 +27,9 @@ from vdfmu.ssp.experiment import Experiment
 from vdfmu.ssp.read import load_ssp
 from vdfmu.ssp.structure import System
 
+_CONVERGENCE = 1e-8
+"""Default relative change at which repetitions end."""
+
 
 class Interrupted(KeyboardInterrupt):
     """The user stopped the run between two steps; `results` holds the rows so far."""
@@ -124,7 +127,7 @@ def simulate(
         ignore_unmatched=ignore_unmatched,
     )  # fmt: skip
     with _Run(checked, log) as run:
-        run.initialize(begin, end, tolerance)
+        run.initialize(begin, end, tolerance, convergence or _CONVERGENCE)
         run.summary |= {
             "system": system.name, "algorithm": algorithm, "adaptive": adaptive, "order": list(checked.schedule.units),
             "start": begin, "stop": end, "step": step, "steps": n, "notes": list(checked.notes),
@@ -134,7 +137,7 @@ def simulate(
                 run.exchange,
                 run.box,
                 repeat=algorithm == "iterative",
-                convergence=convergence or (1e-8 if adaptive is None else 0.01 * adaptive),
+                convergence=convergence or (_CONVERGENCE if adaptive is None else 0.01 * adaptive),
                 error=adaptive,
             )
         else:
@@ -256,7 +259,7 @@ class _Run:
             if self._folder is not None:
                 shutil.rmtree(self._folder, ignore_errors=True)
 
-    def initialize(self, begin: float, end: float, tolerance: float | None) -> None:
+    def initialize(self, begin: float, end: float, tolerance: float | None, convergence: float) -> None:
         """Take all units through initialization; leaves the outputs at `begin` in the exchange."""
         self.box.time = begin
         for name, slave in self.slaves.items():
@@ -265,7 +268,7 @@ class _Run:
         for slave in self.slaves.values():
             slave.call("EnterInitializationMode")
         self.exchange = Exchange(self.checked, self.slaves)
-        self.exchange.initialize()
+        self.exchange.initialize(begin, convergence)
         for slave in self.slaves.values():
             slave.call("ExitInitializationMode")
             slave.stage = "initialized"
@@ -326,6 +329,10 @@ class _Run:
         except KeyboardInterrupt:
             box.flush()
             raise Interrupted(begin + done * step, results()) from None
+        for note in stepper.notes():
+            self.summary["notes"].append(note)
+            pending.append(LogMessage("", box.time, "note", "", note))
+        box.flush()
         return results()
 
 

@@ -24,13 +24,31 @@ ALGORITHMS = MASTERS
 
 
 @dataclass(frozen=True)
+class Initial:
+    """How values are carried over in initialization mode.
+
+    Attributes
+    ----------
+    links : tuple of Link
+        Connections in their order.
+    torn : tuple of Link
+        Connections that close an algebraic loop: what they carry is guessed.
+    loops : tuple of str
+        The cycle of each, for messages.
+    """
+
+    links: tuple[Link, ...]
+    torn: tuple[Link, ...]
+    loops: tuple[str, ...]
+
+
+@dataclass(frozen=True)
 class Schedule:
     """In which order things happen.
 
     Attributes
     ----------
-    initial : tuple of Link
-        The connections in the order in which they are carried over in initialization mode.
+    initial : Initial
     units : tuple of str
         The components in the order of their doStep.
     fresh : frozenset of (str, str)
@@ -43,7 +61,7 @@ class Schedule:
         The components again, those that depend on each other in one block; for `CONTINUOUS` algorithms.
     """
 
-    initial: tuple[Link, ...]
+    initial: Initial
     units: tuple[str, ...]
     fresh: frozenset[Port]
     through: frozenset[Port] = frozenset()
@@ -69,7 +87,8 @@ def make_schedule(
         Every input is the output at t_k. Feed-through costs one more step of delay.
     extrapolated, iterative
         Every continuous input runs over the step to the value of its source at t_k+1, computed or predicted (see
-        `vdfmu.cosim.continuous`). A discrete one keeps its value at t_k, unless it feeds through. Units step after those that they read; where units read each other, in the order of
+        `vdfmu.cosim.continuous`). A discrete one keeps its value at t_k, unless it feeds through.
+        Units step after those that they read; where units read each other, in the order of
         gauss-seidel within their block.
 
     Parameters
@@ -84,25 +103,26 @@ def make_schedule(
     -------
     Schedule
     list of str
-        One problem for each algebraic loop, with its cycle: loops of the initialization, and for
-        gauss-seidel those of the steps. (Jacobi breaks the latter by its delay, extrapolated by its prediction, and
-        iterative solves them.)
+        One problem for each algebraic loop in the steps of gauss-seidel, with its cycle. Jacobi breaks it by its
+        delay, extrapolated by its prediction, and iterative solves it. Loops of the initialization are solved.
     """
     problems: list[str] = []
     ports, edges = _variable_graph(descriptions, links, initial=True)
-    loops = {frozenset(part): cycle for part, cycle in cycles(ports, edges)}
-    where = dict.fromkeys(loops, "during initialization")
+    torn = _tear(ports, edges, links)
+    rank = {port: i for i, port in enumerate(topological(ports, edges))}
+    order = sorted(links, key=lambda link: rank.get(link.end, 0))
+    initial = Initial(
+        tuple(k for k in order if k.end not in torn),
+        tuple(link for link, _ in torn.values()),
+        tuple(_loop_message(cycle, descriptions) for _, cycle in torn.values()),
+    )
     sequential = algorithm == "gauss-seidel"
     if sequential:
-        step_ports, step_edges = _variable_graph(descriptions, links, initial=False)
-        for part, cycle in cycles(step_ports, step_edges):
-            key = frozenset(part)
-            where[key] = "during initialization and in the steps" if key in loops else "in the steps"
-            loops[key] = cycle
-    for key, cycle in loops.items():
-        problems.append(_loop_message(cycle, where[key], descriptions))
-    rank = {port: i for i, port in enumerate([] if problems else topological(ports, edges))}
-    initial = tuple(sorted(links, key=lambda link: rank.get(link.end, 0)))
+        for _, cycle in cycles(*_variable_graph(descriptions, links, initial=False)):
+            problems.append(
+                f"algebraic loop in the steps: {_loop_message(cycle, descriptions)}; jacobi breaks it by the delay "
+                "of a step, iterative solves it"
+            )
 
     connected = {link.end for link in links if link.stepped}
     read = {
@@ -130,8 +150,8 @@ def make_schedule(
                 f"gauss-seidel cannot order {', '.join(cycle[:-1])}: each must step before the next although "
                 f"no variable depends on itself ({'; '.join(joins)}); use jacobi, or split a unit"
             )
-    order = names if problems else topological(names, unit_edges)
-    return Schedule(initial, tuple(order), frozenset(k.end for k in fresh), through), problems
+    units = names if problems else topological(names, unit_edges)
+    return Schedule(initial, tuple(units), frozenset(k.end for k in fresh), through), problems
 
 
 def _through(read: Mapping[Port, Sequence[str]], starts: set[Port]) -> frozenset[Port]:
@@ -224,11 +244,28 @@ def _variable_graph(
     return ports, edges
 
 
-def _loop_message(cycle: Sequence[Port], where: str, descriptions: Mapping[str, Description]) -> str:
+def _tear(
+    ports: Sequence[Port], edges: set[tuple[Port, Port]], links: Sequence[Link]
+) -> dict[Port, tuple[Link, list[Port]]]:
+    """Take connections away until the edges have no cycle; return them by their ends, each with a cycle that it closed.
+
+    Of a cycle a continuous one goes first: a guess of it can be improved.
+    """
+    by_ends = {(k.start, k.end): k for k in links}
+    torn: dict[Port, tuple[Link, list[Port]]] = {}
+    while found := cycles(ports, edges):
+        for _, cycle in found:
+            link = min((by_ends[p] for p in _pairs(cycle) if p in by_ends), key=lambda k: k.discrete)
+            torn[link.end] = link, cycle
+            edges.discard((link.start, link.end))
+    return torn
+
+
+def _loop_message(cycle: Sequence[Port], descriptions: Mapping[str, Description]) -> str:
     silent = sorted(
         {unit for unit, name in cycle if descriptions[unit].step_dependencies.get(name, frozenset()) is None}
     )
-    text = f"algebraic loop {where}: {' -> '.join('.'.join(port) for port in cycle)}"
+    text = " -> ".join(".".join(port) for port in cycle)
     if silent:
         text += f". Note: no dependencies are declared by {', '.join(silent)}, so all inputs count"
     return text
