@@ -11,6 +11,7 @@ import pytest
 from vdfmu.cosim import check_system, simulate
 from vdfmu.errors import SspError
 from vdfmu.ssp import load_ssp
+from vdfmu.ssp.read import read_system
 
 
 def problems(path, **options) -> list[str]:
@@ -49,6 +50,30 @@ def test_several_faults_at_once(pack, xml):
         r"p: parameter 'kk' \(set: kk\): .* has no such variable; did you mean k",
         r"p: parameter 'y' \(set: y\): is not settable: causality output",
         r"algebraic loop during initialization and in the steps: a\.y -> b\.a -> b\.y -> a\.u -> a\.y",
+    )
+
+
+def test_a_missing_fmu_hides_no_other_fault(pack, xml):
+    c = xml.component
+    path = pack(
+        [
+            c("a", "Nothing", "u:input y:output"),
+            c("b", "Gain", "u:output"),
+            c("d", "Gain", "", xml.values(xml.real("y", 1.0))),
+        ],
+        ["a.y -> d.u", "d.y -> a.u"],
+    )
+    system, faults = read_system(path)
+    expect(faults, "component 'a': the package has no 'resources/Nothing.fmu'")
+    with pytest.raises(SspError) as info:
+        check_system(system)
+    expect(
+        info.value.problems,
+        "component 'a': the package has no 'resources/Nothing.fmu'",
+        r"b\.u: the SSD declares kind 'output', the FMU causality 'input'",
+        r"a\.y -> d\.u: d declares no connector 'u'",
+        r"d\.y -> a\.u: d declares no connector 'y'",
+        r"d: parameter 'y' .*: is not settable",
     )
 
 

@@ -158,6 +158,8 @@ class _Checker:
         read: dict[tuple[str, str], Description | None] = {}
         with Archive(self.system.path, self.system.path.name) as archive:
             for component in self.system.components:
+                if not component.source:
+                    continue  # among the system's problems
                 key = component.source, component.implementation
                 if key not in read:
                     read[key] = None

@@ -58,6 +58,8 @@ class Bindings:
 
     def _own(self, node: Node, element: Any, scope: Scope) -> None:
         for binding in element.iterfind("ssd:ParameterBindings/ssd:ParameterBinding", NAMESPACES):
+            if binding.get("sourceBase") == "component" and node.kind == "component" and not node.source:
+                continue  # lies in an FMU that is not there, which is reported
             try:
                 entries = self._entries(node, binding, scope)
             except SspError as error:
@@ -123,23 +125,34 @@ class Bindings:
         return root
 
     def _entries(self, node: Node, binding: Any, scope: Scope) -> list[_Entry]:
+        """Return the values of a binding under the names of the node; SspError with the faults of set and mapping."""
         where = f"{scope.label}: parameter binding of {node.label or 'the system'}"
-        if binding.get("type", SET_TYPE) != SET_TYPE:
-            raise SspError(f"{where}: type {binding.get('type')!r} is not supported; only {SET_TYPE} is")
-        root = self._document(node, scope, binding, "ssv", where)
-        if root is None:
-            raise SspError(f"{where}: has neither a source nor inline values")
-        prefix = binding.get("prefix", "")
-        entries = self._values_of(root, prefix, binding.get("source") or root.get("name"), scope)
+        problems: list[str] = []
+        entries: list[_Entry] = []
+        mapping: Any = None
+        try:
+            if binding.get("type", SET_TYPE) != SET_TYPE:
+                raise SspError(f"{where}: type {binding.get('type')!r} is not supported; only {SET_TYPE} is")
+            root = self._document(node, scope, binding, "ssv", where)
+            if root is None:
+                raise SspError(f"{where}: has neither a source nor inline values")
+            label = binding.get("source") or root.get("name")
+            entries = self._values_of(root, binding.get("prefix", ""), label, scope)
+        except SspError as error:
+            problems += error.problems
         element = binding.find("ssd:ParameterMapping", NAMESPACES)
-        if element is None:
-            return entries
-        if element.get("type", MAPPING_TYPE) != MAPPING_TYPE:
-            raise SspError(f"{where}: mapping type {element.get('type')!r} is not supported")
-        mapping = self._document(node, scope, element, "ssm", f"{where}, mapping")
-        if mapping is None:
-            raise SspError(f"{where}: its mapping has neither a source nor inline entries")
-        return self._mapped(entries, mapping, where)
+        if element is not None:
+            try:
+                if element.get("type", MAPPING_TYPE) != MAPPING_TYPE:
+                    raise SspError(f"{where}: mapping type {element.get('type')!r} is not supported")
+                mapping = self._document(node, scope, element, "ssm", f"{where}, mapping")
+                if mapping is None:
+                    raise SspError(f"{where}: its mapping has neither a source nor inline entries")
+            except SspError as error:
+                problems += error.problems
+        if problems:
+            raise SspError(problems)
+        return entries if mapping is None else self._mapped(entries, mapping, where)
 
     def _mapped(self, entries: list[_Entry], mapping: Any, where: str) -> list[_Entry]:
         by_name = {entry.name: entry for entry in entries}

@@ -138,7 +138,8 @@ class Parameter:
 class Component:
     """A component; nested ones are named ``system.component``.
 
-    `source` is the member of the package, ``inner.ssp!/member`` where a package inside it holds the FMU.
+    `source` is the member of the package, ``inner.ssp!/member`` where a package inside it holds the FMU; empty
+    where there is no FMU, which the system's `problems` then tell.
     """
 
     name: str
@@ -166,7 +167,8 @@ class System:
     experiment : Experiment
         How it is run unless told otherwise.
     problems : tuple of str
-        Faults of the wiring. `vdfmu.cosim.check` reports them together with those of the FMUs.
+        Faults of the wiring, and with `vdfmu.ssp.read.read_system` those of the reading. `vdfmu.cosim.check`
+        reports them together with those of the FMUs.
     unmatched : tuple of str
         Parameters of system-level bindings that name no element or connector.
     """
