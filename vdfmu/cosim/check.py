@@ -145,7 +145,7 @@ class _Checker:
         self.system = system
         self.strict = strict
         self.problems = list(system.problems)
-        self.notes: list[str] = []
+        self.notes = list(system.notes)
         self.descriptions: dict[str, Description] = {}
         self.fmus: dict[str, bytes] = {}
         self.unmatched = self.notes if ignore_unmatched else self.problems
@@ -282,11 +282,11 @@ class _Checker:
                 assert description is not None
                 variable = description.variables.get(parameter.name)
                 if variable is None:
-                    report = self.notes if parameter.optional else self.unmatched
-                    report.append(
-                        f"{where}: {description.source} has no such variable"
-                        + _hint(parameter.name, description.variables)
-                    )
+                    if not any(self._exists(*place) for place in parameter.elsewhere):
+                        self.unmatched.append(
+                            f"{where}: {description.source} has no such variable"
+                            + _hint(parameter.name, description.variables)
+                        )
                 elif not variable.settable:
                     self.problems.append(f"{where}: {_why_not(variable)}")
                 else:
@@ -297,6 +297,11 @@ class _Checker:
                         continue
                     starts.setdefault(component.name, {})[variable.name] = (variable, value)
         return starts
+
+    def _exists(self, component: str, name: str) -> bool:
+        """Tell whether a component has a variable; connectors of systems exist."""
+        description = self.descriptions.get(component)
+        return description is None or name in description.variables
 
     def _converted(self, parameter: Parameter, variable: Variable) -> Value:
         value, hops = parameter.value, parameter.hops

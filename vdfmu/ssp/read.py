@@ -91,7 +91,13 @@ def _read(archive: Archive, path: Path, variant: str) -> tuple[System, list[str]
         path=path,
         name=root.get("name"),
         components=tuple(
-            Component(node.label, node.source, node.implementation, node.connectors, bindings.of(node.label))
+            Component(
+                wiring.names[node.path],
+                node.source,
+                node.implementation,
+                node.connectors,
+                bindings.of(node.path),
+            )
             for node in _components(top)
         ),
         connections=connections,
@@ -99,6 +105,7 @@ def _read(archive: Archive, path: Path, variant: str) -> tuple[System, list[str]
         experiment=experiment,
         problems=(*problems, *wiring.problems),
         unmatched=tuple(bindings.unmatched),
+        notes=(*wiring.notes, *bindings.notes),
     )
     return system, problems
 

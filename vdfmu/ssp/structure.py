@@ -120,8 +120,9 @@ class Parameter:
         Mapping and connections the value passes; units are converted at each.
     origin : str
         The parameter set and the name in it, for messages.
-    optional : bool
-        True when the binding has a mapping that does not mention the name: then no such variable is no fault.
+    elsewhere : tuple of (str, str)
+        Other components with variables, or systems with connectors, that the same name of a system's parameter set
+        means, since dots may be part of names. It is enough that one of all exists.
     """
 
     component: str
@@ -131,12 +132,12 @@ class Parameter:
     unit: Unit | None
     hops: tuple[Hop, ...]
     origin: str
-    optional: bool = False
+    elsewhere: tuple[tuple[str, str], ...] = ()
 
 
 @dataclass(frozen=True)
 class Component:
-    """A component; nested ones are named ``system.component``.
+    """A component; nested ones are named ``system.component``, and ``system.component#2`` where that is taken.
 
     `source` is the member of the package, ``inner.ssp!/member`` where a package inside it holds the FMU; empty
     where there is no FMU, which the system's `problems` then tell.
@@ -171,6 +172,8 @@ class System:
         reports them together with those of the FMUs.
     unmatched : tuple of str
         Parameters of system-level bindings that name no element or connector.
+    notes : tuple of str
+        What is worth knowing and no fault: parameters without effect, components with one dotted name.
     """
 
     path: Path
@@ -181,6 +184,7 @@ class System:
     experiment: Experiment = field(default_factory=Experiment)
     problems: tuple[str, ...] = ()
     unmatched: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
 
     def component(self, name: str) -> Component:
         """Return a component by its name."""

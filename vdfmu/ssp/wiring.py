@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from itertools import count
 from typing import Any
 
 from vdfmu.errors import SspError
@@ -27,15 +28,32 @@ class Wiring:
         """"component", "system" or "dictionary" of every connector."""
         self.forward: dict[Key, list[tuple[Key, Hop]]] = {}
         self._source_of: dict[Key, Key] = {}
+        self.names: dict[tuple[str, ...], str] = {}
+        """The components: path to name, which is unique."""
+        self._taken: set[str] = set()
+        self.notes: list[str] = []
         self._add(top)
 
     def _add(self, node: Node) -> None:
+        if node.kind == "component":
+            self._call(node)
         for name in node.connectors:
             self.kinds[node.path, name] = node.kind
         for child in node.children.values():
             self._add(child)
         for item in node.element.iterfind("ssd:Connections/ssd:Connection", NAMESPACES):
             self._connect(node, item)
+
+    def _call(self, node: Node) -> None:
+        """Name a component by its path; dots in the names of elements can give two components one dotted name."""
+        names = (f"{node.label}#{i}" if i > 1 else node.label for i in count(1))
+        name = next(n for n in names if n not in self._taken)
+        self._taken.add(name)
+        self.names[node.path] = name
+        if name != node.label:
+            self.notes.append(
+                f"several components have the dotted name {node.label}: {' / '.join(node.path)} is called {name} here"
+            )
 
     def _end(self, node: Node, element: str | None, connector: str, where: str) -> tuple[Node, str] | None:
         """Return the node and role ("source", "sink" or "any") of one end, or None with a problem noted."""
@@ -94,6 +112,14 @@ class Wiring:
         )
         self.forward.setdefault(source, []).append((sink, hop))
 
+    def above(self, key: Key) -> Iterator[Key]:
+        """Yield what feeds a connector, what feeds that, and so on."""
+        seen = {key}
+        while (source := self._source_of.get(key)) is not None and source not in seen:
+            yield source
+            seen.add(source)
+            key = source
+
     def reach(self, key: Key) -> Iterator[tuple[Key, tuple[Hop, ...]]]:
         """Yield every component connector fed from `key`, with the hops on the way."""
         stack: list[tuple[Key, tuple[Hop, ...], frozenset[Key]]] = [(key, (), frozenset([key]))]
@@ -112,7 +138,7 @@ class Wiring:
         for key in list(self.forward):
             if self.kinds[key] == "component":
                 for sink, hops in self.reach(key):
-                    yield Connection((".".join(key[0]), key[1]), (".".join(sink[0]), sink[1]), hops)
+                    yield Connection((self.names[key[0]], key[1]), (self.names[sink[0]], sink[1]), hops)
 
 
 def show(key: Key) -> str:
