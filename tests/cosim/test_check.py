@@ -118,12 +118,19 @@ def test_connectors_are_held_against_the_fmu(pack, xml):
     )
 
 
-def test_a_calculated_parameter_feeds_no_input(pack, xml):
+def test_kinds_that_ssp_does_not_connect(pack, xml):
     c = xml.component
     path = pack(
-        [c("a", "Derived", "twice:calculatedParameter"), c("b", "Gain", "u:input")], ["a.twice -> b.u"]
+        [c("a", "Gain", "y:output"), c("b", "Gain", "u:input k:parameter"), c("d", "Gain", "k:parameter")],
+        ["a.y -> b.k", "x -> d.k"],
+        connectors="x:input",
     )
-    expect(problems(path), r"a\.twice -> b\.u: direction error, it joins calculatedParameter and input")
+    expect(
+        problems(path),
+        "a.y -> b.k: direction error, it joins output a.y and parameter b.k; "
+        "parameter can be fed by calculatedParameter or system parameter",
+        "x -> d.k: direction error, it joins system input x and parameter d.k; parameter can be",
+    )
 
 
 def test_unconnected_inputs_are_notes_and_errors_when_strict(pack, xml):

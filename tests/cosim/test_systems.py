@@ -191,6 +191,25 @@ def test_a_calculated_parameter_feeds_a_parameter_at_initialization(pack, xml):
     assert results["g.y"].tolist() == [22.0, 22.0]
 
 
+@pytest.mark.parametrize("algorithm", ["jacobi", "gauss-seidel", "extrapolated", "iterative"])
+def test_a_calculated_parameter_feeds_an_input_at_initialization(pack, xml, algorithm):
+    inner = (
+        '<ssd:System name="sub">'
+        + xml.component("x", "", "o:output").split(">", 1)[1].removesuffix("</ssd:Component>")
+        + f"<ssd:Elements>{xml.component('d', 'Derived', 'twice:calculatedParameter')}</ssd:Elements>"
+        f"<ssd:Connections>{xml.connection('d.twice -> o')}</ssd:Connections></ssd:System>"
+    )
+    path = pack(
+        [xml.component("g", "Gain", "u:input y:output"), xml.component("d", "Derived", "twice:calculatedParameter"),
+         xml.component("h", "Gain", "u:input"), inner],
+        ["d.twice -> g.u", "sub.o -> h.u"],
+    )  # fmt: skip
+    results = simulate(path, stop=1.0, step=0.5, algorithm=algorithm, parameters={"d.k": 5.0, "sub.d.k": 3.0})
+    assert results["g.y"].tolist() == [20.0, 20.0, 20.0]
+    assert results["h.y"].tolist() == [12.0, 12.0, 12.0]
+    assert results.summary["notes"] == []
+
+
 def test_a_unit_of_a_system_connector_is_converted_on_the_way(pack, xml):
     inner = (
         '<ssd:System name="sub"><ssd:Connectors><ssd:Connector name="in" kind="input">'

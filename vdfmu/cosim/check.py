@@ -19,12 +19,12 @@ Value = float | int | bool | str
 
 _CAUSALITY = {"input": "input", "output": "output", "parameter": "parameter",
               "calculatedParameter": "calculatedParameter"}  # fmt: skip
-_PAIRS = {("output", "input"), ("calculatedParameter", "parameter")}
+_PAIRS = {("output", "input"), ("calculatedParameter", "parameter"), ("calculatedParameter", "input")}
 
 
 @dataclass(frozen=True)
 class Link:
-    """A checked connection between two variables. `stepped` is False for links between parameters."""
+    """A checked connection between two variables. `stepped` is False for links from parameters."""
 
     start: Port
     end: Port
@@ -258,7 +258,7 @@ class _Checker:
             except ValueError as error:
                 self.problems.append(f"{where}: {error}")
                 conversion = Conversion()
-            stepped = sink.causality == "input"
+            stepped = source.causality == "output"
             links.append(Link(connection.start, connection.end, source, sink, conversion, stepped))
         return links
 

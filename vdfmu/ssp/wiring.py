@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from itertools import count
 from typing import Any
 
@@ -12,6 +12,18 @@ from vdfmu.ssp.elements import Node, read_boolean, read_transformation
 from vdfmu.ssp.structure import Connection, Hop
 
 Key = tuple[tuple[str, ...], str]
+
+_FLOWS = {
+    ("system parameter", "system calculatedParameter"), ("system parameter", "system output"),
+    ("system input", "system output"),
+    ("system parameter", "parameter"), ("system parameter", "input"), ("system parameter", "inout"),
+    ("system input", "input"), ("system input", "inout"),
+    ("calculatedParameter", "parameter"), ("calculatedParameter", "input"), ("calculatedParameter", "inout"),
+    ("output", "input"), ("output", "inout"), ("inout", "input"),
+    ("calculatedParameter", "system calculatedParameter"), ("calculatedParameter", "system output"),
+    ("output", "system output"), ("inout", "system output"),
+}  # fmt: skip
+"""SSP 1.0, Allowed connections: source and destination, connectors of elements or of the system around them."""
 
 
 class Wiring:
@@ -55,8 +67,8 @@ class Wiring:
                 f"several components have the dotted name {node.label}: {' / '.join(node.path)} is called {name} here"
             )
 
-    def _end(self, node: Node, element: str | None, connector: str, where: str) -> tuple[Node, str] | None:
-        """Return the node and role ("source", "sink" or "any") of one end, or None with a problem noted."""
+    def _end(self, node: Node, element: str | None, connector: str, where: str) -> Node | None:
+        """Return the owner of one end, or None with a problem noted."""
         owner = node if element is None else node.children.get(element)
         if owner is None:
             self.problems.append(f"{where}: there is no element {node.dotted(str(element))!r}")
@@ -66,11 +78,7 @@ class Wiring:
                 f"{where}: {owner.label or 'the system'} declares no connector {connector!r}"
             )
             return None
-        kind = owner.connectors[connector].kind
-        if kind == "inout":
-            return owner, "any"
-        into = kind in {"input", "parameter", "structuralParameter"}
-        return owner, "sink" if into != (owner is node) else "source"
+        return owner
 
     def _connect(self, node: Node, item: Any) -> None:
         # some tools write startElement="" for a connector of the system itself
@@ -78,19 +86,23 @@ class Wiring:
         text = " -> ".join(".".join(p for p in (*node.path, *pair) if p) for pair in names)
         where = f"connection {text}"
         ends = [self._end(node, element, connector, where) for element, connector in names]
-        if ends[0] is None or ends[1] is None:
+        first, second = ends
+        if first is None or second is None:
             return
-        (first, role), (second, other) = ends[0], ends[1]
-        if role == other != "any":
-            kinds = " and ".join(
-                f"{owner.connectors[name].kind} {owner.dotted(name)}"
-                for owner, (_, name) in ((first, names[0]), (second, names[1]))
-            )
-            self.problems.append(f"{where}: direction error, it joins {kinds}")
-            return
-        if role == "sink" or other == "source":
+        kinds = [
+            ("system " if owner is node else "") + owner.connectors[name].kind
+            for owner, (_, name) in ((first, names[0]), (second, names[1]))
+        ]
+        if (kinds[1], kinds[0]) in _FLOWS:
             first, second = second, first
             names.reverse()
+        elif (kinds[0], kinds[1]) not in _FLOWS:
+            joined = " and ".join(
+                f"{kind} {owner.dotted(name)}"
+                for kind, owner, (_, name) in zip(kinds, (first, second), names, strict=True)
+            )
+            self.problems.append(f"{where}: direction error, it joins {joined}{_expected(kinds)}")
+            return
         source, sink = (first.path, names[0][1]), (second.path, names[1][1])
         if sink in self._source_of:
             self.problems.append(
@@ -139,6 +151,12 @@ class Wiring:
             if self.kinds[key] == "component":
                 for sink, hops in self.reach(key):
                     yield Connection((self.names[key[0]], key[1]), (self.names[sink[0]], sink[1]), hops)
+
+
+def _expected(kinds: Sequence[str]) -> str:
+    """Say what can feed connectors of these kinds."""
+    known = {sink: sorted(source for source, end in _FLOWS if end == sink) for sink in dict.fromkeys(kinds)}
+    return "".join(f"; {sink} can be fed by {' or '.join(found)}" for sink, found in known.items() if found)
 
 
 def show(key: Key) -> str:
