@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
 from vdfmu.ssp.experiment import Experiment
 
+_DIGITS = 1e-6
+"""Relative difference of units that are the same; the feet of survey and of engineering differ by 2e-6."""
 BASE_UNITS = ("kg", "m", "s", "A", "K", "mol", "cd", "rad")
 
 
@@ -29,10 +32,14 @@ class Unit:
     offset: float = 0.0
 
     def same_as(self, other: Unit) -> bool:
-        """Tell whether no conversion lies between two units."""
+        """Tell whether no conversion lies between two units; tools write their factors with 6 digits or more."""
         if self.exponents is None or other.exponents is None:
             return self.name == other.name
-        return (self.exponents, self.factor, self.offset) == (other.exponents, other.factor, other.offset)
+        return (
+            self.exponents == other.exponents
+            and math.isclose(self.factor, other.factor, rel_tol=_DIGITS)
+            and math.isclose(self.offset, other.offset, rel_tol=_DIGITS)
+        )
 
     @property
     def dimension(self) -> str:
