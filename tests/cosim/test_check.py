@@ -11,6 +11,10 @@ import pytest
 from vdfmu.cosim import check_system, simulate
 from vdfmu.errors import SspError
 from vdfmu.ssp import load_ssp
+from vdfmu.ssp.read import read_system
+from vdfmu.study import check_run
+from vdfmu.study.check import check_file
+from vdfmu.study.system import run_system
 
 
 def problems(path, **options) -> list[str]:
@@ -49,6 +53,30 @@ def test_several_faults_at_once(pack, xml):
         r"p: parameter 'kk' \(set: kk\): .* has no such variable; did you mean k",
         r"p: parameter 'y' \(set: y\): is not settable: causality output",
         r"algebraic loop in the steps: a\.y -> b\.a -> b\.y -> a\.u -> a\.y",
+    )
+
+
+def test_a_missing_fmu_hides_no_other_fault(pack, xml):
+    c = xml.component
+    path = pack(
+        [
+            c("a", "Nothing", "u:input y:output"),
+            c("b", "Gain", "u:output"),
+            c("d", "Gain", "", xml.values(xml.real("y", 1.0))),
+        ],
+        ["a.y -> d.u", "d.y -> a.u"],
+    )
+    system, faults = read_system(path)
+    expect(faults, "component 'a': the package has no 'resources/Nothing.fmu'")
+    with pytest.raises(SspError) as info:
+        check_system(system)
+    expect(
+        info.value.problems,
+        "component 'a': the package has no 'resources/Nothing.fmu'",
+        r"b\.u: the SSD declares kind 'output', the FMU causality 'input'",
+        r"a\.y -> d\.u: d declares no connector 'u'",
+        r"d\.y -> a\.u: d declares no connector 'y'",
+        r"d: parameter 'y' .*: is not settable",
     )
 
 
@@ -93,12 +121,19 @@ def test_connectors_are_held_against_the_fmu(pack, xml):
     )
 
 
-def test_a_calculated_parameter_feeds_no_input(pack, xml):
+def test_kinds_that_ssp_does_not_connect(pack, xml):
     c = xml.component
     path = pack(
-        [c("a", "Derived", "twice:calculatedParameter"), c("b", "Gain", "u:input")], ["a.twice -> b.u"]
+        [c("a", "Gain", "y:output"), c("b", "Gain", "u:input k:parameter"), c("d", "Gain", "k:parameter")],
+        ["a.y -> b.k", "x -> d.k"],
+        connectors="x:input",
     )
-    expect(problems(path), r"a\.twice -> b\.u: direction error, it joins calculatedParameter and input")
+    expect(
+        problems(path),
+        "a.y -> b.k: direction error, it joins output a.y and parameter b.k; "
+        "parameter can be fed by calculatedParameter or system parameter",
+        "x -> d.k: direction error, it joins system input x and parameter d.k; parameter can be",
+    )
 
 
 def test_unconnected_inputs_are_notes_and_errors_when_strict(pack, xml):
@@ -113,11 +148,57 @@ def test_unconnected_inputs_are_notes_and_errors_when_strict(pack, xml):
     assert problems(path, strict=True) == [note]
 
 
-def test_unmatched_parameters_can_be_ignored(pack, xml):
-    path = pack([xml.component("a", "Gain", "", xml.values(xml.real("other", 1.0)))])
-    expect(problems(path), "a: parameter 'other' .* has no such variable")
+def test_unmatched_parameters_can_be_ignored(pack, xml, monkeypatch):
+    path = pack(
+        [xml.component("a", "Gain", "", xml.values(xml.real("other", 1.0)))],
+        bindings=xml.values(xml.real("b.k", 1.0)),
+    )
+    out = "; correct the name, or have it ignored: ignore_unmatched, 'vdfmu simulate --ignore-unmatched'"
+    no_other, no_b = "a: parameter 'other' .* has no such variable", "parameter 'b.k' .* matches no element"
+    expect(problems(path), f"{no_other}{out}", f"{no_b} or connector{out}")
     notes = check_system(load_ssp(path), ignore_unmatched=True).notes
-    assert any("parameter 'other'" in note for note in notes)
+    expect(
+        [note for note in notes if "parameter" in note],
+        f"{no_other}; the value is ignored",
+        f"{no_b} or connector; the value is ignored",
+    )
+    monkeypatch.setattr("vdfmu.study.system.signals_figure", lambda *_, **__: None)
+    with pytest.raises(SspError):
+        run_system(path, step=0.5, out=path.parent / "out")
+    results = run_system(path, step=0.5, out=path.parent / "out", ignore_unmatched=True)
+    assert any("'b.k'" in note for note in results.summary["notes"])
+    monkeypatch.setattr(check_run, "run_apart", lambda package, _: check_run._run_system(package))
+    assert check_file(path) == []
+
+
+def test_variables_of_one_dotted_name_are_noted_and_set_together(pack, xml, fmus):
+    dotted = edit_fmu(fmus["Gain"], replace=[(b'name="k"', b'name="C.k"')])
+    outer = xml.component("B", "Gain").replace("Gain.fmu", "dotted.fmu")
+    path = pack([outer, xml.component("B.C", "Gain")], extra={"resources/dotted.fmu": dotted})
+    checked = check_system(load_ssp(path), {"B.C.k": 7.0})
+    assert {name: [(v.name, x) for v, x in found] for name, found in checked.starts.items()} == {
+        "B": [("C.k", 7.0)],
+        "B.C": [("k", 7.0)],
+    }
+    assert [note for note in checked.notes if "two variables" in note] == [
+        "B.C.k: two variables have this name, of B and of B.C; rename a component to tell them apart"
+    ]
+
+
+def test_units_that_differ_in_the_last_digits_are_the_same(pack, xml):
+    units = '<ssc:Unit name="deg"><ssc:BaseUnit rad="1" factor="{}"/></ssc:Unit>'
+    elements = [
+        xml.component("d", "Degrees", "y:output:Real:deg"),
+        xml.component("g", "Gain", "u:input:Real:deg"),
+    ]
+    path = pack(elements, ["d.y -> g.u"], units=units.format("0.0174533"))
+    (link,) = check_system(load_ssp(path)).links
+    assert link.conversion.trivial
+    expect(
+        problems(pack(elements, ["d.y -> g.u"], units=units.format("0.0174532"))),
+        r"d\.y: unit mismatch, the SSD declares 'deg' \(rad, factor 0\.0174532, offset 0\), "
+        r"the FMU 'deg' \(rad, factor 0\.017453292519943295, offset 0\)",
+    )
 
 
 def test_parameters_of_a_wrong_type(pack, xml):

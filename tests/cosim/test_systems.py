@@ -84,16 +84,26 @@ def test_external_values_and_mapping(pack, xml):
     assert simulate(path, stop=1.0, step=1.0)["r.y"][-1] == 2 * (300.0 * 0.001)
 
 
-def test_inline_mapping_keeps_what_it_does_not_mention(pack, xml):
+def test_a_mapping_drops_the_values_that_it_does_not_mention(pack, xml):
     mapping = (
         "<ssd:ParameterMapping>" + SSM.format('<ssm:MappingEntry source="gain" target="k"/>')
         + "</ssd:ParameterMapping>"
     )  # fmt: skip
-    inner = xml.real("gain", 5.0) + xml.real("u", 2.0) + xml.real("unrelated", 1.0)
-    path = pack([xml.component("g", "Gain", "", xml.values(inner, mapping))])
+    inner = xml.real("gain", 5.0) + xml.real("u", 2.0) + xml.real("k", 9.0) + xml.real("unrelated", 1.0)
+    before = xml.values(xml.real("u", 3.0)).replace("</ssd:ParameterBindings>", "")
+    after = xml.values(inner, mapping).replace("<ssd:ParameterBindings>", "")
+    path = pack([xml.component("g", "Gain", "", before + after)])
+    assert simulate(path, stop=1.0, step=1.0)["g.y"].tolist() == [15.0, 15.0]
+
+
+def test_two_components_of_one_dotted_name_both_run(pack, xml):
+    """And a value goes to all variables of its name; it is enough that one exists."""
+    inner = f'<ssd:System name="B"><ssd:Elements>{xml.component("C", "Gain")}</ssd:Elements></ssd:System>'
+    given = xml.values(xml.real("B.C.k", 3.0) + xml.real("B.C.u", 2.0) + xml.real("B.C.slope", 7.0))
+    path = pack([inner, xml.component("B.C", "Ramp", "y:output")], bindings=given)
     results = simulate(path, stop=1.0, step=1.0)
-    assert results["g.y"].tolist() == [10.0, 10.0]
-    assert any("'unrelated'" in note for note in results.summary["notes"])
+    assert results["B.C.y"].tolist() == [6.0, 6.0]
+    assert results["B.C#2.y"].tolist() == [0.0, 7.0]
 
 
 def test_precedence_of_bindings(pack, xml):
@@ -179,6 +189,25 @@ def test_a_calculated_parameter_feeds_a_parameter_at_initialization(pack, xml):
     )
     results = simulate(path, stop=1.0, step=1.0, parameters={"d.k": 5.0, "g.u": 2.0})
     assert results["g.y"].tolist() == [22.0, 22.0]
+
+
+@pytest.mark.parametrize("algorithm", ["jacobi", "gauss-seidel", "extrapolated", "iterative"])
+def test_a_calculated_parameter_feeds_an_input_at_initialization(pack, xml, algorithm):
+    inner = (
+        '<ssd:System name="sub">'
+        + xml.component("x", "", "o:output").split(">", 1)[1].removesuffix("</ssd:Component>")
+        + f"<ssd:Elements>{xml.component('d', 'Derived', 'twice:calculatedParameter')}</ssd:Elements>"
+        f"<ssd:Connections>{xml.connection('d.twice -> o')}</ssd:Connections></ssd:System>"
+    )
+    path = pack(
+        [xml.component("g", "Gain", "u:input y:output"), xml.component("d", "Derived", "twice:calculatedParameter"),
+         xml.component("h", "Gain", "u:input"), inner],
+        ["d.twice -> g.u", "sub.o -> h.u"],
+    )  # fmt: skip
+    results = simulate(path, stop=1.0, step=0.5, algorithm=algorithm, parameters={"d.k": 5.0, "sub.d.k": 3.0})
+    assert results["g.y"].tolist() == [20.0, 20.0, 20.0]
+    assert results["h.y"].tolist() == [12.0, 12.0, 12.0]
+    assert results.summary["notes"] == []
 
 
 def test_a_unit_of_a_system_connector_is_converted_on_the_way(pack, xml):

@@ -9,6 +9,7 @@ import pytest
 
 from vdfmu.errors import SspError
 from vdfmu.ssp import archive, load_ssp
+from vdfmu.ssp.read import read_system
 
 HEAD = (
     '<ssd:SystemStructureDescription xmlns:ssd="http://ssp-standard.org/SSP1/SystemStructureDescription" '
@@ -133,6 +134,39 @@ def test_missing_resources_and_bad_sources_at_once(tmp_path):
         "x.ssp: 'f' refers to signal dictionary 'none', which does not exist",
         "x.ssp: the package has no 'none.ssv'",
     ]
+
+
+def test_a_faulty_package_is_read_as_far_as_it_goes(tmp_path):
+    """With all faults in one pass: of the parameter set, of its mapping, of the FMUs, of the wiring."""
+    binding = (
+        '<ssd:ParameterBindings><ssd:ParameterBinding source="none.ssv"><ssd:ParameterMapping source="none.ssm"/>'
+        '</ssd:ParameterBinding><ssd:ParameterBinding source="p.ssv" sourceBase="component"/></ssd:ParameterBindings>'
+    )
+    link = '<ssd:Connection startElement="a" startConnector="y" endElement="c" endConnector="u"/>'
+    path = write(
+        tmp_path / "x.ssp",
+        system(
+            component("a", "there.fmu") + component("b", "missing.fmu", binding),
+            f"<ssd:Connections>{link}</ssd:Connections>",
+        ),
+        {"there.fmu": b""},
+    )
+    found, faults = read_system(path)
+    assert faults == problems(path)
+    assert faults == [
+        "x.ssp: component 'b': the package has no 'missing.fmu'",
+        "x.ssp: the package has no 'none.ssv'",
+        "x.ssp: the package has no 'none.ssm'",
+    ]
+    assert [(c.name, c.source) for c in found.components] == [("a", "there.fmu"), ("b", "")]
+    assert found.problems == (
+        *faults,
+        "connection a.y -> c.u: a declares no connector 'y'",
+        "connection a.y -> c.u: there is no element 'c'",
+    )
+    write(tmp_path / "y.ssp", "<ssd:System>")
+    assert read_system(tmp_path / "y.ssp")[0] is None
+    assert "not well-formed" in read_system(tmp_path / "y.ssp")[1][0]
 
 
 def test_an_ssv_with_an_entity_is_refused(tmp_path):

@@ -277,10 +277,66 @@ def test_external_files_outside_the_resources_folder_with_prefix_and_precedence(
         }
     )
     found = {p.name: p for p in load_ssp(path).component("a").parameters}
-    assert {name: p.value for name, p in found.items()} == {"gain": 2.0, "m": 3.0, "n": 4.0}
+    assert {name: p.value for name, p in found.items()} == {
+        "gain": 2.0,
+        "m": 9.0,
+        "n": 4.0,
+    }  # a.m is not mapped
     (hop,) = found["gain"].hops
     assert hop.transformation is not None
     assert (hop.transformation.factor, hop.transformation.offset) == (10.0, 1.0)
+
+
+def nested(rest: str, name: str = "B", bindings: str = "") -> str:
+    return f'<ssd:System name="{name}">{bindings}{rest}</ssd:System>'
+
+
+def given(system) -> dict[str, dict[str, object]]:
+    return {c.name: {p.name: p.value for p in c.parameters} for c in system.components}
+
+
+def test_a_value_goes_to_everything_that_has_its_name(pack):
+    """Dots may be part of the names of elements: SSP 1.0, ParameterBindings."""
+    inner = nested(elements(component("C", inner=IO + values("k=3")), component("D")))
+    twin = component("B.C", inner=IO + values("k=5", "m=6"))
+    top = elements(inner, twin, component("a")) + connections("B.C.y a.u")
+    members = {"SystemStructure.ssd": ssd(top), "f.fmu": b""}
+    system = load_ssp(pack(members))
+    assert given(system) == {"B.C": {"k": 3.0}, "B.D": {}, "B.C#2": {"k": 5.0, "m": 6.0}, "a": {}}
+    assert [str(c) for c in system.connections] == ["B.C#2.y -> a.u"]
+    assert system.notes == ("several components have the dotted name B.C: B.C is called B.C#2 here",)
+    members["SystemStructure.ssd"] = ssd(values("B.C.k=9") + top)
+    found = given(load_ssp(pack(members)))
+    assert (found["B.C"], found["B.C#2"]) == ({"k": 9.0}, {"k": 9.0, "m": 6.0})
+
+
+def test_values_of_connectors_that_feed_no_input_have_no_effect(pack):
+    """The form of OMSimulator's resources/toplevelparameter1: a parameter that nothing is connected to."""
+    own = '<ssd:Connectors><ssd:Connector name="K" kind="parameter"/></ssd:Connectors>'
+    inner = nested(IO + elements(component("g")) + connections("g.y y"), "S")
+    top = own + values("K=4", "S.y=5", "S.u=6") + elements(inner, component("h")) + connections("S.y h.u")
+    system = load_ssp(pack({"SystemStructure.ssd": ssd(top), "f.fmu": b""}))
+    assert given(system) == {"S.g": {}, "h": {}}
+    assert (system.problems, system.unmatched) == ((), ())
+    assert system.notes == (
+        "the system: parameter 'K' (p: K): has no effect, nothing of a component is connected to K",
+        "S: parameter 'y' (p: S.y): has no effect, S.y is of kind output and has the value of its source",
+        "S: parameter 'u' (p: S.u): has no effect, nothing of a component is connected to S.u",
+    )
+
+
+@pytest.mark.parametrize("order", [1, -1])
+def test_what_is_connected_takes_the_value_of_its_source_in_any_order(pack, order):
+    own = '<ssd:Connectors><ssd:Connector name="K" kind="input"/></ssd:Connectors>'
+    inner = nested(IO + elements(component("g", inner=IO + values("u=1"))) + connections("u g.u"), "S")
+    pairs = ["K=4", "S.u=5", "S.g.u=9"][::order]
+    top = own + values(*pairs) + elements(inner) + connections("K S.u")
+    system = load_ssp(pack({"SystemStructure.ssd": ssd(top), "f.fmu": b""}))
+    assert given(system) == {"S.g": {"u": 4.0}}
+    assert sorted(system.notes) == [
+        "S.g: parameter 'u' (p: S.g.u): has no effect, S.g.u is connected to K and takes its value (p: K)",
+        "S: parameter 'u' (p: S.u): has no effect, S.u is connected to K and takes its value (p: K)",
+    ]
 
 
 def test_a_signal_dictionary_in_a_file_joins_systems_of_two_levels(pack):

@@ -109,6 +109,12 @@ def simulate(
             help="Set a parameter or input; without an index, of all elements. Repeatable.",
         ),
     ] = None,
+    ignore_unmatched: Annotated[
+        bool,
+        typer.Option(
+            "--ignore-unmatched", help="Ignore values of the package's parameter sets that no variable takes."
+        ),
+    ] = False,
 ) -> None:
     """Run a system package, and write its signals and a picture of them.
 
@@ -129,6 +135,7 @@ def simulate(
             tolerance=tolerance,
             settings=parse_settings(settings),
             record=record or None,
+            ignore_unmatched=ignore_unmatched,
             out=out,
             progress=bars.update,
             log=bars.log,

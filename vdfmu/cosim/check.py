@@ -3,28 +3,25 @@
 from __future__ import annotations
 
 import difflib
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 from vdfmu.cosim.abilities import check_abilities
-from vdfmu.cosim.conversion import Conversion, compose
+from vdfmu.cosim.conversion import Conversion, Value, as_type, compose
 from vdfmu.cosim.description import Description, Variable, read_description
 from vdfmu.cosim.schedule import ALGORITHMS, Port, Schedule, make_schedule
 from vdfmu.errors import SspError, UsageError
 from vdfmu.ssp.archive import Archive
 from vdfmu.ssp.structure import Component, Parameter, System, Unit
 
-Value = float | int | bool | str
-
 _CAUSALITY = {"input": "input", "output": "output", "parameter": "parameter",
               "calculatedParameter": "calculatedParameter"}  # fmt: skip
-_PAIRS = {("output", "input"), ("calculatedParameter", "parameter")}
+_PAIRS = {("output", "input"), ("calculatedParameter", "parameter"), ("calculatedParameter", "input")}
 
 
 @dataclass(frozen=True)
 class Link:
-    """A checked connection between two variables. `stepped` is False for links between parameters."""
+    """A checked connection between two variables. `stepped` is False for links from parameters."""
 
     start: Port
     end: Port
@@ -148,11 +145,19 @@ class _Checker:
         self.system = system
         self.strict = strict
         self.problems = list(system.problems)
-        self.notes: list[str] = []
+        self.notes = list(system.notes)
         self.descriptions: dict[str, Description] = {}
         self.fmus: dict[str, bytes] = {}
-        self.unmatched = self.notes if ignore_unmatched else self.problems
-        self.unmatched += system.unmatched
+        self.ignore_unmatched = ignore_unmatched
+        for text in system.unmatched:
+            self._unmatched(text)
+
+    def _unmatched(self, text: str) -> None:
+        if self.ignore_unmatched:
+            self.notes.append(f"{text}; the value is ignored")
+        else:
+            way = "ignore_unmatched, 'vdfmu simulate --ignore-unmatched'"
+            self.problems.append(f"{text}; correct the name, or have it ignored: {way}")
 
     def read(self) -> None:
         """Read the FMUs and hold the connectors against their variables."""
@@ -161,6 +166,8 @@ class _Checker:
         read: dict[tuple[str, str], Description | None] = {}
         with Archive(self.system.path, self.system.path.name) as archive:
             for component in self.system.components:
+                if not component.source:
+                    continue  # among the system's problems
                 key = component.source, component.implementation
                 if key not in read:
                     read[key] = None
@@ -173,6 +180,7 @@ class _Checker:
                 if description is not None:
                     self.descriptions[component.name] = description
                     self._connectors(component, description)
+        self._same_names()
         users: dict[str, list[str]] = {}
         for name, description in self.descriptions.items():
             if description.once_per_process:
@@ -182,6 +190,20 @@ class _Checker:
                 self.problems.append(
                     f"{', '.join(names)}: {source} can be instantiated only once per process"
                 )
+
+    def _same_names(self) -> None:
+        """Note variables of two components that have one dotted name; the results show one of them."""
+        for name, description in self.descriptions.items():
+            parts = name.split(".")
+            for i in range(1, len(parts)):
+                outer = self.descriptions.get(".".join(parts[:i]))
+                for variable in description.variables if outer is not None else ():
+                    full = ".".join((*parts, variable))
+                    if outer is not None and ".".join((*parts[i:], variable)) in outer.variables:
+                        self.notes.append(
+                            f"{full}: two variables have this name, of {'.'.join(parts[:i])} and of {name}; "
+                            "rename a component to tell them apart"
+                        )
 
     def _connectors(self, component: Component, description: Description) -> None:
         for connector in component.connectors.values():
@@ -259,7 +281,7 @@ class _Checker:
             except ValueError as error:
                 self.problems.append(f"{where}: {error}")
                 conversion = Conversion()
-            stepped = sink.causality == "input"
+            stepped = source.causality == "output"
             links.append(Link(connection.start, connection.end, source, sink, conversion, stepped))
         return links
 
@@ -283,11 +305,11 @@ class _Checker:
                 assert description is not None
                 variable = description.variables.get(parameter.name)
                 if variable is None:
-                    report = self.notes if parameter.optional else self.unmatched
-                    report.append(
-                        f"{where}: {description.source} has no such variable"
-                        + _hint(parameter.name, description.variables)
-                    )
+                    if not any(self._exists(*place) for place in parameter.elsewhere):
+                        self._unmatched(
+                            f"{where}: {description.source} has no such variable"
+                            + _hint(parameter.name, description.variables)
+                        )
                 elif not variable.settable:
                     self.problems.append(f"{where}: {_why_not(variable)}")
                 else:
@@ -298,6 +320,11 @@ class _Checker:
                         continue
                     starts.setdefault(component.name, {})[variable.name] = (variable, value)
         return starts
+
+    def _exists(self, component: str, name: str) -> bool:
+        """Tell whether a component has a variable; connectors of systems exist."""
+        description = self.descriptions.get(component)
+        return description is None or name in description.variables
 
     def _converted(self, parameter: Parameter, variable: Variable) -> Value:
         value, hops = parameter.value, parameter.hops
@@ -319,46 +346,6 @@ class _Checker:
         return value
 
 
-def as_type(value: Value, variable: Variable, exact: str | None = None) -> Value:
-    """Turn a value into the type of a variable.
-
-    With `exact`, the type that a parameter set states, only integers pass to reals and enumerations.
-    Without, text is read as a value of the variable's type, and whole numbers as integers.
-
-    Raises
-    ------
-    ValueError
-        The value does not fit the type.
-    """
-    allowed = {"Real": {"Real", "Integer"}, "Enumeration": {"Enumeration", "Integer"}}
-    kind = variable.type
-    if exact is not None and exact not in allowed.get(kind, {kind}):
-        raise ValueError(f"type mismatch, {exact} for a {kind} variable")
-    misfit = ValueError(f"expected a value of type {kind}, got {value!r}")
-    if kind == "String":
-        if not isinstance(value, str):
-            raise misfit
-        return value
-    if kind == "Boolean":
-        text = str(value).strip().lower()
-        if text not in {"true", "false", "1", "0"}:
-            raise misfit
-        return text in {"true", "1"}
-    if kind == "Enumeration" and isinstance(value, str) and value in (variable.items or {}):
-        return (variable.items or {})[value]
-    if isinstance(value, bool):
-        raise misfit
-    try:
-        number = float(value)
-    except ValueError:
-        raise misfit from None
-    if kind == "Real":
-        return number
-    if not (math.isfinite(number) and number == int(number) and abs(number) < 2**31):
-        raise misfit
-    return int(number)
-
-
 def _overrides(descriptions: Mapping[str, Description], parameters: Mapping[str, Value]) -> Starts:
     """Resolve ``component.variable`` names given by the user; one without an index stands for all elements."""
     starts: Starts = {}
@@ -370,15 +357,19 @@ def _overrides(descriptions: Mapping[str, Description], parameters: Mapping[str,
                 f"parameter {full!r}: no component of that name; there are {', '.join(descriptions)}"
             )
             continue
-        owner = max(owners, key=len)
-        name = full[len(owner) + 1 :]
-        variables = descriptions[owner].variables
-        wanted = [name] if name in variables else [v for v in variables if v.startswith(f"{name}[")]
+        wanted = [
+            (owner, variable)
+            for owner in owners
+            for name in [full[len(owner) + 1 :]]
+            for variable in _named(descriptions[owner].variables, name)
+        ]
         if not wanted:
-            whole = dict.fromkeys(v.partition("[")[0] for v in variables)
+            owner = max(owners, key=len)
+            name = full[len(owner) + 1 :]
+            whole = dict.fromkeys(v.partition("[")[0] for v in descriptions[owner].variables)
             problems.append(f"parameter {full!r}: {owner} has no variable {name!r}" + _hint(name, whole))
-        for one in wanted:
-            variable = variables[one]
+        for owner, one in wanted:
+            variable = descriptions[owner].variables[one]
             try:
                 if not variable.settable:
                     raise ValueError(_why_not(variable))
@@ -389,6 +380,10 @@ def _overrides(descriptions: Mapping[str, Description], parameters: Mapping[str,
     if problems:
         raise UsageError("\n".join(problems))
     return starts
+
+
+def _named(variables: Mapping[str, Variable], name: str) -> list[str]:
+    return [name] if name in variables else [v for v in variables if v.startswith(f"{name}[")]
 
 
 def _why_not(variable: Variable) -> str:
@@ -402,5 +397,6 @@ def _hint(name: str, known: Mapping[str, object]) -> str:
 
 
 def _full(unit: Unit) -> str:
-    scale = f", factor {unit.factor:g}, offset {unit.offset:g}"
+    factor, offset = (repr(value).removesuffix(".0") for value in (unit.factor, unit.offset))
+    scale = f", factor {factor}, offset {offset}"
     return unit.dimension + (scale if (unit.factor, unit.offset) != (1.0, 0.0) else "")

@@ -1,11 +1,15 @@
-"""Transformations and unit conversions of connections and parameters."""
+"""Transformations, unit conversions and types of connections and parameters."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
+from vdfmu.cosim.description import Variable
 from vdfmu.ssp.structure import Hop, Transformation, Unit
+
+Value = float | int | bool | str
 
 
 @dataclass(frozen=True)
@@ -128,3 +132,43 @@ def _values_of(
                 )
         table[(source or {})[name]] = (target or {})[meaning]
     return table
+
+
+def as_type(value: Value, variable: Variable, exact: str | None = None) -> Value:
+    """Turn a value into the type of a variable.
+
+    With `exact`, the type that a parameter set states, only integers pass to reals and enumerations.
+    Without, text is read as a value of the variable's type, and whole numbers as integers.
+
+    Raises
+    ------
+    ValueError
+        The value does not fit the type.
+    """
+    allowed = {"Real": {"Real", "Integer"}, "Enumeration": {"Enumeration", "Integer"}}
+    kind = variable.type
+    if exact is not None and exact not in allowed.get(kind, {kind}):
+        raise ValueError(f"type mismatch, {exact} for a {kind} variable")
+    misfit = ValueError(f"expected a value of type {kind}, got {value!r}")
+    if kind == "String":
+        if not isinstance(value, str):
+            raise misfit
+        return value
+    if kind == "Boolean":
+        text = str(value).strip().lower()
+        if text not in {"true", "false", "1", "0"}:
+            raise misfit
+        return text in {"true", "1"}
+    if kind == "Enumeration" and isinstance(value, str) and value in (variable.items or {}):
+        return (variable.items or {})[value]
+    if isinstance(value, bool):
+        raise misfit
+    try:
+        number = float(value)
+    except ValueError:
+        raise misfit from None
+    if kind == "Real":
+        return number
+    if not (math.isfinite(number) and number == int(number) and abs(number) < 2**31):
+        raise misfit
+    return int(number)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -9,7 +10,7 @@ from vdfmu.errors import SspError
 from vdfmu.ssp.archive import NAMESPACES, Archive, parse_ssp_xml, resolve, validate
 from vdfmu.ssp.elements import Node, Scope, read_boolean, read_transformation, read_units
 from vdfmu.ssp.structure import Hop, Parameter, Unit
-from vdfmu.ssp.wiring import Wiring
+from vdfmu.ssp.wiring import Key, Wiring, show
 
 _SSV = f"{{{NAMESPACES['ssv']}}}"
 SET_TYPE = "application/x-ssp-parameter-set"
@@ -26,15 +27,27 @@ class _Entry:
     unit: Unit | None
     hop: Hop
     origin: str
-    optional: bool = False
+
+
+@dataclass(frozen=True)
+class _Bound:
+    """A value that arrived: at a variable of a component, or at a connector of a system."""
+
+    entry: _Entry
+    node: Node
+    level: int
+    """Depth of the binding in the tree; 0 for those of the whole system."""
+    elsewhere: tuple[tuple[str, str], ...]
 
 
 class Bindings:
     """Collects the parameter bindings of a tree.
 
     Bindings of a higher level take precedence over those of a lower one, later ones over earlier ones of the
-    same level (SSP 1.0, ParameterBindings). A prefix is put before every name of the set, then the mapping
-    is applied; names that the mapping does not mention stay as they are.
+    same level (SSP 1.0, ParameterBindings). A prefix is put before every name of the set; with a mapping, only the
+    values that it names are applied. A value goes to everything that has its name: dots may be part of the names of
+    elements, so these need not be unique. What is connected to a connector with a value takes that value, whatever
+    it is given itself.
     """
 
     def __init__(self, wiring: Wiring) -> None:
@@ -42,57 +55,106 @@ class Bindings:
         self.fatal: list[str] = []
         """What makes a parameter source unreadable."""
         self.unmatched: list[str] = []
-        self._values: dict[tuple[str, str], Parameter] = {}
+        self.notes: list[str] = []
+        """Values without effect."""
+        self._bound: dict[Key, _Bound] = {}
+        self._values: dict[tuple[str, ...], dict[str, Parameter]] = {}
 
-    def of(self, component: str) -> tuple[Parameter, ...]:
+    def of(self, path: tuple[str, ...]) -> tuple[Parameter, ...]:
         """Return the values for one component."""
-        return tuple(p for (name, _), p in self._values.items() if name == component)
+        return tuple(self._values.get(path, {}).values())
 
-    def collect(self, node: Node) -> None:
+    def collect(self, top: Node) -> None:
+        """Apply all bindings of a tree."""
+        self._collect(top)
+        for key, bound in self._bound.items():
+            if not self._is_connector(key):
+                self._store(key, bound, (bound.entry.hop,))
+        for key, bound in self._bound.items():
+            if self._is_connector(key):
+                self._pass_on(key, bound)
+
+    def _is_connector(self, key: Key) -> bool:
+        return self.wiring.kinds.get(key, "component") != "component"
+
+    def _collect(self, node: Node) -> None:
         """Apply the bindings below `node`, then its own, then those of a component that it stands for."""
         for child in node.children.values():
-            self.collect(child)
+            self._collect(child)
         self._own(node, node.element, node.scope)
         if node.outer is not None:
             self._own(node, *node.outer)
 
     def _own(self, node: Node, element: Any, scope: Scope) -> None:
         for binding in element.iterfind("ssd:ParameterBindings/ssd:ParameterBinding", NAMESPACES):
+            if binding.get("sourceBase") == "component" and node.kind == "component" and not node.source:
+                continue  # lies in an FMU that is not there, which is reported
             try:
                 entries = self._entries(node, binding, scope)
             except SspError as error:
                 self.fatal += error.problems
                 continue
             for entry in entries:
-                if not self._apply(node, entry.name, entry) and not entry.optional:
+                places = list(_places(node, entry.name))
+                for place, name in places:
+                    others = tuple((self._name(n), m) for n, m in places if n is not place)
+                    self._bound[place.path, name] = _Bound(entry, place, len(node.path), others)
+                if not places:
                     self.unmatched.append(
                         f"{node.label or 'the system'}: parameter {entry.name!r} ({entry.origin}) "
                         "matches no element or connector"
                     )
 
-    def _apply(self, node: Node, name: str, entry: _Entry) -> bool:
-        if node.kind == "component":
-            self._store(node.label, name, entry, (entry.hop,))
-            return True
-        if name in node.connectors:
-            connector = node.connectors[name]
-            first = Hop(
-                entry.hop.transformation, entry.hop.suppress_unit_conversion, connector.unit, connector.type
-            )
-            found = False
-            for sink, hops in self.wiring.reach((node.path, name)):
-                self._store(".".join(sink[0]), sink[1], entry, (first, *hops))
-                found = True
-            return found
-        matches = [child for child in node.children if name.startswith(child + ".")]
-        if not matches:
-            return False
-        child = max(matches, key=len)
-        return self._apply(node.children[child], name[len(child) + 1 :], entry)
+    def _name(self, node: Node) -> str:
+        return self.wiring.names.get(node.path, node.label)
 
-    def _store(self, component: str, name: str, entry: _Entry, hops: tuple[Hop, ...]) -> None:
-        self._values[component, name] = Parameter(
-            component, name, entry.value, entry.type, entry.unit, hops, entry.origin, entry.optional
+    def _pass_on(self, key: Key, bound: _Bound) -> None:
+        """Give the value of a connector of a system to all variables that it feeds."""
+        connector = bound.node.connectors[key[1]]
+        hop = bound.entry.hop
+        where = f"{bound.node.label or 'the system'}: parameter {key[1]!r} ({bound.entry.origin})"
+        if not self._passes_on(key):
+            self.notes.append(
+                f"{where}: has no effect, {show(key)} is of kind {connector.kind} and has the value of its source"
+            )
+            return
+        for above in self.wiring.above(key):
+            if self._passes_on(above):
+                self._overruled(key, bound, above)
+                return
+        first = Hop(hop.transformation, hop.suppress_unit_conversion, connector.unit, connector.type)
+        fed = False
+        for sink, hops in self.wiring.reach(key):
+            fed = True
+            if sink in self._bound:
+                self._overruled(sink, self._bound[sink], key)
+            self._store(sink, bound, (first, *hops))
+        if not fed:
+            self.notes.append(f"{where}: has no effect, nothing of a component is connected to {show(key)}")
+
+    def _passes_on(self, key: Key) -> bool:
+        """Tell whether a connector of a system has a value for what it feeds; outputs get theirs from inside."""
+        bound = self._bound.get(key) if self._is_connector(key) else None
+        return bound is not None and bound.node.connectors[key[1]].kind not in {
+            "output",
+            "calculatedParameter",
+        }
+
+    def _overruled(self, key: Key, bound: _Bound, source: Key) -> None:
+        """Note a value that one would expect to win over that of the source."""
+        winner = self._bound[source]
+        if bound.level <= winner.level:
+            self.notes.append(
+                f"{bound.node.label or 'the system'}: parameter {key[1]!r} ({bound.entry.origin}): has no effect, "
+                f"{show(key)} is connected to {show(source)} and takes its value ({winner.entry.origin})"
+            )
+
+    def _store(self, key: Key, bound: _Bound, hops: tuple[Hop, ...]) -> None:
+        entry = bound.entry
+        component = self.wiring.names[key[0]]
+        elsewhere = () if self._is_connector((bound.node.path, key[1])) else bound.elsewhere
+        self._values.setdefault(key[0], {})[key[1]] = Parameter(
+            component, key[1], entry.value, entry.type, entry.unit, hops, entry.origin, elsewhere
         )
 
     def _document(self, node: Node, scope: Scope, element: Any, kind: str, where: str) -> Any:
@@ -123,28 +185,38 @@ class Bindings:
         return root
 
     def _entries(self, node: Node, binding: Any, scope: Scope) -> list[_Entry]:
+        """Return the values of a binding under the names of the node; SspError with the faults of set and mapping."""
         where = f"{scope.label}: parameter binding of {node.label or 'the system'}"
-        if binding.get("type", SET_TYPE) != SET_TYPE:
-            raise SspError(f"{where}: type {binding.get('type')!r} is not supported; only {SET_TYPE} is")
-        root = self._document(node, scope, binding, "ssv", where)
-        if root is None:
-            raise SspError(f"{where}: has neither a source nor inline values")
-        prefix = binding.get("prefix", "")
-        entries = self._values_of(root, prefix, binding.get("source") or root.get("name"), scope)
+        problems: list[str] = []
+        entries: list[_Entry] = []
+        mapping: Any = None
+        try:
+            if binding.get("type", SET_TYPE) != SET_TYPE:
+                raise SspError(f"{where}: type {binding.get('type')!r} is not supported; only {SET_TYPE} is")
+            root = self._document(node, scope, binding, "ssv", where)
+            if root is None:
+                raise SspError(f"{where}: has neither a source nor inline values")
+            label = binding.get("source") or root.get("name")
+            entries = self._values_of(root, binding.get("prefix", ""), label, scope)
+        except SspError as error:
+            problems += error.problems
         element = binding.find("ssd:ParameterMapping", NAMESPACES)
-        if element is None:
-            return entries
-        if element.get("type", MAPPING_TYPE) != MAPPING_TYPE:
-            raise SspError(f"{where}: mapping type {element.get('type')!r} is not supported")
-        mapping = self._document(node, scope, element, "ssm", f"{where}, mapping")
-        if mapping is None:
-            raise SspError(f"{where}: its mapping has neither a source nor inline entries")
-        return self._mapped(entries, mapping, where)
+        if element is not None:
+            try:
+                if element.get("type", MAPPING_TYPE) != MAPPING_TYPE:
+                    raise SspError(f"{where}: mapping type {element.get('type')!r} is not supported")
+                mapping = self._document(node, scope, element, "ssm", f"{where}, mapping")
+                if mapping is None:
+                    raise SspError(f"{where}: its mapping has neither a source nor inline entries")
+            except SspError as error:
+                problems += error.problems
+        if problems:
+            raise SspError(problems)
+        return entries if mapping is None else self._mapped(entries, mapping, where)
 
     def _mapped(self, entries: list[_Entry], mapping: Any, where: str) -> list[_Entry]:
         by_name = {entry.name: entry for entry in entries}
         mapped: list[_Entry] = []
-        used: set[str] = set()
         for item in mapping.iterfind("ssm:MappingEntry", NAMESPACES):
             entry = by_name.get(item.get("source"))
             if entry is None:
@@ -152,18 +224,12 @@ class Bindings:
                     f"{where}: the mapping's source {item.get('source')!r} is not in the parameter set"
                 )
                 continue
-            used.add(entry.name)
             hop = Hop(
                 read_transformation(item, f"{where}: {entry.name!r}"),
                 read_boolean(item.get("suppressUnitConversion")),
             )
             mapped.append(_Entry(item.get("target"), entry.value, entry.type, entry.unit, hop, entry.origin))
-        rest = [
-            _Entry(e.name, e.value, e.type, e.unit, e.hop, e.origin, optional=True)
-            for e in entries
-            if e.name not in used
-        ]
-        return rest + mapped
+        return mapped
 
     def _values_of(self, root: Any, prefix: str, label: str, scope: Scope) -> list[_Entry]:
         units = {**scope.units_here(), **read_units(root.find("ssv:Units", NAMESPACES))}
@@ -190,3 +256,15 @@ class Bindings:
                 prefix + name, value, kind, units.get(unit, Unit(unit)) if unit else None, Hop(), origin
             )
         return list(entries.values())
+
+
+def _places(node: Node, name: str) -> Iterator[tuple[Node, str]]:
+    """Yield all that a name means in `node`: connectors of systems, and variables of components."""
+    if node.kind == "component":
+        yield node, name
+        return
+    if name in node.connectors:
+        yield node, name
+    for element, child in node.children.items():
+        if name.startswith(element + "."):
+            yield from _places(child, name[len(element) + 1 :])

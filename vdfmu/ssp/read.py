@@ -1,4 +1,4 @@
-"""`load_ssp`: from the file to a flattened `System`."""
+"""`load_ssp` and `read_system`: from the file to a flattened `System`."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from vdfmu.ssp.structure import Component, System
 from vdfmu.ssp.tree import TreeReader
 from vdfmu.ssp.wiring import Wiring
 
-__all__ = ["DEFAULT", "load_ssp", "refuse_version", "variants"]
+__all__ = ["DEFAULT", "load_ssp", "read_system", "refuse_version", "variants"]
 
 DEFAULT = "SystemStructure.ssd"
 """The SSD that a package must have."""
@@ -49,35 +49,65 @@ def load_ssp(path: str | Path, variant: str = DEFAULT) -> System:
         over the size limit, XML with a document type, a violation of the schemas, SSP 2.0, an element this
         reader does not know. All problems of these kinds that were found are listed.
     """
+    system, problems = read_system(path, variant)
+    if system is None or problems:
+        raise SspError(problems)
+    return system
+
+
+def read_system(path: str | Path, variant: str = DEFAULT) -> tuple[System | None, list[str]]:
+    """Read as much of a package as can be read, with all problems; `load_ssp` raises them instead.
+
+    Returns
+    -------
+    System or None
+        None when there is no SSD to speak of: the package or its SSD cannot be parsed, or is over a limit. Otherwise
+        the system without what could not be read; a component whose FMU is not there has the source "". Its
+        `problems` hold those of the reading too, so `vdfmu.cosim.check_system` reports everything at once.
+    list of str
+        The problems of the reading, empty for a package that `load_ssp` takes.
+    """
     path = Path(path)
-    with Archive(path, path.name) as archive:
-        root = _structure(archive, variant, path.name)
-        scope = Scope(archive, "", "", variant, path.name)
-        scope.define(read_units(root.find("ssd:Units", NAMESPACES)))
-        reader = TreeReader(_structure)
-        top = reader.system(root.find("ssd:System", NAMESPACES), scope, None)
-        wiring = Wiring(top)
-        bindings = Bindings(wiring)
-        bindings.collect(top)
-        experiment, faults = read_experiment(root, f"{path.name}: {variant}")
-        problems = reader.problems + bindings.fatal + faults
-        if problems:
-            raise SspError(list(dict.fromkeys(problems)))
-        return System(
-            path=path,
-            name=root.get("name"),
-            components=tuple(
-                Component(
-                    node.label, node.source, node.implementation, node.connectors, bindings.of(node.label)
-                )
-                for node in _components(top)
-            ),
-            connections=tuple(wiring.flatten()),
-            units=dict(scope.units),
-            experiment=experiment,
-            problems=tuple(wiring.problems),
-            unmatched=tuple(bindings.unmatched),
-        )
+    try:
+        with Archive(path, path.name) as archive:
+            return _read(archive, path, variant)
+    except SspError as error:
+        return None, error.problems
+
+
+def _read(archive: Archive, path: Path, variant: str) -> tuple[System, list[str]]:
+    root = _structure(archive, variant, path.name)
+    scope = Scope(archive, "", "", variant, path.name)
+    scope.define(read_units(root.find("ssd:Units", NAMESPACES)))
+    reader = TreeReader(_structure)
+    top = reader.system(root.find("ssd:System", NAMESPACES), scope, None)
+    wiring = Wiring(top)
+    bindings = Bindings(wiring)
+    bindings.collect(top)
+    experiment, faults = read_experiment(root, f"{path.name}: {variant}")
+    problems = list(dict.fromkeys(reader.problems + bindings.fatal + faults))
+    connections = tuple(wiring.flatten())
+    system = System(
+        path=path,
+        name=root.get("name"),
+        components=tuple(
+            Component(
+                wiring.names[node.path],
+                node.source,
+                node.implementation,
+                node.connectors,
+                bindings.of(node.path),
+            )
+            for node in _components(top)
+        ),
+        connections=connections,
+        units=dict(scope.units),
+        experiment=experiment,
+        problems=(*problems, *wiring.problems),
+        unmatched=tuple(bindings.unmatched),
+        notes=(*wiring.notes, *bindings.notes),
+    )
+    return system, problems
 
 
 def variants(archive: Archive) -> list[str]:

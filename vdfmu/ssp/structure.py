@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
 from vdfmu.ssp.experiment import Experiment
 
+_DIGITS = 1e-6
+"""Relative difference of units that are the same; the feet of survey and of engineering differ by 2e-6."""
 BASE_UNITS = ("kg", "m", "s", "A", "K", "mol", "cd", "rad")
 
 
@@ -29,10 +32,14 @@ class Unit:
     offset: float = 0.0
 
     def same_as(self, other: Unit) -> bool:
-        """Tell whether no conversion lies between two units."""
+        """Tell whether no conversion lies between two units; tools write their factors with 6 digits or more."""
         if self.exponents is None or other.exponents is None:
             return self.name == other.name
-        return (self.exponents, self.factor, self.offset) == (other.exponents, other.factor, other.offset)
+        return (
+            self.exponents == other.exponents
+            and math.isclose(self.factor, other.factor, rel_tol=_DIGITS)
+            and math.isclose(self.offset, other.offset, rel_tol=_DIGITS)
+        )
 
     @property
     def dimension(self) -> str:
@@ -120,8 +127,9 @@ class Parameter:
         Mapping and connections the value passes; units are converted at each.
     origin : str
         The parameter set and the name in it, for messages.
-    optional : bool
-        True when the binding has a mapping that does not mention the name: then no such variable is no fault.
+    elsewhere : tuple of (str, str)
+        Other components with variables, or systems with connectors, that the same name of a system's parameter set
+        means, since dots may be part of names. It is enough that one of all exists.
     """
 
     component: str
@@ -131,14 +139,15 @@ class Parameter:
     unit: Unit | None
     hops: tuple[Hop, ...]
     origin: str
-    optional: bool = False
+    elsewhere: tuple[tuple[str, str], ...] = ()
 
 
 @dataclass(frozen=True)
 class Component:
-    """A component; nested ones are named ``system.component``.
+    """A component; nested ones are named ``system.component``, and ``system.component#2`` where that is taken.
 
-    `source` is the member of the package, ``inner.ssp!/member`` where a package inside it holds the FMU.
+    `source` is the member of the package, ``inner.ssp!/member`` where a package inside it holds the FMU; empty
+    where there is no FMU, which the system's `problems` then tell.
     """
 
     name: str
@@ -166,9 +175,12 @@ class System:
     experiment : Experiment
         How it is run unless told otherwise.
     problems : tuple of str
-        Faults of the wiring. `vdfmu.cosim.check` reports them together with those of the FMUs.
+        Faults of the wiring, and with `vdfmu.ssp.read.read_system` those of the reading. `vdfmu.cosim.check`
+        reports them together with those of the FMUs.
     unmatched : tuple of str
         Parameters of system-level bindings that name no element or connector.
+    notes : tuple of str
+        What is worth knowing and no fault: parameters without effect, components with one dotted name.
     """
 
     path: Path
@@ -179,6 +191,7 @@ class System:
     experiment: Experiment = field(default_factory=Experiment)
     problems: tuple[str, ...] = ()
     unmatched: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
 
     def component(self, name: str) -> Component:
         """Return a component by its name."""

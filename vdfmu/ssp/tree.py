@@ -97,11 +97,12 @@ class TreeReader:
                 )
                 return node
             member = scope.member(source, where)
-            node.source = scope.prefix + member
             if member not in scope.archive:
                 self.problems.append(f"{where}: the package has no {member!r}")
             elif (other := _SUFFIXES.get(posixpath.splitext(member)[1].lower())) is not None:
                 self.problems.append(f"{where}: {member!r} is no FMU; set the component's type to {other!r}")
+            else:
+                node.source = scope.prefix + member
         except LimitError:
             raise
         except SspError as error:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from itertools import count
 from typing import Any
 
 from vdfmu.errors import SspError
@@ -11,6 +12,18 @@ from vdfmu.ssp.elements import Node, read_boolean, read_transformation
 from vdfmu.ssp.structure import Connection, Hop
 
 Key = tuple[tuple[str, ...], str]
+
+_FLOWS = {
+    ("system parameter", "system calculatedParameter"), ("system parameter", "system output"),
+    ("system input", "system output"),
+    ("system parameter", "parameter"), ("system parameter", "input"), ("system parameter", "inout"),
+    ("system input", "input"), ("system input", "inout"),
+    ("calculatedParameter", "parameter"), ("calculatedParameter", "input"), ("calculatedParameter", "inout"),
+    ("output", "input"), ("output", "inout"), ("inout", "input"),
+    ("calculatedParameter", "system calculatedParameter"), ("calculatedParameter", "system output"),
+    ("output", "system output"), ("inout", "system output"),
+}  # fmt: skip
+"""SSP 1.0, Allowed connections: source and destination, connectors of elements or of the system around them."""
 
 
 class Wiring:
@@ -27,9 +40,15 @@ class Wiring:
         """"component", "system" or "dictionary" of every connector."""
         self.forward: dict[Key, list[tuple[Key, Hop]]] = {}
         self._source_of: dict[Key, Key] = {}
+        self.names: dict[tuple[str, ...], str] = {}
+        """The components: path to name, which is unique."""
+        self._taken: set[str] = set()
+        self.notes: list[str] = []
         self._add(top)
 
     def _add(self, node: Node) -> None:
+        if node.kind == "component":
+            self._call(node)
         for name in node.connectors:
             self.kinds[node.path, name] = node.kind
         for child in node.children.values():
@@ -37,8 +56,19 @@ class Wiring:
         for item in node.element.iterfind("ssd:Connections/ssd:Connection", NAMESPACES):
             self._connect(node, item)
 
-    def _end(self, node: Node, element: str | None, connector: str, where: str) -> tuple[Node, str] | None:
-        """Return the node and role ("source", "sink" or "any") of one end, or None with a problem noted."""
+    def _call(self, node: Node) -> None:
+        """Name a component by its path; dots in the names of elements can give two components one dotted name."""
+        names = (f"{node.label}#{i}" if i > 1 else node.label for i in count(1))
+        name = next(n for n in names if n not in self._taken)
+        self._taken.add(name)
+        self.names[node.path] = name
+        if name != node.label:
+            self.notes.append(
+                f"several components have the dotted name {node.label}: {' / '.join(node.path)} is called {name} here"
+            )
+
+    def _end(self, node: Node, element: str | None, connector: str, where: str) -> Node | None:
+        """Return the owner of one end, or None with a problem noted."""
         owner = node if element is None else node.children.get(element)
         if owner is None:
             self.problems.append(f"{where}: there is no element {node.dotted(str(element))!r}")
@@ -48,11 +78,7 @@ class Wiring:
                 f"{where}: {owner.label or 'the system'} declares no connector {connector!r}"
             )
             return None
-        kind = owner.connectors[connector].kind
-        if kind == "inout":
-            return owner, "any"
-        into = kind in {"input", "parameter", "structuralParameter"}
-        return owner, "sink" if into != (owner is node) else "source"
+        return owner
 
     def _connect(self, node: Node, item: Any) -> None:
         # some tools write startElement="" for a connector of the system itself
@@ -60,19 +86,23 @@ class Wiring:
         text = " -> ".join(".".join(p for p in (*node.path, *pair) if p) for pair in names)
         where = f"connection {text}"
         ends = [self._end(node, element, connector, where) for element, connector in names]
-        if ends[0] is None or ends[1] is None:
+        first, second = ends
+        if first is None or second is None:
             return
-        (first, role), (second, other) = ends[0], ends[1]
-        if role == other != "any":
-            kinds = " and ".join(
-                f"{owner.connectors[name].kind} {owner.dotted(name)}"
-                for owner, (_, name) in ((first, names[0]), (second, names[1]))
-            )
-            self.problems.append(f"{where}: direction error, it joins {kinds}")
-            return
-        if role == "sink" or other == "source":
+        kinds = [
+            ("system " if owner is node else "") + owner.connectors[name].kind
+            for owner, (_, name) in ((first, names[0]), (second, names[1]))
+        ]
+        if (kinds[1], kinds[0]) in _FLOWS:
             first, second = second, first
             names.reverse()
+        elif (kinds[0], kinds[1]) not in _FLOWS:
+            joined = " and ".join(
+                f"{kind} {owner.dotted(name)}"
+                for kind, owner, (_, name) in zip(kinds, (first, second), names, strict=True)
+            )
+            self.problems.append(f"{where}: direction error, it joins {joined}{_expected(kinds)}")
+            return
         source, sink = (first.path, names[0][1]), (second.path, names[1][1])
         if sink in self._source_of:
             self.problems.append(
@@ -94,6 +124,14 @@ class Wiring:
         )
         self.forward.setdefault(source, []).append((sink, hop))
 
+    def above(self, key: Key) -> Iterator[Key]:
+        """Yield what feeds a connector, what feeds that, and so on."""
+        seen = {key}
+        while (source := self._source_of.get(key)) is not None and source not in seen:
+            yield source
+            seen.add(source)
+            key = source
+
     def reach(self, key: Key) -> Iterator[tuple[Key, tuple[Hop, ...]]]:
         """Yield every component connector fed from `key`, with the hops on the way."""
         stack: list[tuple[Key, tuple[Hop, ...], frozenset[Key]]] = [(key, (), frozenset([key]))]
@@ -112,7 +150,13 @@ class Wiring:
         for key in list(self.forward):
             if self.kinds[key] == "component":
                 for sink, hops in self.reach(key):
-                    yield Connection((".".join(key[0]), key[1]), (".".join(sink[0]), sink[1]), hops)
+                    yield Connection((self.names[key[0]], key[1]), (self.names[sink[0]], sink[1]), hops)
+
+
+def _expected(kinds: Sequence[str]) -> str:
+    """Say what can feed connectors of these kinds."""
+    known = {sink: sorted(source for source, end in _FLOWS if end == sink) for sink in dict.fromkeys(kinds)}
+    return "".join(f"; {sink} can be fed by {' or '.join(found)}" for sink, found in known.items() if found)
 
 
 def show(key: Key) -> str:

@@ -196,7 +196,7 @@ def _head(archive: Archive, label: str, name: str) -> tuple[str | None, list[str
 def _check_ssp1(path: Path, variant: str, folder: Path, checked: set[str]) -> Findings:
     """Check a system of SSP 1.0: wiring, units, parameters, each of its FMUs."""
     try:
-        system = check_system(load_ssp(path, variant))
+        system = check_system(load_ssp(path, variant), ignore_unmatched=True)
     except SspError as error:
         return Findings(error.problems)
     findings = Findings(notes=list(system.notes))

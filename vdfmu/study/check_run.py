@@ -141,7 +141,10 @@ def _run_system(path: Path) -> Findings:
     if experiment.stop is not None:
         step = min(step, (experiment.stop - start) / STEPS)
     try:
-        simulate(system, start=start, stop=start + STEPS * step, step=step, log=lambda message: None)
+        simulate(
+            system, start=start, stop=start + STEPS * step, step=step, ignore_unmatched=True,
+            log=lambda message: None,
+        )  # fmt: skip
     except (VdfmuError, OSError) as error:
         if isinstance(error, OSError) and error.errno in _FULL:
             raise

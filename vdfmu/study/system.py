@@ -37,6 +37,7 @@ def run_system(
     tolerance: float | None = None,
     settings: Mapping[str, Any] | None = None,
     record: Sequence[str] | None = None,
+    ignore_unmatched: bool = False,
     out: str | os.PathLike[str] | None = None,
     progress: Progress | None = None,
     log: Callable[[LogMessage], None] | None = None,
@@ -51,8 +52,9 @@ def run_system(
         The SSD to run, where the package has several at its root.
     start, stop, step : float, optional [s]
         Simulated time and communication step; default those of the package's default experiment and its annotations.
-    master, adaptive, tolerance, record : optional
-        As ``algorithm``, ``adaptive``, ``tolerance`` and ``record`` of :func:`vdfmu.cosim.simulate`.
+    master, adaptive, tolerance, record, ignore_unmatched : optional
+        As ``algorithm``, ``adaptive``, ``tolerance``, ``record`` and ``ignore_unmatched`` of
+        :func:`vdfmu.cosim.simulate`.
     settings : mapping of str to value, optional
         Values of ``component.variable``, without an index of all its elements; they win over those of the package.
     out : path, optional
@@ -94,7 +96,8 @@ def run_system(
     try:
         results = simulate(
             system, start=start, stop=stop, step=step, algorithm=master, adaptive=adaptive, tolerance=tolerance,
-            parameters=settings, record=record, progress=advance, log=log,
+            parameters=settings, record=record, ignore_unmatched=ignore_unmatched, progress=advance,
+            log=log,
         )  # fmt: skip
     except (CosimError, Interrupted) as error:
         keep(error, folder, summary)
