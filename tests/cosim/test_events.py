@@ -189,7 +189,7 @@ def test_an_output_that_nobody_reads_does_not_decide_how_the_others_are_coupled(
     )  # fmt: skip
     results = simulate(path, stop=0.25, step=0.125, algorithm="iterative")
     assert any(
-        note.startswith("mass.u: takes no derivatives") and "If y integrates it" in note
+        note.startswith("mass: takes no derivatives of its inputs; u are held") and "If y integrates" in note
         for note in results.summary["notes"]
     )
 

@@ -65,22 +65,21 @@ def check_abilities(
                 "held at their values at the end of a step. If it integrates them, the coupling is of first order, and "
                 "error control does not see it"
             )
-        for link in links:
-            if link.end[0] == name and not link.discrete and link.end in schedule.through:
-                others = [
-                    output
-                    for output in sorted({k.start[1] for k in links if k.start[0] == name})
-                    if not _depends(unit, output, link.end[1])
-                ]
-                if others:
-                    notes.append(
-                        f"{name}.{link.end[1]}: takes no derivatives and is held at its value at the end of a step, as "
-                        f"an output depends on it directly. If {others[0]} integrates it, the coupling is of first "
-                        "order, and error control does not see it"
-                    )
+        # an output that depends on no input directly is a state
+        states = sorted({k.start[1] for k in links if k.start[0] == name and not _inputs(unit, k.start[1])})
+        direct = [
+            k.end[1] for k in links if k.end[0] == name and not k.discrete and k.end in schedule.through
+        ]
+        if states and direct:
+            notes.append(
+                f"{name}: takes no derivatives of its inputs; {', '.join(direct)} are held at their values at the end of a "
+                f"step, as an output depends on them directly. If {states[0]} integrates them, the coupling is of first "
+                "order, and error control does not see it"
+            )
     return problems, notes
 
 
-def _depends(unit: Description, output: str, name: str) -> bool:
+def _inputs(unit: Description, output: str) -> bool:
+    """Tell whether an output depends on an input directly, or may."""
     known = unit.step_dependencies.get(output)
-    return known is None or name in known
+    return known is None or any(unit.variables[name].causality == "input" for name in known)
