@@ -72,9 +72,9 @@ def check_abilities(
         ]
         if states and direct:
             notes.append(
-                f"{name}: takes no derivatives of its inputs; {', '.join(direct)} are held at their values at the end of a "
-                f"step, as an output depends on them directly. If {states[0]} integrates them, the coupling is of first "
-                "order, and error control does not see it"
+                f"{name}: takes no derivatives of its inputs; {', '.join(direct)} are held at their values at the end "
+                f"of a step, as an output depends on them directly. If {states[0]} integrates them, the coupling is of "
+                "first order, and error control does not see it"
             )
     return problems, notes
 
