@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING
 
+from vdfmu.cosim.description import Description
+from vdfmu.cosim.link import Link
+from vdfmu.cosim.schedule import Schedule
 from vdfmu.model.scenario import CONTINUOUS
-
-if TYPE_CHECKING:
-    from vdfmu.cosim.check import Link
-    from vdfmu.cosim.description import Description
-    from vdfmu.cosim.schedule import Schedule
 
 __all__ = ["check_abilities"]
 

@@ -9,7 +9,8 @@ from dataclasses import dataclass, field
 from vdfmu.cosim.abilities import check_abilities
 from vdfmu.cosim.conversion import Conversion, Value, as_type, compose
 from vdfmu.cosim.description import Description, Variable, read_description
-from vdfmu.cosim.schedule import ALGORITHMS, Port, Schedule, make_schedule
+from vdfmu.cosim.link import Link, Port
+from vdfmu.cosim.schedule import ALGORITHMS, Schedule, make_schedule
 from vdfmu.errors import SspError, UsageError
 from vdfmu.ssp.archive import Archive
 from vdfmu.ssp.structure import Component, Parameter, System, Unit
@@ -17,26 +18,6 @@ from vdfmu.ssp.structure import Component, Parameter, System, Unit
 _CAUSALITY = {"input": "input", "output": "output", "parameter": "parameter",
               "calculatedParameter": "calculatedParameter"}  # fmt: skip
 _PAIRS = {("output", "input"), ("calculatedParameter", "parameter"), ("calculatedParameter", "input")}
-
-
-@dataclass(frozen=True)
-class Link:
-    """A checked connection between two variables. `stepped` is False for links from parameters."""
-
-    start: Port
-    end: Port
-    source: Variable
-    sink: Variable
-    conversion: Conversion
-    stepped: bool
-
-    @property
-    def discrete(self) -> bool:
-        """Whether the value changes at communication points only."""
-        return self.sink.type != "Real" or "discrete" in (self.source.variability, self.sink.variability)
-
-    def __str__(self) -> str:
-        return f"{'.'.join(self.start)} -> {'.'.join(self.end)}"
 
 
 @dataclass(frozen=True)

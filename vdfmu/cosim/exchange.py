@@ -11,11 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vdfmu.cosim.broyden import Broyden
-from vdfmu.cosim.check import Checked, Link
+from vdfmu.cosim.check import Checked
 from vdfmu.cosim.component import C_TYPE, FMI_TYPE, Slave
 from vdfmu.cosim.description import Variable
+from vdfmu.cosim.link import Link, Port
 from vdfmu.cosim.results import Signal
-from vdfmu.cosim.schedule import Port
 from vdfmu.errors import CosimError, UsageError
 
 Call = tuple[Any, Any, Any, Any, Any, str]

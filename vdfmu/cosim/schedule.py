@@ -6,20 +6,17 @@ import heapq
 from collections import deque
 from collections.abc import Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, TypeVar
+from typing import TypeVar
 
 import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
+from vdfmu.cosim.description import Description
+from vdfmu.cosim.link import Link, Port
 from vdfmu.model.scenario import CONTINUOUS, MASTERS
 
-if TYPE_CHECKING:
-    from vdfmu.cosim.check import Link
-    from vdfmu.cosim.description import Description
-
 N = TypeVar("N", bound=Hashable)
-Port = tuple[str, str]
 ALGORITHMS = MASTERS
 
 

@@ -1,0 +1,33 @@
+"""A connection between two variables of FMUs."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from vdfmu.cosim.conversion import Conversion
+from vdfmu.cosim.description import Variable
+
+__all__ = ["Link", "Port"]
+
+Port = tuple[str, str]
+"""Component and variable."""
+
+
+@dataclass(frozen=True)
+class Link:
+    """A checked connection between two variables. `stepped` is False for links from parameters."""
+
+    start: Port
+    end: Port
+    source: Variable
+    sink: Variable
+    conversion: Conversion
+    stepped: bool
+
+    @property
+    def discrete(self) -> bool:
+        """Whether the value changes at communication points only."""
+        return self.sink.type != "Real" or "discrete" in (self.source.variability, self.sink.variability)
+
+    def __str__(self) -> str:
+        return f"{'.'.join(self.start)} -> {'.'.join(self.end)}"
