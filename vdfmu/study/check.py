@@ -21,7 +21,7 @@ from vdfmu.study.check_osp import NAMESPACE as OSP_NAMESPACE
 from vdfmu.study.check_osp import check_osp
 from vdfmu.study.check_ssp2 import check_ssp2
 from vdfmu.study.check_unit import check_unit, store
-from vdfmu.study.findings import Findings
+from vdfmu.study.findings import Findings, one_line
 
 __all__ = ["FORMAT", "Report", "check_file", "inspect_file"]
 
@@ -109,17 +109,21 @@ def _inspect(path: Path, suffix: str, run: bool) -> Report:
     with tempfile.TemporaryDirectory(prefix="vdfmu_check_") as folder:
         package = path
         if suffix == ".ssd":
-            package = Path(folder, f"{path.stem}.ssp")
+            package = Path(folder, path.name)  # the name in messages: there is no package
             try:
                 _pack(path, package)
             except SspError as error:
                 return _report(path, "SSD", Findings(error.problems), None)
         findings, standard = _check_package(package, Path(folder), run)
+        if suffix == ".ssd":
+            findings = findings.renamed(f"{path.name}: {DEFAULT}", path.name)
     return _report(path, suffix[1:].upper(), findings, standard)
 
 
 def _report(path: Path, kind: str, findings: Findings, standard: str | None) -> Report:
-    problems, notes = (list(dict.fromkeys(texts)) for texts in (findings.problems, findings.notes))
+    problems, notes = (
+        list(dict.fromkeys(map(one_line, texts))) for texts in (findings.problems, findings.notes)
+    )
     return Report(str(path), kind, standard, findings.ran, findings.compared, problems, notes)
 
 
