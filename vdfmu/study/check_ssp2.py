@@ -17,6 +17,7 @@ from vdfmu.ssp.experiment import read_experiment
 from vdfmu.ssp.structure import Connector, Unit
 from vdfmu.ssp.tree import TreeReader
 from vdfmu.ssp.wiring import Wiring
+from vdfmu.study.check_ssp1 import encoding_faults
 from vdfmu.study.check_unit import check_unit, read_unit, store
 from vdfmu.study.check_values import (
     ArrayWiring,
@@ -66,6 +67,7 @@ def check_ssp2(path: Path, variant: str, folder: Path, run: bool, checked: set[s
             check.system(root, variant)
         except SspError as error:
             check.findings.problems += error.problems
+            check.units()
         except (
             ValueError,
             TypeError,
@@ -74,6 +76,7 @@ def check_ssp2(path: Path, variant: str, folder: Path, run: bool, checked: set[s
             check.findings.problems.append(
                 f"{path.name}: {variant}: cannot be read, an element or attribute is missing or odd: {error}"
             )
+            check.units()
         return check.findings
 
 
@@ -116,6 +119,7 @@ class _Check:
             raise SspError(
                 f"{where}: expected namespace {NAMESPACES[kind]}, got {etree.QName(root).namespace}"
             )
+        self.findings.problems += encoding_faults(root, where)
         schema = _schema(kind)
         if schema is None:
             self.findings.notes.append(_NO_SCHEMA)
@@ -168,6 +172,12 @@ class _Check:
                 misfits = _misfits(connector, variable)
                 misfits += connector_unit_faults(connector, node.scope.units, _unit_of(variable, units))
                 self.findings.problems += [f"{where}: {text}" for text in misfits]
+
+    def units(self) -> None:
+        """Check all FMUs of the package, where the system does not say which it has."""
+        for name in self.archive.names:
+            if name.lower().endswith(".fmu"):
+                self._unit(name)
 
     def _unit(self, source: str) -> dict[str, Any] | None:
         if source not in self.archive:
