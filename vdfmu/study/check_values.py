@@ -204,8 +204,8 @@ def connector_unit_faults(
 def _full(unit: Unit) -> str:
     if unit.exponents is None:
         return f"{unit.name!r} (without definition)"
-    factor = f", factor {unit.factor:g}" if unit.factor != 1.0 else ""
-    offset = f", offset {unit.offset:g}" if unit.offset != 0.0 else ""
+    factor = f", factor {unit.factor!r}" if unit.factor != 1.0 else ""
+    offset = f", offset {unit.offset!r}" if unit.offset != 0.0 else ""
     return f"{unit.name!r} ({unit.dimension}{factor}{offset})"
 
 
