@@ -116,6 +116,7 @@ def test_all_faults_of_connectors_and_connections_come_at_once(package):
         "connection Plant.q -> PDController.q_d: duplicate source, PDController.q_d is already fed by Plant.E_kin",
         "connection Plant.q -> PDController.nothing: PDController declares no connector 'nothing'",
         "connection Plant.q -> Nobody.q: there is no element 'Nobody'",
+        "connection Plant.E_kin -> PDController.q_d: unit mismatch, 'J' (kg.m2/s2) to 'rad' (rad)",
         "connection Plant.E_kin -> PDController.q_d: dimension mismatch, a scalar to an array of 2",
     ]
 
@@ -143,19 +144,71 @@ def test_resources_and_parameters_are_checked(package):
         component("PDController", inner=binding(values("K_q"))),
         '<ssd:Component name="gone" source="resources/gone.fmu"/>',
     )
-    assert inspect_file(package(text), run=False).problems == [
+    report = inspect_file(package(text), run=False)
+    assert report.problems == [
         "x.ssp: component 'gone': the package has no 'resources/gone.fmu'",
         "x.ssp: the package has no 'none.ssv'",
-        "x.ssp: parameter binding of Trajectory: the mapping's source 'no' is not in the parameter set",
-        "x.ssp: parameter binding of Trajectory: resources/Trajectory.fmu has no variable 'T_end'",
-        "x.ssp: parameter binding of PDController: resources/PDController.fmu has no variable 'K_q'",
     ]
+    where = "x.ssp: parameter binding of"  # SSP has values ignored that match nothing
+    assert [note for note in report.notes if note.startswith(where)] == [
+        f"{where} Trajectory: the mapping's source 'no' is not in the parameter set; the entry is ignored",
+        f"{where} Trajectory: resources/Trajectory.fmu has no variable 'T_end'; the value is ignored",
+        f"{where} PDController: resources/PDController.fmu has no variable 'K_q'; the value is ignored",
+    ]
+
+
+def test_values_are_held_against_the_variables_that_their_names_lead_to(package):
+    def binding(*parameters):
+        items = "".join(
+            f'<ssv:Parameter name="{n}"><ssv:{t} value="{v}"/></ssv:Parameter>' for n, t, v in parameters
+        )
+        return (
+            "<ssd:ParameterBindings><ssd:ParameterBinding><ssd:ParameterValues><ssv:ParameterSet "
+            f'version="2.0" name="p"><ssv:Parameters>{items}</ssv:Parameters></ssv:ParameterSet></ssd:ParameterValues>'
+            "</ssd:ParameterBinding></ssd:ParameterBindings>"
+        )
+
+    inner = binding(("velocity", "String", "zero"))
+    values = binding(
+        ("PDController.velocity", "Int32", "1"),
+        ("PDController.velocity", "Int32", "0"),
+        ("Plant.nonsense", "Float64", "1"),
+        ("nope.q", "Float64", "1"),
+        ("Plant.E_kin", "Float64", "1"),
+    )
+    text = system(component("Plant"), component("PDController", inner=inner))
+    report = inspect_file(package(text.replace("<ssd:Elements>", values + "<ssd:Elements>")), run=False)
+    whole = "x.ssp: parameter binding of the system:"
+    assert report.problems == [
+        f"{whole} parameter 'PDController.velocity' occurs twice in the set",
+        f"{whole} parameter 'Plant.E_kin': 'E_kin' is not settable: causality output, variability continuous, "
+        "initial calculated",
+        "x.ssp: parameter binding of PDController: parameter 'velocity': type mismatch, String for a variable of type "
+        "Int32",
+    ]
+    assert [note for note in report.notes if note.startswith(whole)] == [
+        f"{whole} resources/Plant.fmu has no variable 'nonsense'; the value is ignored",
+        f"{whole} parameter 'nope.q' matches no element or connector; the value is ignored",
+    ]
+
+
+def test_kinds_of_connectors_that_only_ssp_2_has_can_be_connected(package):
+    text = system(
+        component("Plant", connector("q", "constant")),
+        component("PDController", connector("ell", "structuralParameter"), connector("q", "input")),
+        links=link(("Plant", "q", "PDController", "ell"), ("Plant", "q", "PDController", "q")),
+    )
+    assert not any("direction error" in p for p in inspect_file(package(text), run=False).problems)
 
 
 def test_faults_of_the_schema_have_their_line_and_without_schemas_a_note_says_so(package, monkeypatch):
     text = GOOD.replace("<ssd:Connections>", '\n<ssd:Connections odd="1">')
     (problem,) = inspect_file(package(text), run=False).problems
     assert problem.startswith("x.ssp: SystemStructure.ssd, line 2: ") and "'odd'" in problem
+    _, fmu = inspect_file(
+        package(text, {"resources/other.fmu": b"x"}), run=False
+    ).problems  # not hidden by it
+    assert fmu.startswith("resources/other.fmu: other.fmu is no FMU that can be read")
     monkeypatch.setattr(check_ssp2, "_schema", lambda kind: None)
     report = inspect_file(package(text), run=False)
     assert report.problems == []
@@ -227,7 +280,7 @@ def test_indices_choose_elements_and_must_lie_in_the_array(package):
         size = 0 if plant == "E_kin" else 2
         items = [
             f'<ssd:Connection startElement="Plant" startConnector="{plant}" endElement="PDController" '
-            f'endConnector="q_d" {a} {b}/>'
+            f'endConnector="q_d" suppressUnitConversion="true" {a} {b}/>'
             for a, b in zip(start, end, strict=True)
         ]
         text = system(

@@ -62,6 +62,16 @@ def test_a_unit_that_does_not_is_found_by_variable_and_time(fmus, tmp_path):
     assert problem.startswith("Plant_out.csv: the reference results cannot be compared: ")
 
 
+def test_a_table_that_the_manifest_names_and_is_missing_is_a_note(fmus, tmp_path):
+    name = f"{REFERENCE}Plant_out.csv"
+    pack_zip(tmp_path / "less.fmu", {n: data for n, data in members(fmus["plant"]).items() if n != name})
+    report = inspect_file(tmp_path / "less.fmu")
+    assert (report.problems, report.compared) == ([], [])
+    assert report.notes == [
+        f"Plant_out.csv: not compared: {REFERENCE}fmi-ls-manifest.xml names it, and the FMU does not have it"
+    ]
+
+
 def test_a_system_is_checked_as_package_and_as_folder(package, tmp_path):
     assert check_file(package) == []
     for name, data in members(package).items():
@@ -72,6 +82,10 @@ def test_a_system_is_checked_as_package_and_as_folder(package, tmp_path):
     ssd.write_bytes(ssd.read_bytes().replace(b'startConnector="q[1]"', b'startConnector="qq[1]"'))
     problems = check_file(ssd)
     assert len(problems) == 2 and all("plant declares no connector 'qq[1]'" in p for p in problems)
+    ssd.write_bytes(ssd.read_bytes().replace(b"<ssd:Elements>", b"\n<ssd:Elemente>"))
+    (tmp_path / "arm.ssd").write_bytes(ssd.read_bytes())
+    for name in ("SystemStructure.ssd", "arm.ssd"):  # by the names of files that exist
+        assert all(p.startswith(f"{name}: is not well-formed XML") for p in check_file(tmp_path / name))
 
 
 def test_all_problems_of_a_system_come_at_once(package, tmp_path):

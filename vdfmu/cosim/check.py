@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 from vdfmu.cosim.abilities import check_abilities
 from vdfmu.cosim.conversion import Conversion, Value, as_type, compose
-from vdfmu.cosim.description import Description, Variable, read_description
+from vdfmu.cosim.description import Description, Variable, inspect_description
 from vdfmu.cosim.link import Link, Port
 from vdfmu.cosim.schedule import ALGORITHMS, Schedule, make_schedule
 from vdfmu.errors import SspError, UsageError
@@ -151,12 +151,12 @@ class _Checker:
                     continue  # among the system's problems
                 key = component.source, component.implementation
                 if key not in read:
-                    read[key] = None
                     try:
                         data = self.fmus.setdefault(component.source, archive.read(component.source))
-                        read[key] = read_description(data, *key)
+                        read[key], problems = inspect_description(data, *key)
                     except SspError as error:
-                        self.problems += [f"{component.name}: {problem}" for problem in error.problems]
+                        read[key], problems = None, error.problems
+                    self.problems += [f"{component.name}: {problem}" for problem in problems]
                 description = read[key]
                 if description is not None:
                     self.descriptions[component.name] = description

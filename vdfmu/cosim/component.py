@@ -102,8 +102,11 @@ def _on_message(token: int | None, instance: bytes, status: int, category: bytes
     """Receive a message of any unit of the process."""
     words = text.decode("utf-8", "replace") if text else ""
     entry = _boxes.get(token or 0)
-    if entry is None:  # an instance that another program part made; the proxy knows one receiver only
-        logging.getLogger("vdfmu.cosim").debug("%s", words)
+    if (
+        entry is None
+    ):  # an instance that fmpy made itself: its proxy knows one receiver only, and now it is this one
+        label = STATUS[status].upper() if 0 <= status < len(STATUS) else str(status)
+        print(f"[{label}] {words}")
         return
     name, box = entry
     label = STATUS[status] if 0 <= status < len(STATUS) else str(status)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import fmpy
-from fmpy.model_description import ModelDescription, read_model_description
+from fmpy.model_description import ModelDescription, ValidationError, read_model_description
 
 from vdfmu.errors import SspError
 from vdfmu.ssp.archive import XML_LIMIT, Archive, parse_xml
@@ -104,6 +104,31 @@ def read_description(data: bytes, source: str, implementation: str = "any") -> D
         The FMU cannot be used by this master: other FMI version, no co-simulation, no binary for this
         platform, faulty model description.
     """
+    description, problems = inspect_description(data, source, implementation)
+    if description is None or problems:
+        raise SspError(problems)
+    return description
+
+
+def inspect_description(
+    data: bytes, source: str, implementation: str = "any"
+) -> tuple[Description | None, list[str]]:
+    """Read an FMU as far as it goes, with all problems; `read_description` raises them instead.
+
+    Returns
+    -------
+    Description or None
+        None when the model description cannot be understood.
+    list of str
+        The problems, empty for an FMU that the master can use.
+    """
+    try:
+        return _inspect(data, source, implementation)
+    except SspError as error:
+        return None, error.problems
+
+
+def _inspect(data: bytes, source: str, implementation: str) -> tuple[Description | None, list[str]]:
     with Archive(data, source) as archive:
         xml = archive.read("modelDescription.xml", XML_LIMIT)
         names = archive.names
@@ -111,11 +136,16 @@ def read_description(data: bytes, source: str, implementation: str = "any") -> D
     version = root.get("fmiVersion")
     if version != "2.0":
         raise SspError(f"{source}: is an FMU of FMI {version}; the master runs FMI 2.0")
+    problems: list[str] = []
     try:
         model = read_model_description(io.BytesIO(data))
     except Exception as error:  # fmpy raises bare exceptions
-        raise SspError(f"{source}: faulty model description: {error}") from None
-    problems: list[str] = []
+        faults = error.problems if isinstance(error, ValidationError) else [error]
+        problems += [f"{source}: faulty model description: {fault}" for fault in faults]
+        try:
+            model = read_model_description(io.BytesIO(data), validate=False)
+        except Exception:
+            raise SspError(problems) from None
     if model.coSimulation is None:
         problems.append(f"{source}: has no co-simulation part; the master does not integrate model exchange")
     elif implementation == "ModelExchange":
@@ -127,8 +157,15 @@ def read_description(data: bytes, source: str, implementation: str = "any") -> D
         problems.append(
             f"{source}: has no binary for this platform ({library}); it has {', '.join(found) or 'none'}"
         )
-    if problems:
-        raise SspError(problems)
+    try:
+        return _describe(model, root, source, identifier), problems
+    except (ValueError, TypeError, AttributeError):  # texts that the schema refuses
+        if not problems:
+            raise
+        return None, problems
+
+
+def _describe(model: ModelDescription, root: Any, source: str, identifier: str) -> Description:
     relative = {
         v.get("name") for v in root.iterfind("ModelVariables/ScalarVariable[Real]")
         if v.find("Real").get("relativeQuantity") in {"true", "1"}

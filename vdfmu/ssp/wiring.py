@@ -13,7 +13,7 @@ from vdfmu.ssp.structure import Connection, Hop
 
 Key = tuple[tuple[str, ...], str]
 
-_FLOWS = {
+FLOWS = {
     ("system parameter", "system calculatedParameter"), ("system parameter", "system output"),
     ("system input", "system output"),
     ("system parameter", "parameter"), ("system parameter", "input"), ("system parameter", "inout"),
@@ -33,6 +33,9 @@ class Wiring:
     a system, an output of an element and an input of the system itself are sources; an input of an element
     and an output of the system are sinks; the same for calculated parameters and parameters.
     """
+
+    flows = FLOWS
+    """The pairs of kinds that may be connected."""
 
     def __init__(self, top: Node) -> None:
         self.problems: list[str] = []
@@ -93,15 +96,17 @@ class Wiring:
             ("system " if owner is node else "") + owner.connectors[name].kind
             for owner, (_, name) in ((first, names[0]), (second, names[1]))
         ]
-        if (kinds[1], kinds[0]) in _FLOWS:
+        if (kinds[0], kinds[1]) in self.flows:
+            pass
+        elif (kinds[1], kinds[0]) in self.flows:
             first, second = second, first
             names.reverse()
-        elif (kinds[0], kinds[1]) not in _FLOWS:
+        else:
             joined = " and ".join(
                 f"{kind} {owner.dotted(name)}"
                 for kind, owner, (_, name) in zip(kinds, (first, second), names, strict=True)
             )
-            self.problems.append(f"{where}: direction error, it joins {joined}{_expected(kinds)}")
+            self.problems.append(f"{where}: direction error, it joins {joined}{self._expected(kinds)}")
             return
         source, sink = (first.path, names[0][1]), (second.path, names[1][1])
         if sink in self._source_of:
@@ -123,6 +128,15 @@ class Wiring:
             target.type,
         )
         self.forward.setdefault(source, []).append((sink, hop))
+
+    def _expected(self, kinds: Sequence[str]) -> str:
+        """Say what can feed connectors of these kinds."""
+        known = {
+            sink: sorted(source for source, end in self.flows if end == sink) for sink in dict.fromkeys(kinds)
+        }
+        return "".join(
+            f"; {sink} can be fed by {' or '.join(found)}" for sink, found in known.items() if found
+        )
 
     def above(self, key: Key) -> Iterator[Key]:
         """Yield what feeds a connector, what feeds that, and so on."""
@@ -151,12 +165,6 @@ class Wiring:
             if self.kinds[key] == "component":
                 for sink, hops in self.reach(key):
                     yield Connection((self.names[key[0]], key[1]), (self.names[sink[0]], sink[1]), hops)
-
-
-def _expected(kinds: Sequence[str]) -> str:
-    """Say what can feed connectors of these kinds."""
-    known = {sink: sorted(source for source, end in _FLOWS if end == sink) for sink in dict.fromkeys(kinds)}
-    return "".join(f"; {sink} can be fed by {' or '.join(found)}" for sink, found in known.items() if found)
 
 
 def show(key: Key) -> str:

@@ -12,16 +12,16 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import unquote
 
-from vdfmu.cosim.check import check_system
 from vdfmu.errors import SspError, StorageError, UsageError
 from vdfmu.fmu.archive import pack_zip
 from vdfmu.ssp.archive import Archive, is_inside, parse_xml
-from vdfmu.ssp.read import DEFAULT, load_ssp, variants
+from vdfmu.ssp.read import DEFAULT, variants
 from vdfmu.study.check_osp import NAMESPACE as OSP_NAMESPACE
 from vdfmu.study.check_osp import check_osp
+from vdfmu.study.check_ssp1 import check_ssp1, package_faults, same_names
 from vdfmu.study.check_ssp2 import check_ssp2
-from vdfmu.study.check_unit import check_unit, store
-from vdfmu.study.findings import Findings
+from vdfmu.study.check_unit import check_unit
+from vdfmu.study.findings import Findings, one_line
 
 __all__ = ["FORMAT", "Report", "check_file", "inspect_file"]
 
@@ -109,17 +109,21 @@ def _inspect(path: Path, suffix: str, run: bool) -> Report:
     with tempfile.TemporaryDirectory(prefix="vdfmu_check_") as folder:
         package = path
         if suffix == ".ssd":
-            package = Path(folder, f"{path.stem}.ssp")
+            package = Path(folder, path.name)  # the name in messages: there is no package
             try:
                 _pack(path, package)
             except SspError as error:
                 return _report(path, "SSD", Findings(error.problems), None)
         findings, standard = _check_package(package, Path(folder), run)
+        if suffix == ".ssd":
+            findings = findings.renamed(f"{path.name}: {DEFAULT}", path.name)
     return _report(path, suffix[1:].upper(), findings, standard)
 
 
 def _report(path: Path, kind: str, findings: Findings, standard: str | None) -> Report:
-    problems, notes = (list(dict.fromkeys(texts)) for texts in (findings.problems, findings.notes))
+    problems, notes = (
+        list(dict.fromkeys(map(one_line, texts))) for texts in (findings.problems, findings.notes)
+    )
     return Report(str(path), kind, standard, findings.ran, findings.compared, problems, notes)
 
 
@@ -152,9 +156,12 @@ def _check_package(path: Path, folder: Path, run: bool) -> tuple[Findings, str |
                 has += "; it is an FMU, name it .fmu" if "modelDescription.xml" in archive else ""
                 return Findings([f"{path.name}: the package has no {DEFAULT!r}{has}"]), None
             versions: dict[str, str | None] = {}
+            titles: dict[str, str | None] = {}
             for name in names:
-                versions[name], notes = _head(archive, path.name, name)
-                findings.add(Findings(notes=notes), "" if name == DEFAULT else name)
+                versions[name], titles[name], told = _head(archive, path.name, name)
+                findings.add(told, "" if name == DEFAULT else name)
+            findings.problems += package_faults(archive)
+            findings.notes += same_names(titles)
     except SspError as error:
         return Findings(error.problems), None
     checked: set[str] = set()
@@ -163,7 +170,7 @@ def _check_package(path: Path, folder: Path, run: bool) -> tuple[Findings, str |
         if (version or "").startswith("2"):
             findings.add(check_ssp2(path, name, folder, run, checked), place)
         else:
-            findings.add(_check_ssp1(path, name, folder, checked), place)
+            findings.add(check_ssp1(path, name, folder, checked), place)
     default = versions[DEFAULT] or ""
     if run and not findings.problems and default.startswith("1"):
         from vdfmu.study.check_run import run_apart
@@ -172,12 +179,12 @@ def _check_package(path: Path, folder: Path, run: bool) -> tuple[Findings, str |
     return findings, f"SSP {default}" if default else None
 
 
-def _head(archive: Archive, label: str, name: str) -> tuple[str | None, list[str]]:
-    """Return the version that an SSD states, None where it cannot be read, and notes on it."""
+def _head(archive: Archive, label: str, name: str) -> tuple[str | None, str | None, Findings]:
+    """Return the version and name that an SSD states, None where it cannot be read, and notes on it."""
     try:
         root = parse_xml(archive.read(name), f"{label}: {name}")
     except SspError:
-        return None, []  # reported by its check
+        return None, None, Findings()  # reported by its check
     version = root.get("version")
     notes: list[str] = []
     if version and version not in ("1.0", "2.0"):
@@ -190,22 +197,7 @@ def _head(archive: Archive, label: str, name: str) -> tuple[str | None, list[str
             notes.append(
                 f"{element.getparent().get('name') or 'the system'}: icon: the package has no {icon!r}"
             )
-    return version, notes
-
-
-def _check_ssp1(path: Path, variant: str, folder: Path, checked: set[str]) -> Findings:
-    """Check a system of SSP 1.0: wiring, units, parameters, each of its FMUs."""
-    try:
-        system = check_system(load_ssp(path, variant), ignore_unmatched=True)
-    except SspError as error:
-        return Findings(error.problems)
-    findings = Findings(notes=list(system.notes))
-    for source, data in system.fmus.items():
-        if source not in checked:
-            checked.add(source)
-            unit, _ = check_unit(store(data, folder), False, posixpath.basename(source))
-            findings.add(Findings(unit.problems), source)
-    return findings
+    return version, root.get("name"), Findings(notes=notes)
 
 
 def _pack(ssd: Path, package: Path) -> None:

@@ -24,6 +24,7 @@ from vdfmu.study.findings import Findings
 __all__ = ["compare"]
 
 FOLDER = "extra/org.fmi-standard.fmi-ls-ref/"
+MANIFEST = f"{FOLDER}fmi-ls-manifest.xml"
 # Reference results say nothing of the solver's tolerance. This is far above those in use and far below a wrong result.
 AGREEMENT = 1e-3
 
@@ -53,7 +54,12 @@ def compare(path: Path) -> Findings:
     findings = Findings()
     description = fmpy.read_model_description(str(path), validate=False)
     with zipfile.ZipFile(path) as archive:
-        for name in _tables(archive):
+        tables, missing = _tables(archive)
+        findings.notes += [
+            f"{posixpath.basename(name)}: not compared: {MANIFEST} names it, and the FMU does not have it"
+            for name in missing
+        ]
+        for name in tables:
             short = posixpath.basename(name)
             try:
                 if description.coSimulation is None:
@@ -76,25 +82,24 @@ def compare(path: Path) -> Findings:
     return findings
 
 
-def _tables(archive: zipfile.ZipFile) -> list[str]:
-    """Return the tables of results: those that the manifest calls so, and those whose name says it."""
+def _tables(archive: zipfile.ZipFile) -> tuple[list[str], list[str]]:
+    """Return the tables of results, those that the manifest calls so or whose name says it, and those that are missing.
+
+    A manifest may name a file that is not there: other tools may have taken it out (FMI-LS-REF, Related Files).
+    """
     names = set(archive.namelist())
     found = [n for n in archive.namelist() if n.startswith(FOLDER) and n.endswith(("_out.csv", "_ref.csv"))]
-    manifest = FOLDER + "fmi-ls-manifest.xml"
-    if manifest in names:
+    missing: list[str] = []
+    if MANIFEST in names:
         try:
-            root = parse_xml(archive.read(manifest), manifest)
+            root = parse_xml(archive.read(MANIFEST), MANIFEST)
         except SspError:
-            return found  # reported with the other files
+            return found, []  # reported with the other files
         for related in root.iterfind(".//{*}Related"):
             name = posixpath.normpath(posixpath.join(FOLDER, unquote(related.get("source", ""))))
-            if (
-                (related.get("role") or "").split("/")[0] == "result"
-                and name.endswith(".csv")
-                and name in names
-            ):
-                found.append(name)
-    return list(dict.fromkeys(found))
+            if (related.get("role") or "").split("/")[0] == "result" and name.endswith(".csv"):
+                (found if name in names else missing).append(name)
+    return list(dict.fromkeys(found)), list(dict.fromkeys(missing))
 
 
 def _inputs_of(archive: zipfile.ZipFile, name: str) -> str | None:

@@ -10,6 +10,7 @@ from typing import Any
 
 from lxml import etree  # pyright: ignore[reportAttributeAccessIssue]  # lxml ships no stubs
 
+from vdfmu.cosim.conversion import compose
 from vdfmu.errors import SspError
 from vdfmu.ssp.archive import NAMESPACES, Archive, parse_xml
 from vdfmu.ssp.elements import Node, Scope, read_units
@@ -17,6 +18,7 @@ from vdfmu.ssp.experiment import read_experiment
 from vdfmu.ssp.structure import Connector, Unit
 from vdfmu.ssp.tree import TreeReader
 from vdfmu.ssp.wiring import Wiring
+from vdfmu.study.check_ssp1 import encoding_faults
 from vdfmu.study.check_unit import check_unit, read_unit, store
 from vdfmu.study.check_values import (
     ArrayWiring,
@@ -24,6 +26,7 @@ from vdfmu.study.check_values import (
     dimension_faults,
     fmu_units,
     parameter_faults,
+    places,
     shape_of,
     show_shape,
     unit_faults,
@@ -66,6 +69,7 @@ def check_ssp2(path: Path, variant: str, folder: Path, run: bool, checked: set[s
             check.system(root, variant)
         except SspError as error:
             check.findings.problems += error.problems
+            check.units()
         except (
             ValueError,
             TypeError,
@@ -74,6 +78,7 @@ def check_ssp2(path: Path, variant: str, folder: Path, run: bool, checked: set[s
             check.findings.problems.append(
                 f"{path.name}: {variant}: cannot be read, an element or attribute is missing or odd: {error}"
             )
+            check.units()
         return check.findings
 
 
@@ -87,6 +92,7 @@ class _Check:
         self.findings = Findings(notes=["the system was not run: the master runs SSP 1.0 with FMI 2.0"])
         self._variables: dict[str, dict[str, Any] | None] = {}
         self._of_component: dict[str, dict[str, Any]] = {}
+        self._sources: dict[str, str] = {}
         self._units: dict[str, dict[str, Unit]] = {}
         self._kinds: dict[str, list[str]] = {}
 
@@ -100,7 +106,8 @@ class _Check:
         self.findings.problems += reader.problems
         self.findings.problems += unit_faults(scope.units)
         self.node(top)
-        self.connections(ArrayWiring(top), top)
+        self.all_bindings(top)
+        self.connections(ArrayWiring(top), top, scope.units)
 
     def structure(self, archive: Archive, member: str, label: str) -> Any:
         """Return the root of an SSD of a package; its faults against the schema are kept."""
@@ -116,6 +123,7 @@ class _Check:
             raise SspError(
                 f"{where}: expected namespace {NAMESPACES[kind]}, got {etree.QName(root).namespace}"
             )
+        self.findings.problems += encoding_faults(root, where)
         schema = _schema(kind)
         if schema is None:
             self.findings.notes.append(_NO_SCHEMA)
@@ -138,11 +146,16 @@ class _Check:
                 for c in node.connectors.values()
                 for fault in connector_unit_faults(c, node.scope.units, None)
             ]
+        for child in node.children.values():
+            self.node(child)
+
+    def all_bindings(self, node: Node) -> None:
+        """Check the bindings of an element and of everything below it; they need the variables of all components."""
         self.bindings(node, node.element, node.scope)
         if node.outer is not None:
             self.bindings(node, *node.outer)
         for child in node.children.values():
-            self.node(child)
+            self.all_bindings(child)
 
     def component(self, node: Node) -> None:
         """Check the FMU of a component and hold the connectors against its variables."""
@@ -152,6 +165,7 @@ class _Check:
         if variables is None:
             return
         self._of_component[node.label] = variables
+        self._sources[node.label] = node.source
         units = self._units[node.source]
         kinds = self._kinds[node.source]
         if node.implementation != "any" and node.implementation not in kinds:
@@ -168,6 +182,12 @@ class _Check:
                 misfits = _misfits(connector, variable)
                 misfits += connector_unit_faults(connector, node.scope.units, _unit_of(variable, units))
                 self.findings.problems += [f"{where}: {text}" for text in misfits]
+
+    def units(self) -> None:
+        """Check all FMUs of the package, where the system does not say which it has."""
+        for name in self.archive.names:
+            if name.lower().endswith(".fmu"):
+                self._unit(name)
 
     def _unit(self, source: str) -> dict[str, Any] | None:
         if source not in self.archive:
@@ -204,41 +224,66 @@ class _Check:
                 prefix = binding.get("prefix", "")
                 items = list(values.iterfind("ssv:Parameters/ssv:Parameter", NAMESPACES))
                 names = [prefix + str(item.get("name")) for item in items]
+                twice = [name for name in dict.fromkeys(names) if names.count(name) > 1]
+                self.findings.problems += [f"{where}: parameter {n!r} occurs twice in the set" for n in twice]
                 own = read_units(values.find("ssv:Units", NAMESPACES))
                 self.findings.problems += [f"{where}: {fault}" for fault in unit_faults(own)]
                 units = {**scope.units_here(), **own}
-                targets = names if mapping is None else [""] * len(names)
-                for item, target in zip(items, targets, strict=True):
-                    variable = self._of_component.get(node.label, {}).get(target)
-                    declared = None if variable is None else _unit_of(variable, self._units[node.source])
-                    faults = parameter_faults(item, units, variable, declared)
-                    self.findings.problems += [
-                        f"{where}: parameter {item.get('name')!r}: {f}" for f in faults
-                    ]
-                if mapping is not None:
+                if mapping is None:
+                    targets = [(item, name, True) for item, name in zip(items, names, strict=True)]
+                else:
                     table = self._external(scope, mapping, "ssm", f"{where}, mapping")
                     if table is None:
                         table = mapping.find("ssm:ParameterMapping", NAMESPACES)
-                    names = self._mapped(names, table, where)
+                    targets = self._mapped(dict(zip(names, items, strict=True)), table, where)
+                for item in items:
+                    self._parameter(item, units, where)
+                for item, target, plain in targets:
+                    self._target(node, item, target, plain, units, where)
             except SspError as error:
                 self.findings.problems += error.problems
-                continue
-            variables = self._of_component.get(node.label)
-            unknown = [] if variables is None else [name for name in names if name not in variables]
-            self.findings.problems += [f"{where}: {node.source} has no variable {name!r}" for name in unknown]
 
-    def _mapped(self, names: list[str], table: Any, where: str) -> list[str]:
-        """Return the targets of a mapping; names that it does not mention need not be variables."""
+    def _parameter(self, item: Any, units: Mapping[str, Unit], where: str, *of: Any) -> None:
+        faults = parameter_faults(item, units, *of)
+        texts = [f"{where}: parameter {item.get('name')!r}: {fault}" for fault in faults]
+        self.findings.problems += [text for text in texts if text not in self.findings.problems]
+
+    def _target(
+        self, node: Node, item: Any, target: str, plain: bool, units: Mapping[str, Unit], where: str
+    ) -> None:
+        """Check a value against all that has the name; `plain` without a transformation on the way."""
+        found = list(places(node, target))
+        if not found:
+            self.findings.notes.append(
+                f"{where}: parameter {target!r} matches no element or connector; the value is ignored"
+            )
+        for owner, name in found:
+            variables = self._of_component.get(owner.label) if owner.kind == "component" else None
+            variable = None if variables is None else variables.get(name)
+            if variables is not None and variable is None:
+                self.findings.notes.append(
+                    f"{where}: {owner.source} has no variable {name!r}; the value is ignored"
+                )
+            elif variable is not None and plain:
+                self._parameter(item, units, where, variable, _unit_of(variable, self._units[owner.source]))
+
+    def _mapped(self, items: Mapping[str, Any], table: Any, where: str) -> list[tuple[Any, str, bool]]:
+        """Return the parameters that a mapping names, their targets, and whether they pass as they are."""
         if table is None:
             self.findings.problems.append(f"{where}: its mapping has neither a source nor inline entries")
             return []
         entries = list(table.iterfind("ssm:MappingEntry", NAMESPACES))
         for entry in entries:
-            if entry.get("source") not in names:
-                self.findings.problems.append(
-                    f"{where}: the mapping's source {entry.get('source')!r} is not in the parameter set"
+            if entry.get("source") not in items:
+                self.findings.notes.append(
+                    f"{where}: the mapping's source {entry.get('source')!r} is not in the parameter set; "
+                    "the entry is ignored"
                 )
-        return [str(entry.get("target")) for entry in entries]
+        return [
+            (items[entry.get("source")], str(entry.get("target")), len(entry) == 0)
+            for entry in entries
+            if entry.get("source") in items
+        ]
 
     def _external(self, scope: Scope, element: Any, kind: str, where: str) -> Any:
         source = element.get("source")
@@ -247,8 +292,13 @@ class _Check:
         member = scope.member(source, where)
         return self.document(scope.archive, member, kind, f"{scope.label}: {member}")
 
-    def connections(self, wiring: Wiring, top: Node) -> None:
-        """Check ends, directions, types and sizes of the connections."""
+    def _declared(self, port: tuple[str, str]) -> Unit | None:
+        """Return the unit of a variable of a component."""
+        component, name = port
+        return _unit_of(self._of_component[component][name], self._units[self._sources[component]])
+
+    def connections(self, wiring: Wiring, top: Node, units: Mapping[str, Unit]) -> None:
+        """Check ends, directions, types, units and sizes of the connections."""
         flat = list(wiring.flatten())
         self.findings.problems += wiring.problems
         for connection in flat:
@@ -263,6 +313,17 @@ class _Check:
                 self.findings.problems.append(
                     f"connection {connection}: type mismatch, {source.type} to {sink.type}"
                 )
+            elif source.type in ("Real", "Float64", "Float32"):
+                try:
+                    compose(
+                        connection.hops,
+                        self._declared(connection.start),
+                        self._declared(connection.end),
+                        "Real",
+                        units,
+                    )
+                except ValueError as error:
+                    self.findings.problems.append(f"connection {connection}: {error}")
         self.findings.problems += dimension_faults(top, self._of_component)
 
 

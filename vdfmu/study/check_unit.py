@@ -3,30 +3,36 @@
 from __future__ import annotations
 
 import math
-import posixpath
 import re
+from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import fmpy
-from fmpy.model_description import ValidationError
 
 from vdfmu.errors import SspError, StorageError
 from vdfmu.ssp.archive import XML_LIMIT, Archive, parse_xml
+from vdfmu.study.check_binary import ENDINGS, architecture_fault, library_fault
+from vdfmu.study.check_description import DESCRIPTION, description_faults
+from vdfmu.study.check_fmi import BUILD, TERMINALS, build_faults, terminal_faults, variable_faults
 from vdfmu.study.findings import Findings
 
 __all__ = ["check_unit", "read_unit", "store"]
 
-_DESCRIPTION = "modelDescription.xml"
 _VERSION = re.compile(r"[12]\.0|3\.0(\.\d+)?")
 """FMI 1.0 and 2.0 fix the text of fmiVersion; FMI 3.0 leaves a third number open."""
 _XML_FOLDERS = ("terminalsAndIcons/", "sources/", "extra/")
-_MAGIC = {
-    ".so": (b"\x7fELF",),
-    ".dll": (b"MZ",),
-    ".dylib": (b"\xcf\xfa\xed\xfe", b"\xce\xfa\xed\xfe", b"\xca\xfe\xba\xbe", b"\xca\xfe\xba\xbf"),
-}
-"""First bytes of a shared library."""
+
+
+@dataclass(frozen=True)
+class _Unit:
+    """What is in an FMU: its members, the roots of its XML files by name, and the processors of its libraries."""
+
+    names: list[str]
+    roots: Mapping[str, Any]
+    misbuilt: Mapping[str, str]
+    """Libraries in a folder of this platform that are for another processor, and what to say of them."""
 
 
 def store(data: bytes, folder: Path) -> Path:
@@ -60,27 +66,31 @@ def check_unit(path: Path, run: bool = True, name: str = "") -> tuple[Findings, 
     """
     findings = Findings()
     try:
-        version, names = _read(path, name or path.name, findings)
+        unit = _read(path, name or path.name, findings)
     except SspError as error:
         name = name or path.name
         why = [problem.removeprefix(f"{name}: ") for problem in error.problems]
         return Findings([f"{name} is no FMU that can be read: {problem}" for problem in why]), None
+    version = unit.roots[DESCRIPTION].get("fmiVersion")
     standard = f"FMI {version}" if version else None
     if not version:
-        findings.problems.append(f"{_DESCRIPTION}: has no fmiVersion; expected 1.0, 2.0 or 3.0")
+        findings.problems.append(f"{DESCRIPTION}: has no fmiVersion; expected 1.0, 2.0 or 3.0")
         return findings, standard
     if not _VERSION.fullmatch(version):
-        findings.problems.append(f"{_DESCRIPTION}: fmiVersion is {version!r}; expected 1.0, 2.0 or 3.0")
+        findings.problems.append(f"{DESCRIPTION}: fmiVersion is {version!r}; expected 1.0, 2.0 or 3.0")
         return findings, standard
     if version == "1.0":
         findings.notes.append("FMI 1.0: fmpy and other importers run it, the master of vdfmu takes FMI 2.0")
-    findings.problems += _rules(path)
+    told, mended = _rules(unit)
+    findings.add(told)
     try:
-        description = read_unit(path)
+        description, readable = read_unit(path), True
     except (
         Exception
     ):  # fmpy raises bare exceptions where an element is not as it expects; `_rules` says which
         findings.notes.append("not run: the model description cannot be read")
+        description, readable = mended, False
+    if description is None:
         return findings, standard
     kinds = [
         name
@@ -91,7 +101,7 @@ def check_unit(path: Path, run: bool = True, name: str = "") -> tuple[Findings, 
         findings.notes.append(
             "no co-simulation: a master needs it; other importers bring a solver of their own"
         )
-    here = _binaries(path, description, kinds, names, findings)
+    here = _binaries(unit, description, kinds, findings) and readable
     odd = _experiment(description)
     if not any("'DefaultExperiment'" in problem for problem in findings.problems):  # by the schema
         findings.problems += odd
@@ -106,19 +116,17 @@ def check_unit(path: Path, run: bool = True, name: str = "") -> tuple[Findings, 
     return findings, standard
 
 
-def _rules(path: Path) -> list[str]:
-    """Return what breaks the schema or the rules of the standard that fmpy knows."""
-    try:
-        fmpy.read_model_description(
-            str(path), validate=True, validate_variable_names=True, validate_model_structure=True
-        )
-    except ValidationError as error:
-        return [str(problem) for problem in error.problems]
-    except KeyError as error:
-        return [f"{_DESCRIPTION}: {error} is used and not defined"]
-    except Exception as error:
-        return [f"{_DESCRIPTION}: cannot be read, an element or attribute is missing or odd: {error}"]
-    return []
+def _rules(unit: _Unit) -> tuple[Findings, Any]:
+    """Return what breaks the schema or a rule of the standard, and fmpy's description of what is left."""
+    root = unit.roots[DESCRIPTION]
+    ours = variable_faults(root)
+    if TERMINALS in unit.roots:
+        ours += terminal_faults(unit.roots[TERMINALS], root)
+    build = build_faults(root, unit.roots.get(BUILD), unit.names)
+    problems, description = description_faults(root)
+    if description is None:  # faults against the schema come alone
+        return Findings(problems), None
+    return Findings([*problems, *ours, *build.problems], build.notes), description
 
 
 def read_unit(path: Path) -> Any:
@@ -141,40 +149,47 @@ def _experiment(description: Any) -> list[str]:
             times[name] = math.nan
         if not math.isfinite(times[name]) or (name == "stepSize" and times[name] <= 0.0):
             wanted = "a positive number" if name == "stepSize" else "a finite number"
-            problems.append(f"{_DESCRIPTION}: DefaultExperiment: {name} is {text!r}; expected {wanted}")
+            problems.append(f"{DESCRIPTION}: DefaultExperiment: {name} is {text!r}; expected {wanted}")
     start, stop = times.get("startTime", 0.0), times.get("stopTime", math.inf)
     if not problems and stop < start:
         problems.append(
-            f"{_DESCRIPTION}: DefaultExperiment: stopTime {stop:g} lies before startTime {start:g}"
+            f"{DESCRIPTION}: DefaultExperiment: stopTime {stop:g} lies before startTime {start:g}"
         )
     return problems
 
 
-def _read(path: Path, label: str, findings: Findings) -> tuple[str | None, list[str]]:
-    """Return version and members; XML that must not be parsed goes no further."""
+def _read(path: Path, label: str, findings: Findings) -> _Unit:
+    """Read what an FMU holds; XML that must not be parsed is told and goes no further."""
     with Archive(path, label) as archive:
-        if _DESCRIPTION not in archive:
+        if DESCRIPTION not in archive:
             hint = "; it is a package of SSP, name it .ssp" if "SystemStructure.ssd" in archive else ""
-            raise SspError(f"it has no {_DESCRIPTION!r}{hint}")
-        root = parse_xml(archive.read(_DESCRIPTION, XML_LIMIT), _DESCRIPTION)
+            raise SspError(f"it has no {DESCRIPTION!r}{hint}")
+        root = parse_xml(archive.read(DESCRIPTION, XML_LIMIT), DESCRIPTION)
         if root.tag != "fmiModelDescription":
-            raise SspError(f"{_DESCRIPTION}: expected the root fmiModelDescription, got {root.tag!r}")
+            raise SspError(f"{DESCRIPTION}: expected the root fmiModelDescription, got {root.tag!r}")
+        roots, misbuilt = {DESCRIPTION: root}, dict[str, str]()
         for name in archive.names:
             if name.endswith(".xml") and name.startswith(_XML_FOLDERS):
                 try:
-                    parse_xml(archive.read(name, XML_LIMIT), name)
+                    roots[name] = parse_xml(archive.read(name, XML_LIMIT), name)
                 except SspError as error:
                     findings.problems += error.problems
         for name in archive.names:
-            kind = posixpath.splitext(name)[1]
-            if name.startswith("binaries/") and name.count("/") == 2 and kind in _MAGIC:
-                if not archive.read(name).startswith(_MAGIC[kind]):
-                    findings.problems.append(f"{name}: is no shared library of the kind its name says")
-        return root.get("fmiVersion"), archive.names
+            if name.startswith("binaries/") and name.count("/") == 2 and name.endswith(ENDINGS):
+                data = archive.read(name)
+                fault = library_fault(name, data)
+                if fault is not None:
+                    findings.problems.append(fault)
+                elif name.split("/")[1] in (fmpy.platform, fmpy.platform_tuple):
+                    fault = architecture_fault(name, data)
+                    if fault is not None:
+                        misbuilt[name] = fault
+        return _Unit(archive.names, roots, misbuilt)
 
 
-def _binaries(path: Path, description: Any, kinds: list[str], names: list[str], findings: Findings) -> bool:
+def _binaries(unit: _Unit, description: Any, kinds: list[str], findings: Findings) -> bool:
     """Check the binaries; tell whether there is one for this platform."""
+    names = unit.names
     folders = sorted({n.split("/")[1] for n in names if n.startswith("binaries/") and n.count("/") >= 2})
     here = [p for p in (fmpy.platform, fmpy.platform_tuple) if p in folders]
     if not here:
@@ -187,8 +202,12 @@ def _binaries(path: Path, description: Any, kinds: list[str], names: list[str], 
         str(getattr(description, kind).modelIdentifier) + fmpy.sharedLibraryExtension for kind in kinds
     }
     for library in sorted(libraries):
-        if not any(f"binaries/{folder}/{library}" in names for folder in here):
+        found = [f"binaries/{folder}/{library}" for folder in here if f"binaries/{folder}/{library}" in names]
+        if not found:
             findings.problems.append(f"binaries/{here[0]} has no {library}, as the model identifier asks for")
+            return False
+        if any(member in unit.misbuilt for member in found):
+            findings.problems += [unit.misbuilt[member] for member in found if member in unit.misbuilt]
             return False
     return True
 

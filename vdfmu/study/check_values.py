@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 from vdfmu.ssp.archive import NAMESPACES
 from vdfmu.ssp.elements import Node
 from vdfmu.ssp.structure import BASE_UNITS, Connector, Unit
-from vdfmu.ssp.wiring import Key, Wiring
+from vdfmu.ssp.wiring import FLOWS, Key, Wiring
 
 __all__ = [
     "ArrayWiring",
@@ -18,6 +18,7 @@ __all__ = [
     "dimension_faults",
     "fmu_units",
     "parameter_faults",
+    "places",
     "shape_of",
     "show_shape",
     "unit_faults",
@@ -30,8 +31,45 @@ _NUMBERS = {
 """Types of parameters whose attribute ``value`` is a list."""
 
 
+_INTEGERS = {"Integer", *(f"{u}Int{n}" for u in ("", "U") for n in (8, 16, 32, 64))}
+_FLOATS = {"Real", "Float64", "Float32"}
+_FITTING = {**dict.fromkeys(_FLOATS, _FLOATS | _INTEGERS), **dict.fromkeys(_INTEGERS, _INTEGERS),
+            "Enumeration": {"Enumeration"} | _INTEGERS}  # fmt: skip
+"""Types of variables to the types of parameters that can set them; others take their own."""
+
+
+def _flows() -> set[tuple[str, str]]:
+    """Return the table "Allowed connections" of SSP 2.0; a connector of kind unspecified is of any kind."""
+    flows = FLOWS | {
+        ("system structuralParameter", sink)
+        for sink in (
+            "system calculatedParameter", "system output", "system local", "structuralParameter", "parameter", "input",
+            "inout",
+        )
+    }  # fmt: skip
+    flows |= {("system parameter", "system local"), ("system input", "system local")}
+    flows |= {("local", sink) for sink in ("input", "inout", "system output", "system local")}
+    flows |= {(source, "system local") for source in ("calculatedParameter", "output", "inout")}
+    flows |= {
+        ("constant", sink)
+        for sink in (
+            "structuralParameter", "parameter", "input", "inout", "system constant", "system calculatedParameter",
+            "system output", "system local",
+        )
+    }  # fmt: skip
+
+    def wild(kind: str) -> str:
+        return "system unspecified" if kind.startswith("system ") else "unspecified"
+
+    for source, sink in list(flows):
+        flows |= {(wild(source), sink), (source, wild(sink)), (wild(source), wild(sink))}
+    return flows
+
+
 class ArrayWiring(Wiring):
     """The wiring of SSP 2.0, where several connections may feed one array, each of them other elements of it."""
+
+    flows = _flows()
 
     def __init__(self, top: Node) -> None:
         self._parts: dict[Key, set[tuple[str, ...]]] = {}
@@ -166,8 +204,8 @@ def connector_unit_faults(
 def _full(unit: Unit) -> str:
     if unit.exponents is None:
         return f"{unit.name!r} (without definition)"
-    factor = f", factor {unit.factor:g}" if unit.factor != 1.0 else ""
-    offset = f", offset {unit.offset:g}" if unit.offset != 0.0 else ""
+    factor = f", factor {unit.factor!r}" if unit.factor != 1.0 else ""
+    offset = f", offset {unit.offset!r}" if unit.offset != 0.0 else ""
     return f"{unit.name!r} ({unit.dimension}{factor}{offset})"
 
 
@@ -191,9 +229,9 @@ def parameter_faults(
     if value is None:
         return ["has no value"]
     kind = value.tag.rsplit("}", 1)[1]
+    faults = [] if variable is None else _setting_faults(kind, variable)
     if kind not in _NUMBERS:
-        return []
-    faults: list[str] = []
+        return faults
     sizes: Shape = tuple(
         None if d.get("size") is None else int(d.get("size"))
         for d in item.iterfind("ssc:Dimension", NAMESPACES)
@@ -212,3 +250,28 @@ def parameter_faults(
         if None not in pair and pair[0] != pair[1]:  # what differs in factor and offset is converted
             faults.append(f"unit mismatch, the value is in {_full(unit)}, the FMU declares {_full(declared)}")
     return faults
+
+
+def _setting_faults(kind: str, variable: Any) -> list[str]:
+    """Return why a variable cannot be set, or not by a value of a type."""
+    faults: list[str] = []
+    if variable.variability == "constant" or variable.initial not in ("exact", "approx"):
+        faults.append(
+            f"{variable.name!r} is not settable: causality {variable.causality}, variability {variable.variability}, "
+            f"initial {variable.initial}"
+        )
+    if kind not in _FITTING.get(variable.type, {variable.type}):
+        faults.append(f"type mismatch, {kind} for a variable of type {variable.type}")
+    return faults
+
+
+def places(node: Node, name: str) -> Iterator[tuple[Node, str]]:
+    """Yield all that a name means in an element: connectors of systems, and variables of components."""
+    if node.kind == "component":
+        yield node, name
+        return
+    if name in node.connectors:
+        yield node, name
+    for element, child in node.children.items():
+        if name.startswith(element + "."):
+            yield from places(child, name[len(element) + 1 :])

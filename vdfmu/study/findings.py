@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-__all__ = ["Findings"]
+__all__ = ["Findings", "one_line"]
 
 
 @dataclass
@@ -37,3 +37,15 @@ class Findings:
             (self.compared, other.compared),
         ):
             mine += [f"{where}: {text}" if where else text for text in others]
+
+    def renamed(self, old: str, new: str) -> Findings:
+        """Return the findings with another name for a place."""
+        problems, notes = (
+            [text.replace(old, new) for text in texts] for texts in (self.problems, self.notes)
+        )
+        return Findings(problems, notes, self.compared, self.ran)
+
+
+def one_line(text: str) -> str:
+    """Return a text without line breaks: a problem is one line, whatever a foreign parser or unit says."""
+    return "; ".join(line.strip() for line in text.splitlines() if line.strip())

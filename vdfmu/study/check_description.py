@@ -1,0 +1,268 @@
+"""Check of a model description: the schema, references inside it, and the rules that fmpy knows."""
+
+from __future__ import annotations
+
+import io
+import zipfile
+from collections.abc import Iterator
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import fmpy
+from fmpy.validation import validate_model_description
+from lxml import etree  # pyright: ignore[reportAttributeAccessIssue]  # lxml ships no stubs
+
+__all__ = ["DESCRIPTION", "description_faults", "schema_faults", "variables_of"]
+
+DESCRIPTION = "modelDescription.xml"
+_SCHEMAS = {
+    "1": "fmi1/fmiModelDescription.xsd",
+    "2": "fmi2/fmi2ModelDescription.xsd",
+    "3": "fmi3/fmi3ModelDescription.xsd",
+}
+_TYPES = ("Real", "Integer", "Boolean", "String", "Enumeration")
+_CAUSALITIES = {
+    "constant": ("output", "local"),
+    "fixed": ("structuralParameter", "parameter", "calculatedParameter", "local"),
+    "tunable": ("structuralParameter", "parameter", "calculatedParameter", "local"),
+    "discrete": ("input", "output", "local"),
+    "continuous": ("input", "output", "local", "independent"),
+}
+"""Variability to the causalities that it goes with, FMI 2.0 and 3.0."""
+_UNKNOWNS = {
+    "2": {"outputs": "Outputs/Unknown", "derivatives": "Derivatives/Unknown",
+          "initialUnknowns": "InitialUnknowns/Unknown"},
+    "3": {"outputs": "Output", "derivatives": "ContinuousStateDerivative", "clockedStates": "ClockedState",
+          "initialUnknowns": "InitialUnknown", "eventIndicators": "EventIndicator"},
+}  # fmt: skip
+"""Lists of fmpy's description to the elements of the model structure, by version of FMI."""
+_TYPE_ATTRIBUTES = (
+    "name", "description", "quantity", "unit", "displayUnit", "relativeQuantity", "min", "max", "nominal", "unbounded",
+)  # fmt: skip
+"""Attributes of a type that fmpy can read."""
+
+
+def description_faults(root: Any) -> tuple[list[str], Any]:
+    """Return what breaks the schema or a rule, all of it at once.
+
+    fmpy stops at the first reference that leads nowhere. Such references are found here and taken out, so that it
+    can say what else there is. Faults against the schema come alone.
+
+    Parameters
+    ----------
+    root : element
+        The root of the description; it is changed.
+
+    Returns
+    -------
+    list of str
+    ModelDescription or None
+        What fmpy makes of the description without the references that lead nowhere; None where it breaks the schema.
+    """
+    version = str(root.get("fmiVersion"))
+    faults = schema_faults(root, _SCHEMAS[version[0]], DESCRIPTION)
+    if faults:
+        return faults, None
+    mend = _Mend(root)
+    mend.all()
+    box = io.BytesIO()
+    with zipfile.ZipFile(box, "w") as archive:
+        archive.writestr(DESCRIPTION, etree.tostring(root, xml_declaration=True, encoding="UTF-8"))
+    try:
+        model = fmpy.read_model_description(box, validate=False)
+        _restore_lines(model, root)
+        return [*mend.faults, *_rules(model)], model
+    except Exception as error:  # fmpy raises bare exceptions
+        told = f"{DESCRIPTION}: cannot be read, an element or attribute is missing or odd: {error}"
+        return mend.faults or [told], None
+
+
+@lru_cache
+def _schema(name: str) -> Any:
+    return etree.XMLSchema(file=str(Path(fmpy.__file__).parent / "schema" / name))
+
+
+def schema_faults(root: Any, name: str, where: str) -> list[str]:
+    """Return what breaks a schema of fmpy, such as ``fmi2/fmi2ModelDescription.xsd``."""
+    schema = _schema(name)
+    return [] if schema.validate(root) else [f"{where}, line {e.line}: {e.message}" for e in schema.error_log]
+
+
+def variables_of(root: Any) -> Iterator[tuple[Any, Any]]:
+    """Yield the variables: the element, and the one with the attributes of the type, in FMI 3.0 the same."""
+    for item in root.iterfind("ModelVariables/*"):
+        if item.get("name") is not None:
+            yield item, next((c for c in item if item.tag == "ScalarVariable" and c.tag in _TYPES), item)
+
+
+def _restore_lines(model: Any, root: Any) -> None:
+    """Give fmpy's objects the line numbers of the file: those of the text that it got may be others."""
+    for variable, (item, _) in zip(model.modelVariables, variables_of(root), strict=False):
+        variable.sourceline = item.sourceline
+    for name, path in _UNKNOWNS.get(str(root.get("fmiVersion"))[0], {}).items():
+        items = root.iterfind(f"ModelStructure/{path}")
+        for unknown, item in zip(getattr(model, name), items, strict=False):
+            unknown.sourceline = item.sourceline
+    for variable in model.modelVariables:
+        if variable.alias is not None:
+            variable.sourceline = variable.alias.sourceline
+
+
+def _rules(model: Any) -> list[str]:
+    """Return what fmpy finds. It takes aliases of FMI 3.0 for variables, which have entries in the model structure."""
+    everything = model.modelVariables
+    aliases = [v for v in everything if v.alias is not None]
+    model.modelVariables = [v for v in everything if v.alias is None]
+    found = validate_model_description(model, validate_variable_names=True, validate_model_structure=True)
+    names = {v.name for v in model.modelVariables}
+    if aliases:
+        model.modelVariables = aliases
+        named = validate_model_description(model, validate_variable_names=True)
+        found += [text for text in named if not text.startswith("Exactly one independent variable")]
+        found += [
+            f'The variable name "{v.name}" (line {v.sourceline}) is not unique.'
+            for v in aliases
+            if v.name in names
+        ]
+    model.modelVariables = everything
+    return [str(text).strip().partition("\n")[0] for text in dict.fromkeys(found)]
+
+
+class _Mend:
+    """Finds the references of a description that lead nowhere, and takes them out."""
+
+    def __init__(self, root: Any) -> None:
+        self.faults: list[str] = []
+        self.root = root
+        self.version = str(root.get("fmiVersion"))[0]
+        self.variables = list(variables_of(root))
+        self.units = {u.get("name") for u in root.iterfind("UnitDefinitions/Unit")}
+        self.references = {int(item.get("valueReference")): item for item, _ in self.variables}
+
+    def fault(self, item: Any, text: str) -> None:
+        name = f"variable {item.get('name')!r}" if item.get("name") is not None else item.tag
+        self.faults.append(f"{DESCRIPTION}, line {item.sourceline}: {name}: {text}")
+
+    def all(self) -> None:
+        """Look at every kind of reference that fmpy follows."""
+        types = self._types()
+        for item, value in self.variables:
+            declared = value.get("declaredType")
+            if declared is not None and declared not in types:
+                self.fault(item, f"declaredType {declared!r} is not defined; define it in TypeDefinitions")
+            kind = types.get(declared) if declared is not None else None
+            if declared is not None and (kind is None or kind.tag == "ClockType"):
+                del value.attrib["declaredType"]  # fmpy knows no types of clocks
+            if self.version != "1":
+                self._causality(item, value)
+                self._display_unit(item, value, kind)
+                self._derivative(item, value)
+            if self.version == "3":
+                self._references(item)
+        for path in _UNKNOWNS.get(self.version, {}).values():
+            for item in self.root.findall(f"ModelStructure/{path}"):
+                self._unknown(item)
+
+    def _types(self) -> dict[str, Any]:
+        """Return the defined types, each as the element with its attributes."""
+        types: dict[str, Any] = {}
+        for item in self.root.iterfind("TypeDefinitions/*"):
+            types[item.get("name")] = item if self.version == "3" else item[0]
+            for attribute in item.attrib if self.version == "3" else ():
+                if attribute not in _TYPE_ATTRIBUTES:
+                    del item.attrib[attribute]
+        return types
+
+    def _causality(self, item: Any, value: Any) -> None:
+        causality, variability = item.get("causality", "local"), item.get("variability")
+        if variability is None:
+            variability = "continuous"
+            if self.version == "3" and causality.lower().endswith("parameter"):
+                variability = "fixed"
+            elif self.version == "3" and value.tag not in ("Float64", "Float32"):
+                variability = "discrete"
+        if causality in _CAUSALITIES[variability] or item.get("initial") is not None:
+            return  # with `initial` fmpy reads on, and tells
+        allowed = [v for v, causalities in _CAUSALITIES.items() if causality in causalities]
+        stated = "" if item.get("variability") else ", which is the default,"
+        self.fault(
+            item,
+            f"causality {causality!r} and variability {variability!r}{stated} do not go together; "
+            f"expected {' or '.join(allowed)}",
+        )
+        item.set("variability", allowed[-1])
+
+    def _display_unit(self, item: Any, value: Any, kind: Any) -> None:
+        unit = value.get("unit") or (kind.get("unit") if kind is not None else None)
+        for holder in (value, *item.iterfind("Alias")):
+            shown = holder.get("displayUnit")
+            if shown is None or unit in self.units:
+                continue
+            if unit is None:
+                self.fault(item, f"has the display unit {shown!r} and no unit; state the unit")
+            del holder.attrib["displayUnit"]  # of a unit that is not defined, which fmpy tells
+
+    def _derivative(self, item: Any, value: Any) -> None:
+        text = value.get("derivative")
+        if text is not None and not self._known(int(text)):
+            self.fault(item, f"derivative={text!r}: {self._expected()}")
+            del value.attrib["derivative"]
+
+    def _references(self, item: Any) -> None:
+        """Look at the clocks and dimensions of a variable of FMI 3.0."""
+        if item.get("clocks") is not None:
+            kept = self._list(item, "clocks")
+            if kept:
+                item.set("clocks", " ".join(kept))
+            else:
+                del item.attrib["clocks"]
+        for dimension in item.iterfind("Dimension"):
+            text = dimension.get("valueReference")
+            if text is None or dimension.get("start") is not None:
+                continue
+            size = self.references.get(int(text))
+            if size is None:
+                self.fault(item, f"dimension of valueReference {text!r}: {self._expected()}")
+            elif not str(size.get("start")).strip().isdigit():
+                self.fault(
+                    item,
+                    f"dimension of valueReference {text!r}: expected a variable whose start value is a size, "
+                    f"got {size.get('name')!r} with start {size.get('start')!r}",
+                )
+            else:
+                continue
+            del dimension.attrib["valueReference"]
+            dimension.set("start", "1")
+
+    def _unknown(self, item: Any) -> None:
+        """Look at an entry of the model structure and at its dependencies."""
+        name = "index" if self.version == "2" else "valueReference"
+        if not self._known(int(item.get(name))):
+            self.fault(item, f"{name}={item.get(name)!r}: {self._expected()}")
+            item.getparent().remove(item)
+            return
+        kinds = (item.get("dependenciesKind") or "").split()
+        if item.get("dependencies") is not None:
+            before = item.get("dependencies").split()
+            kept = self._list(item, "dependencies")
+            item.set("dependencies", " ".join(kept))
+            if len(kept) < len(before) == len(kinds):
+                kinds = kinds[: len(kept)]  # only their number is looked at
+        if item.get("dependenciesKind") is not None:
+            item.set("dependenciesKind", " ".join(kinds))
+
+    def _list(self, item: Any, attribute: str) -> list[str]:
+        texts = item.get(attribute).split()
+        bad = [text for text in texts if not self._known(int(text))]
+        if bad:
+            self.fault(item, f"{attribute}: {', '.join(bad)}: {self._expected()}")
+        return [text for text in texts if text not in bad]
+
+    def _known(self, number: int) -> bool:
+        return number in self.references if self.version == "3" else 1 <= number <= len(self.variables)
+
+    def _expected(self) -> str:
+        if self.version == "3":
+            return "no variable has that value reference"
+        return f"there is no such variable; expected an index from 1 to {len(self.variables)}"
