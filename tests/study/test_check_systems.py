@@ -157,3 +157,25 @@ def test_a_temporary_folder_that_cannot_be_written_is_told(package, tmp_path, mo
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path / "none"))
     with pytest.raises(StorageError, match="was not checked: .*TMPDIR"):
         check_file(package)
+
+
+def test_an_algebraic_loop_is_a_note(fmus, tmp_path):
+    """The standard allows it, and a master can step it: the controller adds its own torque of the step before."""
+    connectors = '<ssd:Connector name="tau[1]" kind="output"/><ssd:Connector name="tau_m[1]" kind="input"/>'
+    text = (
+        '<ssd:SystemStructureDescription xmlns:ssd="http://ssp-standard.org/SSP1/SystemStructureDescription" '
+        'version="1.0" name="t"><ssd:System name="s"><ssd:Elements><ssd:Component name="c" '
+        f'source="resources/PDController.fmu"><ssd:Connectors>{connectors}</ssd:Connectors></ssd:Component>'
+        '</ssd:Elements><ssd:Connections><ssd:Connection startElement="c" startConnector="tau[1]" endElement="c" '
+        'endConnector="tau_m[1]"/></ssd:Connections></ssd:System></ssd:SystemStructureDescription>'
+    )
+    path = tmp_path / "loop.ssp"
+    pack_zip(
+        path,
+        {"SystemStructure.ssd": text.encode(), "resources/PDController.fmu": fmus["controller"].read_bytes()},
+    )
+    report = inspect_file(path)
+    assert report.problems == []
+    assert [note for note in report.notes if "loop" in note] == [
+        "algebraic loop during initialization, solved: c.tau[1] -> c.tau_m[1] -> c.tau[1]"
+    ]

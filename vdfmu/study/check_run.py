@@ -17,10 +17,11 @@ import fmpy
 from vdfmu.cosim.master import simulate
 from vdfmu.errors import StorageError, VdfmuError
 from vdfmu.ssp.read import load_ssp
+from vdfmu.ssp.structure import System
 from vdfmu.study.check_reference import compare
 from vdfmu.study.findings import Findings
 
-__all__ = ["run_apart"]
+__all__ = ["master_of", "run_apart"]
 
 STEPS = 10
 SECONDS = 60.0
@@ -132,6 +133,11 @@ def _run_unit(path: Path, phase: Callable[[str], None]) -> Findings:
     return compare(path)
 
 
+def master_of(system: System) -> str:
+    """Return the master algorithm of a system, else jacobi: it steps whatever there is, loops too."""
+    return system.experiment.algorithm or "jacobi"
+
+
 def _run_system(path: Path) -> Findings:
     """Make ten steps of a system."""
     system = load_ssp(path)
@@ -142,8 +148,8 @@ def _run_system(path: Path) -> Findings:
         step = min(step, (experiment.stop - start) / STEPS)
     try:
         simulate(
-            system, start=start, stop=start + STEPS * step, step=step, ignore_unmatched=True,
-            log=lambda message: None,
+            system, start=start, stop=start + STEPS * step, step=step, algorithm=master_of(system),
+            ignore_unmatched=True, log=lambda message: None,
         )  # fmt: skip
     except (VdfmuError, OSError) as error:
         if isinstance(error, OSError) and error.errno in _FULL:

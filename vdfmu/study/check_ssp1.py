@@ -14,6 +14,7 @@ from vdfmu.ssp.elements import Scope
 from vdfmu.ssp.read import read_system
 from vdfmu.ssp.structure import System
 from vdfmu.ssp.tree import DEFINITION_TYPE, PACKAGE_TYPE
+from vdfmu.study.check_run import master_of
 from vdfmu.study.check_unit import check_unit, store
 from vdfmu.study.findings import Findings
 
@@ -66,7 +67,7 @@ def check_ssp1(path: Path, variant: str, folder: Path, checked: set[str]) -> Fin
 def _system(system: System, units: Mapping[str, Sequence[str]]) -> Findings:
     """Hold the system against its FMUs; what is wrong with an FMU itself is left to its own check."""
     try:
-        return Findings(notes=list(check_system(system, ignore_unmatched=True).notes))
+        return Findings(notes=list(check_system(system, algorithm=master_of(system), ignore_unmatched=True).notes))
     except SspError as error:
         starts = tuple(f"{c.name}: {c.source}: " for c in system.components if units.get(c.source))
         return Findings([p for p in error.problems if _MASTER in p or not p.startswith(starts)])
