@@ -76,7 +76,7 @@ def _alone(fmu: Path, folder: Path) -> System:
     member = f"resources/{fmu.name}"
     package = folder / f"{fmu.stem}.ssp"
     pack_zip(package, {member: fmu.read_bytes()})
-    return System(package, fmu.stem, (Component(fmu.stem, member, "CoSimulation", {}),), (), {}, None, None)
+    return System(package, fmu.stem, (Component(fmu.stem, member, "CoSimulation", {}),), (), {})
 
 
 @dataclass

@@ -63,6 +63,12 @@ def test_build_ssp_check_models_work_together(tmp_path):
     summary = json.loads((ours / "summary.json").read_text())
     assert (summary["package"], summary["steps"]) == ("planar.ssp", 200)
     assert summary["settings"] == {"controller.K_p": "900"}
+    # a package in the folder of the results stays, whatever its name
+    (tmp_path / "planar.ssp").rename(tmp_path / "system.ssp")
+    done = vdfmu("simulate", "system.ssp", "--stop", "0.01", "--out", ".", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.splitlines()[-1] == "Written to .: results.csv, signals.png, summary.json"
+    (tmp_path / "system.ssp").rename(tmp_path / "planar.ssp")
     # what is there is kept by a wrong option, and replaced by another run
     assert vdfmu("simulate", "planar.ssp", "--step", "0.003", "--stop", "0.2", cwd=tmp_path).returncode == 2
     assert (ours / "signals.png").exists()

@@ -275,6 +275,15 @@ def fmus(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
         "    self._y = self._u + (self._y - self._u) * 2.718281828459045 ** -h\n    return True\n",
         {},
     )
+    wide = range(40)
+    add(
+        "Wide",  # says of no output that it depends on nothing
+        [v for i in wide for v in (variable(f"u{i}", "input"), variable(f"y{i}", "output"))],
+        "def calc(self):\n"
+        "    for i in range(40):\n        setattr(self, f'_y{i}', float(i))\n"
+        "def do_step(self, t, h):\n    return True\n",
+        None,
+    )
     add(
         "Digital",  # a discrete output for the input of the moment
         [variable("x", "input"), variable("u", "output"), variable("k", "parameter", start=1.0)],

@@ -80,3 +80,21 @@ def test_a_parameter_without_index_is_that_of_all_elements(pack, xml):
         "parameter 'a.k': expected a value of type Real, got 'x'",
         "parameter 'a.kk': a has no variable 'kk'; did you mean k?",
     ]
+
+
+def test_a_value_that_a_connection_overrules_is_noted(pack, xml):
+    c = xml.component
+    path = pack(
+        [
+            c("d", "Derived", "twice:calculatedParameter"),
+            c("g", "Gain", "k:parameter u:input y:output"),
+            c("r", "Ramp", "y:output"),
+        ],
+        ["d.twice -> g.k", "r.y -> g.u"],
+    )
+    results = simulate(path, step=0.5, parameters={"g.k": 50.0, "g.u": 7.0})
+    assert results["g.y"][-1] == 2.0 * results["g.u"][-1]
+    assert [note for note in results.summary["notes"] if "no effect" in note] == [
+        "g.k: the value that was given has no effect; it is that of d.twice, which feeds it",
+        "g.u: the value that was given has no effect; it is that of r.y, which feeds it",
+    ]

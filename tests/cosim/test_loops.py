@@ -7,8 +7,10 @@ import pytest
 
 from vdfmu.cosim import simulate
 from vdfmu.cosim.broyden import Broyden
+from vdfmu.cosim.check import check_system
 from vdfmu.cosim.container import write_container
 from vdfmu.errors import CosimError, SspError, UsageError
+from vdfmu.ssp import load_ssp
 
 
 @pytest.mark.parametrize("k", [(0.5, 0.5), (-3.0, 2.0), (4.0, 5.0)])
@@ -59,6 +61,33 @@ def test_a_loop_of_integers_settles_or_is_told(pack, xml):
     links = [xml.connection("a.io -> b.ii", table), "b.io -> a.ii"]  # b reads 0 for 1 and for 2
     results = simulate(pack(units, links), stop=1.0, step=0.5, algorithm="jacobi")
     assert (results["a.io"][0], results["b.io"][0]) == (2, 1)
+
+
+def test_a_value_that_is_none_is_told(pack, xml):
+    c = xml.component
+    path = pack(
+        [c("b", "Adder", "a:input b:input y:output"), c("t", "Ramp", "y:output")],
+        ["b.y -> b.a", "t.y -> b.b"],
+    )
+    with pytest.raises(CosimError, match=r"b\.y -> b\.a is no number"):
+        simulate(
+            path, start=1.0, stop=2.0, step=0.5, parameters={"t.slope": float("nan")}, algorithm="iterative"
+        )
+
+
+def test_one_loop_of_many_connections_is_one_note_and_is_torn_at_one_unit(pack, xml):
+    c, n = xml.component, 40
+    path = pack(
+        [c("a", "Wide", " ".join(f"u{i}:input y{i}:output" for i in range(n))),
+         c("b", "Wide", " ".join(f"u{i}:input y{i}:output" for i in range(n)))],
+        [f"{x}.y{i} -> {y}.u{i}" for i in range(n) for x, y in (("a", "b"), ("b", "a"))],
+    )  # fmt: skip
+    checked = check_system(load_ssp(path), algorithm="jacobi")
+    assert len(checked.schedule.initial.torn) == n
+    assert {link.end[0] for link in checked.schedule.initial.torn} in ({"a"}, {"b"})
+    assert len([note for note in checked.notes if "loop" in note]) == 1
+    results = simulate(path, stop=1.0, step=0.5, algorithm="jacobi")
+    assert results["a.y3"].tolist() == [3.0, 3.0, 3.0]
 
 
 # ---------------------------------------------------------------- Broyden's method

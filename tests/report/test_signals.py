@@ -85,3 +85,38 @@ def test_hidden_signals_have_no_panel_and_no_signals_no_picture(tmp_path):
     assert signals_figure(results, tmp_path, {"a.u", "a.y"}) == []
     (path,) = signals_figure(results, tmp_path)
     assert path.read_bytes().startswith(b"\x89PNG")
+
+
+def test_any_name_unit_and_value_can_be_drawn(tmp_path):
+    """Dollar signs are no formulas, and values at the ends of the range of numbers do not stop the picture."""
+    long = "vehicle.body.suspension.frontLeft.wheel.bearing.angularVelocity.filtered"
+    results = make(
+        (r"a.$\bad$", "real", r"$\foo$"), ("a.$x_{$", "real", ""), (long, "real", "rad/s"),
+        *((f"a.v{i}", "real", "") for i in range(5)),
+    )  # fmt: skip
+    results.summary["system"] = r"A $\bad$ B " + 30 * "long "
+    data = results._data["real"]
+    for column, values in enumerate((1e-310, 1.7e308, 5e-324, np.inf, np.nan), start=3):
+        data[:, column] = np.where(results.time > 0.3, values, -1.0)
+    figure = draw_signals(results)
+    figure.draw_without_rendering()
+    assert all(len(text) <= 2 * 38 for text in titles(figure))
+    assert titles(figure)[2] == f"{long[:18]}…{long[-19:]}"
+    (path,) = signals_figure(results, tmp_path)
+    assert path.exists()
+
+
+@pytest.mark.parametrize(("count", "drawn"), [(8, 8), (12, 8)])
+def test_the_legend_of_an_array_stays_beside_its_panel(count, drawn):
+    array = [(f"a.x[{i}]", "real", "") for i in range(1, count + 1)]
+    results = make(*array, *((f"a.y{i}", "real", "") for i in range(11)))
+    figure = draw_signals(results)
+    figure.draw_without_rendering()
+    panel, below = figure.axes[0], figure.axes[3]
+    assert len(panel.lines) == drawn
+    legend = panel.get_legend().get_window_extent()
+    assert legend.y0 > below.get_window_extent().y1
+    words = figure.texts[-1].get_text().replace("\n", " ")
+    assert ("first 8 elements" in words) == (count > 8)
+    alone = draw_signals(make(*array))
+    assert len(alone.axes[0].lines) == count

@@ -128,9 +128,9 @@ def test_names_that_occur_twice(package):
     text = ssd(component("c", "u:input u:input", inner=binding({"a": "", "b": ""}, [("a", "k"), ("b", "k")])))
     path = package(text, {"B.ssd": ssd(component("c"))})
     assert problems(path) == [
+        "x.ssp: parameter binding of c: the mapping has several entries for target 'k', from 'a', 'b'; keep one",
         "x.ssp: SystemStructure.ssd, line 4: two connectors are named c.u; names of connectors of one element must "
         "differ",
-        "x.ssp: SystemStructure.ssd, line 5: the mapping has several entries for target 'k', from 'a', 'b'; keep one",
     ]
     same = "SystemStructure.ssd and B.ssd: have the same name, 'n', by which tools let users choose"
     assert same in inspect_file(path, run=False).notes

@@ -64,6 +64,8 @@ def main() -> None:
         fail(error, 2)
     except VdfmuError as error:
         fail(error, 1)
-    except BrokenPipeError:
+    except OSError as error:  # of the output of a command: files have errors of their own
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        if not isinstance(error, BrokenPipeError):
+            fail(f"the output cannot be written: {error.strerror or error}", 1)
         sys.exit(1)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
@@ -51,6 +52,7 @@ def run(
 ) -> None:
     """Run a scenario: build what is stale, co-simulate, solve the references, compare, write tables and figures."""
     from vdfmu.report import tables
+    from vdfmu.study.folder import RUN_OUTPUTS
     from vdfmu.study.run import run as run_study
 
     if Path(scenario).suffix.lower() == ".ssp":
@@ -78,7 +80,7 @@ def run(
     )
     if "reference" in summary:
         console.print(tables.reference_table(summary))
-    _say_written(out if out is not None else Path("results") / summary["scenario"])
+    _say_written(out if out is not None else Path("results") / summary["scenario"], RUN_OUTPUTS)
 
 
 def simulate(
@@ -118,9 +120,10 @@ def simulate(
 ) -> None:
     """Run a system package, and write its signals and a picture of them.
 
-    What is not given is taken from the package's default experiment and its annotations.
+    Start, stop, step and master that are not given are those of the package's default experiment and its annotations.
     """
     from vdfmu.report import tables
+    from vdfmu.study.folder import SYSTEM_OUTPUTS
     from vdfmu.study.system import default_folder, run_system
 
     with Bars() as bars:
@@ -141,8 +144,13 @@ def simulate(
             log=bars.log,
         )
     console.print(tables.run_panel(results.summary))
-    _say_written(out if out is not None else default_folder(package))
+    for note in results.summary["notes"]:
+        if note.startswith("signals.png"):
+            say(f"note: {note}")
+    _say_written(out if out is not None else default_folder(package), SYSTEM_OUTPUTS)
 
 
-def _say_written(folder: Path) -> None:
-    say(f"Written to {folder}: {', '.join(sorted(p.name for p in folder.iterdir()))}")
+def _say_written(folder: Path, outputs: Sequence[str]) -> None:
+    from vdfmu.study.folder import written
+
+    say(f"Written to {folder}: {', '.join(written(folder, outputs))}")

@@ -60,11 +60,12 @@ class Broyden:
             Number of repetitions.
         """
         kept = self.inverse is not None
-        sizes, count = self._try(guess, repeat, size, tolerance)
-        if kept and not np.all(sizes <= tolerance):  # what was learnt may be of another regime
-            self.inverse = None
-            sizes, more = self._try(guess, repeat, size, tolerance)
-            count += more
+        with np.errstate(invalid="ignore", over="ignore"):  # the caller is told by the sizes
+            sizes, count = self._try(guess, repeat, size, tolerance)
+            if kept and not np.all(sizes <= tolerance):  # what was learnt may be of another regime
+                self.inverse = None
+                sizes, more = self._try(guess, repeat, size, tolerance)
+                count += more
         if not np.all(sizes <= tolerance):
             self.inverse = None
         return sizes, count

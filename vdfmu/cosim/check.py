@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 from vdfmu.cosim.abilities import check_abilities
@@ -95,11 +95,13 @@ def check_system(
     known = {
         c.name: checker.descriptions[c.name] for c in system.components if c.name in checker.descriptions
     }
+    for name, values in starts.items():  # start values of inputs are common, and worth no word
+        parameters_of = [v for v in values if (name, v) in {k.end for k in links if not k.stepped}]
+        checker.notes += _fed(name, parameters_of, links, "the value of the parameter set")
     schedule, loops = make_schedule(known, links, algorithm)
     checker.problems += loops
-    checker.notes += [
-        f"algebraic loop during initialization, solved: {loop}" for loop in schedule.initial.loops
-    ]
+    for loop in dict.fromkeys(schedule.initial.loops):
+        checker.notes.append(f"algebraic loop during initialization, solved: {loop}")
     problems, notes = check_abilities(known, links, schedule, algorithm, repeats)
     checker.problems += problems
     checker.notes += notes
@@ -107,6 +109,7 @@ def check_system(
         raise SspError(list(dict.fromkeys(checker.problems)))
     for name, values in _overrides(known, parameters or {}).items():
         starts.setdefault(name, {}).update(values)
+        checker.notes += _fed(name, values, links, "the value that was given")
     return Checked(
         system=system,
         descriptions=known,
@@ -365,6 +368,16 @@ def _overrides(descriptions: Mapping[str, Description], parameters: Mapping[str,
 
 def _named(variables: Mapping[str, Variable], name: str) -> list[str]:
     return [name] if name in variables else [v for v in variables if v.startswith(f"{name}[")]
+
+
+def _fed(name: str, values: Iterable[str], links: Sequence[Link], what: str) -> list[str]:
+    """Return the notes on values of variables of a component that a connection feeds."""
+    sources = {link.end: link.start for link in links}
+    return [
+        f"{name}.{variable}: {what} has no effect; it is that of {'.'.join(sources[name, variable])}, which feeds it"
+        for variable in values
+        if (name, variable) in sources
+    ]
 
 
 def _why_not(variable: Variable) -> str:

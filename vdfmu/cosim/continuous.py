@@ -274,10 +274,11 @@ class ContinuousStepper:
             return
         i = int(np.argmax(sizes))
         unit, variable = self._variables[torn[i]]
+        still = f"still changes by {sizes[i]:.3g} of its size" if math.isfinite(sizes[i]) else "is no number"
         way = "" if self.error is not None else ", or error control (adaptive)"
         raise CosimError(
             unit, "doStep", time,
-            f"the coupling does not converge: {variable.name} still changes by {sizes[i]:.3g} of its size after "
+            f"the coupling does not converge: {variable.name} {still} after "
             f"{count} repetitions of the step (wanted: {self.convergence:g}); choose a shorter step{way}",
         )  # fmt: skip
 

@@ -161,10 +161,15 @@ class Exchange:
         worst = int(np.argmax(sizes))
         if not sizes[worst] <= convergence:
             link = initial.torn[worst]
+            still = (
+                f"still changes by {sizes[worst]:.3g} of its size"
+                if np.isfinite(sizes[worst])
+                else "is no number"
+            )
             raise CosimError(
                 link.start[0], "initialization", time,
-                f"the values do not agree after {count} repetitions: {link} still changes by {sizes[worst]:.3g} of its "
-                f"size (wanted: {convergence:g}). Algebraic loop: {initial.loops[worst]}. Give start values nearer to "
+                f"the values do not agree after {count} repetitions: {link} {still} "
+                f"(wanted: {convergence:g}). Algebraic loop: {initial.loops[worst]}. Give start values nearer to "
                 "the solution, or break the loop",
             )  # fmt: skip
 

@@ -259,7 +259,9 @@ class _Run:
             if self._folder is not None:
                 shutil.rmtree(self._folder, ignore_errors=True)
 
-    def initialize(self, begin: float, end: float, tolerance: float | None, convergence: float) -> None:
+    def initialize(
+        self, begin: float, end: float, tolerance: float | None, convergence: float = _CONVERGENCE
+    ) -> None:
         """Take all units through initialization; leaves the outputs at `begin` in the exchange."""
         self.box.time = begin
         for name, slave in self.slaves.items():

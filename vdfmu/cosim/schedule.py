@@ -243,18 +243,26 @@ def _variable_graph(
 
 def _tear(
     ports: Sequence[Port], edges: set[tuple[Port, Port]], links: Sequence[Link]
-) -> dict[Port, tuple[Link, list[Port]]]:
-    """Take connections away until the edges have no cycle; return them by their ends, each with a cycle that it closed.
+) -> dict[Port, tuple[Link, Sequence[Port]]]:
+    """Take connections away until the edges have no cycle; return them by their ends, with a cycle of their loop.
 
-    Of a cycle a continuous one goes first: a guess of it can be improved.
+    Of a loop all connections into one unit go, that with the fewest discrete ones, which no guess improves, and the
+    fewest at all.
     """
-    by_ends = {(k.start, k.end): k for k in links}
-    torn: dict[Port, tuple[Link, list[Port]]] = {}
+    torn: dict[Port, tuple[Link, Sequence[Port]]] = {}
+    loop_of: dict[Port, Sequence[Port]] = {}
     while found := cycles(ports, edges):
-        for _, cycle in found:
-            link = min((by_ends[p] for p in _pairs(cycle) if p in by_ends), key=lambda k: k.discrete)
-            torn[link.end] = link, cycle
-            edges.discard((link.start, link.end))
+        for part, cycle in found:
+            inside = set(part)
+            into: dict[str, list[Link]] = {}
+            for link in links:
+                if link.start in inside and link.end in inside and (link.start, link.end) in edges:
+                    into.setdefault(link.end[0], []).append(link)
+            for port in part:
+                loop_of.setdefault(port, cycle)
+            for link in min(into.values(), key=lambda each: (sum(k.discrete for k in each), len(each))):
+                torn[link.end] = link, loop_of[link.end]
+                edges.discard((link.start, link.end))
     return torn
 
 

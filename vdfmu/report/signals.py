@@ -7,6 +7,7 @@ from collections.abc import Collection
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
@@ -19,8 +20,12 @@ __all__ = ["draw_signals", "signals_figure"]
 
 PANELS = 12
 """Panels of a picture; more would be too small to read."""
-_CURVES = 28
-"""Curves of a panel that differ in colour or dashes."""
+_CURVES, _CURVES_ALONE = 8, 28
+"""Curves of a panel whose legend fits beside it, and of one that is alone; those differ in colour or dashes."""
+_TITLE, _TITLE_ALONE = 38, 80
+"""Characters of the title of a panel."""
+_LEAST, _LARGEST = 1e-290, 1e290
+"""Values that matplotlib can draw."""
 _INDEX = re.compile(r"(.+)(\[\d+(?:,\d+)*\])")
 
 
@@ -58,35 +63,48 @@ def draw_signals(results: Results, hidden: Collection[str] = ()) -> Figure:
     left = len(panels) - len(shown)
     if left:
         caption += f" {left} more variables are in results.csv; --record chooses others."
-    if any(len(p.curves) > _CURVES for p in shown):
-        caption += f" Of arrays the first {_CURVES} elements."
-    columns = 1 if len(shown) == 1 else 2 if len(shown) <= 6 else 3
+    alone = len(shown) == 1
+    most = _CURVES_ALONE if alone else _CURVES
+    if any(len(p.curves) > most for p in shown):
+        caption += f" Of arrays the first {most} elements."
+    columns = 1 if alone else 2 if len(shown) <= 6 else 3
     rows = -(-len(shown) // columns)
     figure = style.new_figure(
-        f"Signals of {facts['system']}", caption, width=3.9 * columns if columns > 1 else style.WIDTH,
+        _plain(f"Signals of {facts['system']}", _TITLE_ALONE),
+        _plain(caption, 10 * _TITLE_ALONE),
+        width=3.9 * columns if columns > 1 else style.WIDTH,
         height=1.0 + (3.2 if rows == 1 else 2.2) * rows,
-    )  # fmt: skip
+    )
     grid: NDArray[Any] = figure.subplots(rows, columns, squeeze=False)
     axes: list[Axes] = grid.ravel().tolist()
     for spare in axes[len(shown) :]:
         spare.remove()
     for place, panel in zip(axes, shown, strict=False):
-        _draw(place, results, panel)
+        _draw(place, results, panel, most, _TITLE_ALONE if alone else _TITLE)
     style.label_time(axes[: len(shown)], columns)
     return figure
 
 
-def _draw(axes: Axes, results: Results, panel: _Panel) -> None:
+def _draw(axes: Axes, results: Results, panel: _Panel, most: int, length: int) -> None:
     handles: list[Line2D] = []
-    for i, (label, name) in enumerate(panel.curves[:_CURVES]):
+    for i, (label, name) in enumerate(panel.curves[:most]):
         look = style.joint_look(i)
         if results.kinds[name] != "real":
             look["drawstyle"] = "steps-post"
         values = results[name].astype(float)
+        values[~(np.abs(values) <= _LARGEST)] = np.nan
+        values[np.abs(values) < _LEAST] = 0.0
         handles.append(style.curve(axes, results.time, values, label=label, **look))
-    style.dress(axes, panel.title, "", panel.unit, results.time)
+    style.dress(axes, _plain(panel.title, length), "", _plain(panel.unit, length), results.time)
     if len(handles) > 1:
         style.legend_beside(axes, handles)
+
+
+def _plain(text: str, length: int) -> str:
+    """Return a text that matplotlib takes for no formula, shortened in its middle."""
+    if len(text) > length:
+        text = f"{text[: length // 2 - 1]}…{text[-(length - length // 2) :]}"
+    return text.replace("$", r"\$")
 
 
 def _panels(results: Results, hidden: Collection[str]) -> list[_Panel]:

@@ -217,6 +217,14 @@ class Bindings:
     def _mapped(self, entries: list[_Entry], mapping: Any, where: str) -> list[_Entry]:
         by_name = {entry.name: entry for entry in entries}
         mapped: list[_Entry] = []
+        sources: dict[str, list[str]] = {}
+        for item in mapping.iterfind("ssm:MappingEntry", NAMESPACES):
+            sources.setdefault(item.get("target"), []).append(repr(item.get("source")))
+        self.fatal += [
+            f"{where}: the mapping has several entries for target {target!r}, from {', '.join(names)}; keep one"
+            for target, names in sources.items()
+            if len(names) > 1
+        ]
         for item in mapping.iterfind("ssm:MappingEntry", NAMESPACES):
             entry = by_name.get(item.get("source"))
             if entry is None:

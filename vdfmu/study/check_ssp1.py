@@ -67,7 +67,9 @@ def check_ssp1(path: Path, variant: str, folder: Path, checked: set[str]) -> Fin
 def _system(system: System, units: Mapping[str, Sequence[str]]) -> Findings:
     """Hold the system against its FMUs; what is wrong with an FMU itself is left to its own check."""
     try:
-        return Findings(notes=list(check_system(system, algorithm=master_of(system), ignore_unmatched=True).notes))
+        return Findings(
+            notes=list(check_system(system, algorithm=master_of(system), ignore_unmatched=True).notes)
+        )
     except SspError as error:
         starts = tuple(f"{c.name}: {c.source}: " for c in system.components if units.get(c.source))
         return Findings([p for p in error.problems if _MASTER in p or not p.startswith(starts)])
@@ -109,9 +111,7 @@ def _file_faults(archive: Archive, variant: str, label: str) -> list[str]:
             faults += encoding_faults(root, where)
         if kind == "ssd":
             faults += _twice_faults(root, where)
-        if kind == "ssm":
-            faults += _target_faults(root, where)
-        else:
+        if kind != "ssm":
             faults += _unit_faults(kind, root, units, where)
     return faults
 
@@ -225,15 +225,3 @@ def _twice_faults(root: Any, where: str) -> list[str]:
                 )
             seen.add(name)
     return faults
-
-
-def _target_faults(root: Any, where: str) -> list[str]:
-    """Return the entries of a mapping that go to one name."""
-    sources: dict[str, list[str]] = {}
-    for item in root.iterfind("ssm:MappingEntry", NAMESPACES):
-        sources.setdefault(str(item.get("target")), []).append(repr(item.get("source")))
-    return [
-        f"{where}: the mapping has several entries for target {target!r}, from {', '.join(names)}; keep one"
-        for target, names in sources.items()
-        if len(names) > 1
-    ]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -11,31 +11,36 @@ from vdfmu.cosim import Interrupted, Results
 from vdfmu.cosim.master import InterruptGuard
 from vdfmu.errors import CosimError, UsageError, VdfmuError
 
-__all__ = ["keep", "make_empty", "write", "write_summary"]
+__all__ = ["RUN_OUTPUTS", "SYSTEM_OUTPUTS", "keep", "make_empty", "write", "write_summary", "written"]
 
-_OUTPUTS = (
-    "results.csv",
+SYSTEM_OUTPUTS = ("results.csv", "signals.png", "summary.json")
+"""Files that a run of a package writes, and replaces in the folder of an earlier one; no package is among them."""
+RUN_OUTPUTS = (
+    *SYSTEM_OUTPUTS,
     "container.fmu",
-    "summary.json",
     "system.ssp",
     *(f"figure_{number}.png" for number in (7, 8, 10, 11, 13, 14)),
     "torques.png",
     "errors.png",
-    "signals.png",
 )
-"""Files that a run writes, and replaces in the folder of an earlier one."""
+"""Files that the run of a scenario writes and replaces."""
 
 
-def make_empty(folder: Path) -> None:
+def make_empty(folder: Path, outputs: Sequence[str]) -> None:
     """Make the folder of the results, without the files of an earlier run."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        for name in _OUTPUTS:
+        for name in outputs:
             (folder / name).unlink(missing_ok=True)
     except OSError as error:
         raise UsageError(
             f"{folder}: cannot hold the results: {error}. Choose another folder with --out."
         ) from error
+
+
+def written(folder: Path, outputs: Sequence[str]) -> list[str]:
+    """Return the names of the files that a run has written."""
+    return sorted(name for name in outputs if (folder / name).exists())
 
 
 def write(results: Results, folder: Path) -> None:

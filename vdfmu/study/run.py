@@ -29,7 +29,7 @@ from vdfmu.ssp.parameters import system_values
 from vdfmu.ssp.read import load_ssp
 from vdfmu.ssp.write import write_ssp
 from vdfmu.study.contrast import contrast
-from vdfmu.study.folder import keep, make_empty, write, write_summary
+from vdfmu.study.folder import RUN_OUTPUTS, keep, make_empty, write, write_summary
 from vdfmu.study.summary import compare, power_bond, sampling_warnings, tracking_errors
 
 __all__ = ["cached_fmus", "prepare", "run"]
@@ -156,7 +156,7 @@ def run(
             raise UsageError(
                 f"scenario {scenario.name} has no units, so there is nothing to set: {', '.join(settings)}."
             )
-        make_empty(folder)
+        make_empty(folder, RUN_OUTPUTS)
         return _run_contrast(scenario, folder)
 
     if container and backend is None:
@@ -171,7 +171,7 @@ def run(
     if log is not None:
         for warning in warnings:  # before the run, which may fail for what they say
             log(LogMessage("", 0.0, "warning", "", warning))
-    make_empty(folder)
+    make_empty(folder, RUN_OUTPUTS)
     report("build", 0, 1)
     package = write_ssp(scenario, cached_fmus(scenario.robot, backend), folder / "system.ssp", values)
     if container:

@@ -9,10 +9,10 @@ from typing import Any
 
 from vdfmu import __version__
 from vdfmu.cosim import Interrupted, LogMessage, Results, simulate
-from vdfmu.errors import CosimError, UsageError
+from vdfmu.errors import CosimError, UsageError, VdfmuError
 from vdfmu.report.signals import signals_figure
 from vdfmu.ssp.read import DEFAULT, load_ssp
-from vdfmu.study.folder import keep, make_empty, write
+from vdfmu.study.folder import SYSTEM_OUTPUTS, keep, make_empty, write, write_summary
 
 __all__ = ["default_folder", "run_system"]
 
@@ -89,7 +89,7 @@ def run_system(
 
     def advance(done: int, total: int) -> None:
         if done == 0:  # all checks are passed: results of an earlier run go now, and a full disk shows
-            make_empty(folder)
+            make_empty(folder, SYSTEM_OUTPUTS)
         if progress is not None:
             progress("co-simulation", done, total)
 
@@ -107,5 +107,13 @@ def run_system(
     results.summary = summary | done | {"real_time_factor": factor}
     write(results, folder)
     inputs = {".".join(connection.end) for connection in system.connections}
-    signals_figure(results, folder, hidden=() if record else inputs)
+    try:
+        signals_figure(results, folder, hidden=() if record else inputs)
+    except VdfmuError:
+        raise
+    except (
+        Exception
+    ) as error:  # whatever the names and values of another tool do to the picture: the results are there
+        results.summary["notes"].append(f"signals.png could not be drawn: {error}")
+        write_summary(results.summary, folder)
     return results
