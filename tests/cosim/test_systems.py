@@ -248,3 +248,22 @@ def test_a_signal_dictionary_joins_what_refers_to_it(pack, xml):
     system = load_ssp(path)
     assert [str(c) for c in system.connections] == ["r.y -> g.u"]
     assert simulate(path, stop=2.0, step=1.0)["g.u"].tolist() == [0.0, 0.0, 1.0]
+
+
+def test_connectors_of_the_outermost_system_fit_what_they_join(pack, xml):
+    units = (
+        '<ssc:Unit name="m"><ssc:BaseUnit m="1"/></ssc:Unit><ssc:Unit name="kg"><ssc:BaseUnit kg="1"/></ssc:Unit>'
+        + MM
+    )
+    path = pack(
+        [xml.component("r", "Radians", "m:input:Real:m u:input:Real y:output:Real:m width:parameter:Real:m")],
+        ["M -> r.m", "U -> r.u", "r.y -> Y", "W -> r.width"],
+        connectors="M:input:Real:kg U:input:Integer Y:output:Real:mm W:parameter:Real:mm",
+        units=units,
+    )
+    with pytest.raises(SspError) as info:
+        check_system(load_ssp(path))
+    assert info.value.problems == [
+        "connection M -> r.m: unit mismatch, 'kg' (kg) to 'm' (m)",
+        "connection U -> r.u: type mismatch, Integer to Real",
+    ]

@@ -9,7 +9,7 @@ from typing import Any
 from vdfmu.errors import SspError
 from vdfmu.ssp.archive import NAMESPACES
 from vdfmu.ssp.elements import Node, read_boolean, read_transformation
-from vdfmu.ssp.structure import Connection, Hop
+from vdfmu.ssp.structure import Connection, Connector, Hop, Unit
 
 Key = tuple[tuple[str, ...], str]
 
@@ -120,14 +120,38 @@ class Wiring:
         except SspError as error:
             self.problems += error.problems
             return
-        target = second.connectors[names[1][1]]
+        begin, target = first.connectors[names[0][1]], second.connectors[names[1][1]]
         hop = Hop(
             transformation,
             read_boolean(item.get("suppressUnitConversion")),
             target.unit,
             target.type,
         )
+        if (
+            not node.path
+        ):  # paths from component to component do not lead over the connectors of the outermost system
+            self.problems += [
+                f"{where}: {fault}" for fault in self._outer_faults(node, begin, target, hop, kinds)
+            ]
         self.forward.setdefault(source, []).append((sink, hop))
+
+    def _outer_faults(
+        self, node: Node, begin: Connector, target: Connector, hop: Hop, kinds: Sequence[str]
+    ) -> list[str]:
+        """Return how the connectors of a connection to the outermost system itself do not fit together."""
+        if not any(kind.startswith("system ") for kind in kinds):
+            return []
+        faults: list[str] = []
+        types = {begin.type, target.type}
+        if None not in types and len(types) > 1 and hop.transformation is None:
+            faults.append(f"type mismatch, {begin.type} to {target.type}")
+        if begin.unit and target.unit and not hop.suppress_unit_conversion:
+            units = [node.scope.units.get(unit, Unit(unit)) for unit in (begin.unit, target.unit)]
+            known = [unit.exponents for unit in units]
+            if None not in known and known[0] != known[1]:
+                a, b = units
+                faults.append(f"unit mismatch, {a.name!r} ({a.dimension}) to {b.name!r} ({b.dimension})")
+        return faults
 
     def _expected(self, kinds: Sequence[str]) -> str:
         """Say what can feed connectors of these kinds."""
