@@ -95,9 +95,11 @@ def check_system(
     known = {
         c.name: checker.descriptions[c.name] for c in system.components if c.name in checker.descriptions
     }
-    for name, values in starts.items():  # start values of inputs are common, and worth no word
-        parameters_of = [v for v in values if (name, v) in {k.end for k in links if not k.stepped}]
-        checker.notes += _fed(name, parameters_of, links, "the value of the parameter set")
+    fixed = [
+        link for link in links if not link.stepped
+    ]  # start values of inputs are common, and worth no word
+    for name, values in starts.items():
+        checker.notes += _fed(name, values, fixed, "the value of the parameter set")
     schedule, loops = make_schedule(known, links, algorithm)
     checker.problems += loops
     for loop in dict.fromkeys(schedule.initial.loops):
