@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -95,7 +94,7 @@ class Bindings:
                 self.fatal += error.problems
                 continue
             for entry in entries:
-                places = list(_places(node, entry.name))
+                places = list(node.places(entry.name))
                 for place, name in places:
                     others = tuple((self._name(n), m) for n, m in places if n is not place)
                     self._bound[place.path, name] = _Bound(entry, place, len(node.path), others)
@@ -264,15 +263,3 @@ class Bindings:
                 prefix + name, value, kind, units.get(unit, Unit(unit)) if unit else None, Hop(), origin
             )
         return list(entries.values())
-
-
-def _places(node: Node, name: str) -> Iterator[tuple[Node, str]]:
-    """Yield all that a name means in `node`: connectors of systems, and variables of components."""
-    if node.kind == "component":
-        yield node, name
-        return
-    if name in node.connectors:
-        yield node, name
-    for element, child in node.children.items():
-        if name.startswith(element + "."):
-            yield from _places(child, name[len(element) + 1 :])

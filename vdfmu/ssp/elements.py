@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import posixpath
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Any
 from urllib.parse import unquote, urlsplit
@@ -104,6 +105,14 @@ class Node:
     def label(self) -> str:
         """The dotted name."""
         return ".".join(self.path)
+
+    def places(self, name: str) -> Iterator[tuple[Node, str]]:
+        """Yield all that a name means in an element: connectors of systems, and variables of components."""
+        if self.kind == "component" or name in self.connectors:
+            yield self, name
+        for element, child in self.children.items():  # a component has none
+            if name.startswith(element + "."):
+                yield from child.places(name[len(element) + 1 :])
 
     def dotted(self, name: str) -> str:
         """Return the dotted name of an element or connector of this node."""

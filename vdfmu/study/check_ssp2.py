@@ -26,7 +26,6 @@ from vdfmu.study.check_values import (
     dimension_faults,
     fmu_units,
     parameter_faults,
-    places,
     shape_of,
     show_shape,
     unit_faults,
@@ -252,7 +251,7 @@ class _Check:
         self, node: Node, item: Any, target: str, plain: bool, units: Mapping[str, Unit], where: str
     ) -> None:
         """Check a value against all that has the name; `plain` without a transformation on the way."""
-        found = list(places(node, target))
+        found = list(node.places(target))
         if not found:
             self.findings.notes.append(
                 f"{where}: parameter {target!r} matches no element or connector; the value is ignored"

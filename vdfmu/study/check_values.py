@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 from vdfmu.ssp.archive import NAMESPACES
@@ -18,7 +18,6 @@ __all__ = [
     "dimension_faults",
     "fmu_units",
     "parameter_faults",
-    "places",
     "shape_of",
     "show_shape",
     "unit_faults",
@@ -263,15 +262,3 @@ def _setting_faults(kind: str, variable: Any) -> list[str]:
     if kind not in _FITTING.get(variable.type, {variable.type}):
         faults.append(f"type mismatch, {kind} for a variable of type {variable.type}")
     return faults
-
-
-def places(node: Node, name: str) -> Iterator[tuple[Node, str]]:
-    """Yield all that a name means in an element: connectors of systems, and variables of components."""
-    if node.kind == "component":
-        yield node, name
-        return
-    if name in node.connectors:
-        yield node, name
-    for element, child in node.children.items():
-        if name.startswith(element + "."):
-            yield from places(child, name[len(element) + 1 :])
