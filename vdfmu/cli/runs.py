@@ -144,9 +144,6 @@ def simulate(
             log=bars.log,
         )
     console.print(tables.run_panel(results.summary))
-    for note in results.summary["notes"]:
-        if note.startswith("signals.png"):
-            say(f"note: {note}")
     _say_written(out if out is not None else default_folder(package), SYSTEM_OUTPUTS)
 
 

@@ -95,9 +95,8 @@ def check_system(
     known = {
         c.name: checker.descriptions[c.name] for c in system.components if c.name in checker.descriptions
     }
-    fixed = [
-        link for link in links if not link.stepped
-    ]  # start values of inputs are common, and worth no word
+    # start values of inputs in parameter sets are common, and worth no word
+    fixed = {link.end: link.start for link in links if not link.stepped}
     for name, values in starts.items():
         checker.notes += _fed(name, values, fixed, "the value of the parameter set")
     schedule, loops = make_schedule(known, links, algorithm)
@@ -109,9 +108,10 @@ def check_system(
     checker.notes += notes
     if checker.problems:
         raise SspError(list(dict.fromkeys(checker.problems)))
+    fed = {link.end: link.start for link in links}
     for name, values in _overrides(known, parameters or {}).items():
         starts.setdefault(name, {}).update(values)
-        checker.notes += _fed(name, values, links, "the value that was given")
+        checker.notes += _fed(name, values, fed, "the value that was given")
     return Checked(
         system=system,
         descriptions=known,
@@ -372,9 +372,8 @@ def _named(variables: Mapping[str, Variable], name: str) -> list[str]:
     return [name] if name in variables else [v for v in variables if v.startswith(f"{name}[")]
 
 
-def _fed(name: str, values: Iterable[str], links: Sequence[Link], what: str) -> list[str]:
-    """Return the notes on values of variables of a component that a connection feeds."""
-    sources = {link.end: link.start for link in links}
+def _fed(name: str, values: Iterable[str], sources: Mapping[Port, Port], what: str) -> list[str]:
+    """Return the notes on values of variables of a component that a connection feeds, by what feeds each."""
     return [
         f"{name}.{variable}: {what} has no effect; it is that of {'.'.join(sources[name, variable])}, which feeds it"
         for variable in values

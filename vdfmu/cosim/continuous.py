@@ -103,9 +103,8 @@ class ContinuousStepper:
                     raise KeyboardInterrupt
                 if self._attempt(time, end - time, step):
                     time = end
-        np.copyto(
-            self._coupled.inputs, self._coupled.ends
-        )  # what a row holds of an input is its value at the end
+        # what a row holds of an input is its value at the end
+        np.copyto(self._coupled.inputs, self._coupled.ends)
 
     def facts(self) -> dict[str, Any]:
         """Return what the summary says of the steps."""
@@ -183,20 +182,22 @@ class ContinuousStepper:
                 raise
             sizes, failure = np.zeros(0), error
         ratio = math.inf if failure is not None else float(sizes.max(initial=0.0))
-        switched = ratio <= 1.0 and self._switched()
+        changed = self._changed()
+        # what changes with every step has the communication points themselves for its time
+        switched = ratio <= 1.0 and bool(np.any(changed & ~self._changing))
         if switched and _LEAST * h >= _SHORTEST * longest:
             ratio = math.inf  # its readers are to know when
         self._h = min(h * min(max(_SAFETY / math.sqrt(max(ratio, 1e-12)), _LEAST), _MOST), longest)
         if ratio <= 1.0:
             self._since_jump += 1
-            self._accept(h, longest, switched)
+            self._accept(h, longest, changed, switched)
             return True
         if self._h < _SHORTEST * longest:
             if failure is not None:
                 raise failure
             if math.isfinite(ratio) and self._since_jump >= _BETWEEN_JUMPS:
                 self._since_jump = 0
-                self._accept(h, longest, True)  # so short that what is wrong with it does not count
+                self._accept(h, longest, changed, True)  # so short that what is wrong with it does not count
                 return True
             unit, variable = self._variables[int(np.argmax(sizes))]
             raise CosimError(
@@ -211,25 +212,17 @@ class ContinuousStepper:
         self._restore(self._repeated)
         return False
 
-    def _accept(self, h: float, longest: float, jump: bool) -> None:
+    def _accept(self, h: float, longest: float, changed: NDArray[np.bool_], jump: bool) -> None:
         """Accept a step; after a jump what was predicted from the signals before it is worth nothing."""
         self._done(h)
-        self._changing = self._changed()
+        self._changing = changed
         if jump:
             self._last, self._h = 0.0, _FIRST * longest
             self.jumps += 1
 
     def _changed(self) -> NDArray[np.bool_]:
         """Tell which discrete signals have another value than at the start of the step."""
-        pairs = [outputs[own] != before[own] for outputs, before, own in self._coupled.switches]
-        return np.concatenate(pairs)
-
-    def _switched(self) -> bool:
-        """Tell whether a discrete signal has changed that had not in the step before.
-
-        One that changes with every step has the communication points themselves for its time.
-        """
-        return bool(np.any(self._changed() & ~self._changing))
+        return np.concatenate([now[own] != before[own] for now, before, own in self._coupled.switches])
 
     def _errors(self, predicted: Floats, h: float) -> Floats:
         """Return the errors of the outputs in the step, relative to their sizes; infinite where they are no numbers.

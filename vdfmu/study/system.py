@@ -111,9 +111,11 @@ def run_system(
         signals_figure(results, folder, hidden=() if record else inputs)
     except VdfmuError:
         raise
-    except (
-        Exception
-    ) as error:  # whatever the names and values of another tool do to the picture: the results are there
-        results.summary["notes"].append(f"signals.png could not be drawn: {error}")
+    except Exception as error:
+        # whatever another tool's names and values do to the picture, the results are there
+        note = f"signals.png could not be drawn: {error}"
+        results.summary["notes"].append(note)
         write_summary(results.summary, folder)
+        if log is not None:
+            log(LogMessage("", float(results.time[-1]), "note", "", note))
     return results
