@@ -150,9 +150,11 @@ def test_contrast_differences_and_table_3(made):
         # 1e-12 N.m is 1e-9 N.mm; it is added to torques up to 7 N.m, whose last place is 9e-16
         np.testing.assert_allclose(curves(rounding)[i], 1e-9, rtol=1e-3)
         np.testing.assert_allclose(curves(gravity)[i], contrast.tau_vd[:, i], rtol=1e-12)
-    ours, table_3 = ([bar.get_height() for bar in bars] for bars in rms.containers)
+    ours, table_3, thousandth = ([bar.get_height() for bar in bars] for bars in rms.containers)
     np.testing.assert_allclose(ours, np.sqrt(np.mean(contrast.tau_vd**2, axis=0)), rtol=1e-12)
     assert table_3 == [0.2, 22.7, 8.9, 0.6, 2.3, 0.0]
+    np.testing.assert_allclose(thousandth, ours, rtol=1e-12)  # the made difference is 1e-3 of the torque
+    assert gravity.get_title(loc="left").startswith("(b) g = 9.810 minus g = 9.800")
     assert "N.mm" in rounding.get_ylabel()
 
 
@@ -310,7 +312,8 @@ def test_names_follow_from_the_table_compared_with(made, tmp_path: Path, source,
 
 
 @pytest.mark.parametrize(
-    ("name", "tables"), [("contrast", 3), ("tracking", 4), ("two_joint", 5), ("slider_tracking", 0)]
+    ("name", "tables"),
+    [("contrast", 3), ("tracking", 4), ("tracking_split", 4), ("two_joint", 5), ("slider_tracking", 0)],
 )
 def test_shipped_scenarios_say_which_table(name, tables):
     assert plots.paper_table(load_scenario(name)) == tables

@@ -1,15 +1,24 @@
 """What a run writes, and what becomes of it when something fails."""
 
+import dataclasses
 import json
 import math
 import signal
+import sys
+import tempfile
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 import vdfmu
 from vdfmu.cosim import Interrupted, Results
+from vdfmu.cosim.reference import Reference
 from vdfmu.errors import CosimError, ModelError, UsageError
+from vdfmu.model import load_scenario
+from vdfmu.report.sheets import reference_sheet
+from vdfmu.ssp.write import write_ssp
+from vdfmu.study.run import cached_fmus
 
 
 def test_a_run_writes_results_summary_package_and_figures(planar_run):
@@ -70,6 +79,45 @@ def test_jacobi_is_compared_with_the_delayed_reference(tmp_path):
     results = vdfmu.run("planar_tracking", stop=0.1, out=tmp_path, master="jacobi")
     assert results.summary["reference"]["sampled"]["name"] == "sampled-delayed"
     assert results.summary["reference"]["sampled"]["max_position_difference_rad"] < 1e-7
+
+
+def with_references(monkeypatch, change):
+    """Put a co-simulation with other parameters in the place of scipy's references, which take minutes of split."""
+
+    def reference(name, robot, values, *, step, stop, progress):
+        scenario = dataclasses.replace(load_scenario("tracking_split"), robot=robot)
+        package = write_ssp(scenario, cached_fmus(robot), Path(tempfile.mkdtemp()) / "reference.ssp", values)
+        parameters = {key: factor * values["plant"][key.partition(".")[2]] for key, factor in change.items()}
+        r = vdfmu.simulate(
+            package, start=0.0, stop=stop, step=step, algorithm="gauss-seidel", parameters=parameters
+        )
+        x = np.hstack([r.array(f"plant.{key}") for key in ("q", "q_dot", "kappa_dot", "kappa_dot")])
+        return Reference(name, r.time, x, r.array("controller.tau"), r.array("controller.tau_m"))
+
+    monkeypatch.setattr(sys.modules[cached_fmus.__module__], "reference", reference)
+
+
+def test_a_chaotic_loop_is_compared_by_its_statistics(tmp_path, monkeypatch):
+    with_references(monkeypatch, {"plant.I_m[1]": 1.0 + 1e-9})
+    summary = vdfmu.run("tracking_split", out=tmp_path).summary
+    assert summary["friction"] == "split"
+    compared = summary["reference"]["sampled"]
+    # Both solutions are as good; after 2 s they have nothing in common but the size of their oscillation, 1e-3 rad.
+    assert compared["max_position_difference_rad"] > 1e-4
+    assert summary["separation"]["max_position_difference_rad"] > 1e-4
+    # RMS over 10 s of oscillations that stay alike for some 0.2 s: 1/sqrt(50) of their scatter of 0.2; twice that
+    assert 0.0 < compared["rms_position_difference"] < 0.06
+    assert 0.0 < compared["rms_torque_difference"] < 0.06
+    said = reference_sheet(summary)
+    assert said.columns[1] == "Position RMS\n[%]" and "chaotic" in " ".join(said.notes)
+
+
+def test_a_difference_that_is_a_fault_is_shown_as_one(tmp_path, monkeypatch):
+    with_references(monkeypatch, {"plant.mass[2]": 1.01, "plant.mass[3]": 1.01, "plant.mass[5]": 1.01})
+    summary = vdfmu.run("tracking", out=tmp_path, stop=2.0).summary
+    assert summary["reference"]["sampled"]["max_position_difference_rad"] > 1e-6
+    assert "separation" not in summary and "rms_position_difference" not in summary["reference"]["sampled"]
+    assert reference_sheet(summary).columns[1] == "Position\n[rad]"
 
 
 def test_a_unit_that_fails_leaves_the_rows_before_and_the_reason(tmp_path):

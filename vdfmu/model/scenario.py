@@ -95,7 +95,8 @@ class Scenario:
     kind : "contrast" or "cosimulation"
         Torques along the motion by two formulations, or the closed loop of the four units.
     robot : Robot
-        The nominal robot, which the feedforward knows.
+        The nominal robot, which the feedforward knows, with the friction arrangement of the scenario if its file
+        names one.
     robot_name : str
         The robot as the file wrote it.
     stop, step : float [s]

@@ -42,7 +42,7 @@ Floats = NDArray[np.float64]
 
 _BACK: dict[str, Any] = {"color": style.COLORS[5], "linewidth": 3.2}
 _ON_TOP: dict[str, Any] = {"color": "#000000", "linewidth": 1.1, "linestyle": (0, (5, 3))}
-_DARK, _LIGHT = "#444444", "#BBBBBB"
+_DARK, _MIDDLE, _LIGHT = "#444444", "#888888", "#CCCCCC"
 
 
 class Contrast(Protocol):
@@ -69,8 +69,13 @@ class Contrast(Protocol):
         ...
 
     @property
-    def tau_g980(self) -> Floats:
-        """(m, n), either of them with a gravity of 9.80 in place of 9.81 m/s2."""
+    def tau_low_g(self) -> Floats:
+        """(m, n), either of them with the lower of the two gravities."""
+        ...
+
+    @property
+    def gravities(self) -> tuple[float, float]:
+        """The robot's gravity and the lower one [m/s2]."""
         ...
 
 
@@ -148,14 +153,15 @@ def draw_contrast_torques(contrast: Contrast, scenario: Scenario | None = None) 
 
 @style.styled
 def draw_contrast_differences(contrast: Contrast, scenario: Scenario | None = None) -> Figure:
-    """Figure 8: (a) VD minus Newton-Euler, (b) g = 9.81 minus g = 9.80, (c) RMS of (b) beside Table 3.
+    """Figure 8: (a) VD minus Newton-Euler, (b) g minus a lower g, (c) RMS of (b) and 1e-3 torque beside Table 3.
 
     The panels (a) show absolute values on a logarithmic axis of at most nine decades; a difference of 0 has
     no point there.
     """
     robot, time = contrast.robot, contrast.time
     rounding = 1e3 * (contrast.tau_vd - contrast.tau_ne)
-    gravity = 1e3 * (contrast.tau_vd - contrast.tau_g980)
+    gravity = 1e3 * (contrast.tau_vd - contrast.tau_low_g)
+    g, low = contrast.gravities
     paper = [] if scenario is None else scenario.paper.get("rms_torque_difference_nmm", [])
     groups = group_joints(robot, range(robot.n))
     figure = style.new_figure(
@@ -176,12 +182,14 @@ def draw_contrast_differences(contrast: Contrast, scenario: Scenario | None = No
             noise.plot(time[rows], size[rows], **{**style.joint_look(i), **dots})
             style.curve(constant, time, gravity[:, i], **style.joint_look(i))
         beside = [] if unit.joint_type == "prismatic" else paper
-        _rms_bars(rms, gravity, joints, beside)
+        _rms_bars(rms, gravity, contrast.tau_vd, joints, beside)
         style.dress(
             noise, f"(a) VD minus Newton-Euler: rounding{suffix}", "|difference|", unit.small_torque, time
         )
-        style.dress(constant, f"(b) g = 9.81 minus g = 9.80{suffix}", "Difference", unit.small_torque, time)
-        title = "(c) RMS of (b) beside Table 3" if beside else "(c) RMS of (b)"
+        style.dress(
+            constant, f"(b) g = {g:#.4g} minus g = {low:#.4g}{suffix}", "Difference", unit.small_torque, time
+        )
+        title = "(c) RMS of (b), Table 3, and 1e-3 of the RMS torque" if beside else "(c) RMS of (b)"
         style.dress(rms, f"{title}{suffix}", "RMS", unit.small_torque)
         style.label_time([noise], 1)
         style.label_time([constant], 1)
@@ -342,19 +350,22 @@ def _compensation_errors(axes: Axes, results: Results, robot: Robot, group: Grou
     style.dress(axes, title, r"$\ell\,(\tau - \tau_m)$", group.unit.torque, results.time)
 
 
-def _rms_bars(axes: Axes, values: Floats, joints: Sequence[int], paper: Sequence[float]) -> None:
-    """Draw the RMS of each joint's column of `values`, and beside it the paper's number if there is one."""
-    ours = np.sqrt(np.mean(values[:, joints] ** 2, axis=0)).tolist()
+def _rms_bars(
+    axes: Axes, values: Floats, torque: Floats, joints: Sequence[int], paper: Sequence[float]
+) -> None:
+    """Draw each joint's RMS of `values` [N.mm], and beside the paper's, if any, 1e-3 of that of `torque` [N.m]."""
+    ours, thousandth = (np.sqrt(np.mean(a[:, joints] ** 2, axis=0)).tolist() for a in (values, torque))
     series = [("RMS of (b)", ours, _DARK)]
     if paper:
         series.append(("Table 3", [paper[i] if i < len(paper) else math.nan for i in joints], _LIGHT))
+        series.append(("1e-3 of torque", thousandth, _MIDDLE))
     width = 0.8 / len(series)
     handles: list[Line2D] = []
     for k, (label, heights, color) in enumerate(series):
         places = np.arange(len(joints)) + (k - 0.5 * (len(series) - 1)) * width
         bars = axes.bar(places, heights, width=0.92 * width, color=color)
         texts = ["" if math.isnan(h) else f"{h:.1f}" if paper else f"{h:.2g}" for h in heights]
-        axes.bar_label(bars, texts, padding=1.5, fontsize=9.0)
+        axes.bar_label(bars, texts, padding=1.5, fontsize=7.5 if paper else 9.0)  # three side by side
         handles.append(Line2D([], [], linestyle="none", marker="s", markersize=9.0, color=color, label=label))
     axes.set_xticks(range(len(joints)), [f"Joint {i + 1}" for i in joints])
     axes.grid(visible=False, axis="x")
