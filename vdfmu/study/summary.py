@@ -104,7 +104,7 @@ def compare_statistics(results: Results, reference: Reference) -> dict[str, floa
 
 
 def power_bond(results: Results, robot: Robot) -> dict[str, Any]:
-    """Energy residual of the coupling at tau and kappa_dot, link-side [J].
+    """Energy residual of the coupling at tau and kappa_dot, link-side [J]; printed is the sum of its absolute values.
 
     Torque and rotor velocity carry power from controller to plant. The plant takes up ``ell tau_in kappa_dot`` with the
     torque that it was given, the controller gives ``ell tau kappa_dot_in`` with the velocity that it was given; with
