@@ -119,7 +119,7 @@ def case(name, robot, state):
                 ell=robot.ell,
                 tau_max=np.full(n, 1.0),
                 q_d=q + 0.1,
-                q_d_dot=q_dot,
+                velocity_d=q_dot,
                 q=q,
                 velocity=state.kappa_dot,
                 tau_m=tau,
@@ -203,7 +203,7 @@ def test_traced_limit_of_the_motor_torque(planar, kernel_of, infinite):
     limit = np.inf if infinite else 0.5
     zero, one = np.zeros(2), np.ones(2)
     inputs = dict(
-        K_p=zero, K_v=zero, ell=one, tau_max=limit * one, q_d=zero, q_d_dot=zero, q=zero, velocity=zero
+        K_p=zero, K_v=zero, ell=one, tau_max=limit * one, q_d=zero, velocity_d=zero, q=zero, velocity=zero
     )
     for torque in (-3.0, -0.4, 0.0, 0.4, 3.0):
         results = call(function, inputs | dict(tau_m=torque), None)

@@ -23,9 +23,9 @@ from vdfmu.equations.spatial import cross_motion, joint_axis
 from vdfmu.equations.trajectory import Desired
 
 __all__ = [
+    "Feedforward",
     "Gains",
     "RequiredMotion",
-    "Torques",
     "desired_drive_motion",
     "drive_torques",
     "feedforward_inverse",
@@ -37,11 +37,15 @@ __all__ = [
 ]
 
 
-class Torques(NamedTuple):
-    """Feedforward `tau_m` (n,) [N m, motor-side] and spring torque `tau_s` (n,) [N m or N, link-side]."""
+class Feedforward(NamedTuple):
+    """Motor torque, and what springs and rotors do along the desired motion, each (n,).
+
+    tau_m [N m, motor-side]; tau_s [N m or N, link-side]; kappa_dot_d [rad/s or m/s].
+    """
 
     tau_m: Any
     tau_s: Any
+    kappa_dot_d: Any
 
 
 class Gains(NamedTuple):
@@ -87,7 +91,7 @@ def desired_drive_motion(robot: Any, desired: Desired) -> DriveMotion:
     return DriveMotion(derivative(tau_s, 0), derivative(kappa, 0), derivative(kappa, 1), derivative(kappa, 2))
 
 
-def feedforward_inverse(robot: Any, desired: Desired) -> Torques:
+def feedforward_inverse(robot: Any, desired: Desired) -> Feedforward:
     """Exact inverse of the plant along the desired motion: ``tau_m = z.T F_Dk + tau_s / ell + xi_m``.
 
     This is (27) with zero velocity error and ``tau_t = tau_s / ell``; see :func:`printed_motor_torque` for
@@ -108,7 +112,7 @@ def feedforward_inverse(robot: Any, desired: Desired) -> Torques:
         tau_k = axial_torques(F_Dk)
         tau_s = joint_torques(robot, link_forces(robot, motion, F_Dk=F_Dk)) + xi_l
     tau_m = tau_k + tau_s / robot.ell + xi_m  # (27)
-    return Torques(tau_m, tau_s)
+    return Feedforward(tau_m, tau_s, drive.kappa_dot)
 
 
 class RequiredMotion(NamedTuple):
@@ -248,7 +252,7 @@ def drive_torques(
 
 def feedforward_vdc(
     robot: Any, gains: Gains, desired: Desired, q: np.ndarray, q_dot: np.ndarray, kappa_dot: np.ndarray
-) -> Torques:
+) -> Feedforward:
     """Return the feedforward of virtual decomposition control, Eq. (12)-(27) and (48)-(53).
 
     Deviation: friction is evaluated at the desired velocities. At measured or required ones its slope around
@@ -267,7 +271,7 @@ def feedforward_vdc(
     friction = joint_friction(robot, desired.q_d_dot, drive.kappa_dot)
     tau_q, tau_kr = joint_torques(robot, F_B_r), axial_torques(F_D_r_star)
     tau_t, tau_m = drive_torques(robot, gains, required, tau_q, tau_kr, friction, q_dot, kappa_dot)
-    return Torques(tau_m, robot.ell * tau_t)
+    return Feedforward(tau_m, robot.ell * tau_t, drive.kappa_dot)
 
 
 def printed_motor_torque(tau: Any, tau_f: Any) -> Any:

@@ -237,6 +237,6 @@ def _trace_trajectory(robot: Robot) -> ca.Function:
 
 @_traced
 def _trace_pd_control(robot: Robot) -> ca.Function:
-    inputs = _vectors(robot.n, "K_p", "K_v", "ell", "tau_max", "q_d", "q_d_dot", "q", "velocity", "tau_m")
+    inputs = _vectors(robot.n, "K_p", "K_v", "ell", "tau_max", "q_d", "velocity_d", "q", "velocity", "tau_m")
     command: Any = pd_control(*_arrays(inputs))
     return _function("pd_control", inputs, {k: to_sx(v) for k, v in command._asdict().items()})
