@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from vdfmu.model import Robot, Scenario, load_robot, load_scenario, robot_names, scenario_names
     from vdfmu.ssp import load_ssp
     from vdfmu.ssp.write import write_osp, write_ssp
-    from vdfmu.study import run
+    from vdfmu.study.run import run
 
 _WHERE = {
     "Results": "vdfmu.cosim",
@@ -53,7 +53,7 @@ _WHERE = {
     "load_ssp": "vdfmu.ssp",
     "mass_matrix": "vdfmu.dynamics",
     "robot_names": "vdfmu.model",
-    "run": "vdfmu.study",
+    "run": "vdfmu.study.run",
     "scenario_names": "vdfmu.model",
     "simulate": "vdfmu.cosim",
     "write_container": "vdfmu.cosim.container",

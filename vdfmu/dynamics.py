@@ -188,7 +188,7 @@ def forward_kinematics(
 def _at_position(
     robot: Robot, name: str, q: npt.ArrayLike, shape: tuple[int, ...]
 ) -> npt.NDArray[np.float64]:
-    """Result of a traced function of `q` alone, (..., *shape)."""
+    """Return the result of a traced function of `q` alone, (..., *shape)."""
     kernel = _kernel(robot)
     flat = kernel.rows(name, (q,), (kernel.robot.n,))
     return flat.reshape(*flat.shape[:-1], *shape)

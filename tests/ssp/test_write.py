@@ -7,7 +7,8 @@ import pytest
 
 from vdfmu.cosim import check_system
 from vdfmu.errors import UsageError, VdfmuError
-from vdfmu.fmu import build_fmus, interface
+from vdfmu.fmu import build_fmus
+from vdfmu.fmu.interface import interface
 from vdfmu.model import load_scenario
 from vdfmu.ssp import load_ssp
 from vdfmu.ssp.archive import parse_ssp_xml

@@ -1,7 +1,9 @@
 """What a run writes, and what becomes of it when something fails."""
 
+import importlib
 import json
 import math
+import pkgutil
 import signal
 
 import numpy as np
@@ -10,6 +12,7 @@ import pytest
 import vdfmu
 from vdfmu.cosim import Interrupted, Results
 from vdfmu.errors import CosimError, ModelError, UsageError
+from vdfmu.study.run import cached_fmus
 
 
 def test_a_run_writes_results_summary_package_and_figures(planar_run):
@@ -138,6 +141,32 @@ def test_a_wrong_option_is_refused_before_anything_is_built(tmp_path, options, w
     assert not (tmp_path / "out").exists()
 
 
+def test_another_value_of_a_robot_adds_its_fmus_to_the_cache_and_nothing_else(planar, tmp_path, monkeypatch):
+    monkeypatch.setenv("VDFMU_CACHE_DIR", str(tmp_path / "cache"))
+
+    def kept():
+        return {p.relative_to(tmp_path / "cache") for p in (tmp_path / "cache").rglob("*") if p.is_file()}
+
+    (tmp_path / "fmus").mkdir()
+    first = cached_fmus(planar, tmp_path / "fmus", "python")["plant"].read_bytes()
+    before = kept()
+    second = cached_fmus(planar.with_parameters(mass=2.5), tmp_path / "fmus", "python")["plant"].read_bytes()
+    assert second != first
+    assert {path.parent.name for path in kept() - before} == {"fmus"}
+    assert cached_fmus(planar, tmp_path / "fmus", "python")["plant"].read_bytes() == first
+    assert len(kept()) == len(before) + 4
+
+
+def test_no_name_of_a_package_hides_a_module():
+    names = [module.name for module in pkgutil.walk_packages(vdfmu.__path__, "vdfmu.")]
+    assert "vdfmu.study.run" in names
+    for name in names:
+        if name != "vdfmu.cli.__main__":  # runs the command line
+            parent, _, last = name.rpartition(".")
+            module = importlib.import_module(name)
+            assert getattr(importlib.import_module(parent), last) is module, name
+
+
 def test_a_folder_that_cannot_hold_results_is_named(tmp_path):
     (tmp_path / "file").write_text("")
     with pytest.raises(UsageError, match=r"cannot hold the results.*--out"):
@@ -153,10 +182,12 @@ def test_a_damaged_fmu_in_the_cache_is_built_again(tmp_path, monkeypatch):
         "backend": "python",
     }  # no compiler here
     vdfmu.run("planar_tracking", **options)
-    (fmu,) = (tmp_path / "cache").rglob("Trajectory.fmu")
-    data = bytearray(fmu.read_bytes())
-    data[len(data) // 2] ^= 0xFF
-    fmu.write_bytes(bytes(data))
+    kept = list((tmp_path / "cache" / "fmus").iterdir())
+    assert len(kept) == 4
+    for fmu in kept:
+        data = bytearray(fmu.read_bytes())
+        data[len(data) // 2] ^= 0xFF
+        fmu.write_bytes(bytes(data))
     results = vdfmu.run("planar_tracking", **options)
     assert len(results.time) == 11
 
