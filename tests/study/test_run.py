@@ -69,6 +69,50 @@ def test_settings_change_the_run_and_its_reference_alike(tmp_path):
     assert results.summary["reference"]["sampled"]["max_position_difference_rad"] < 1e-7
 
 
+def test_a_wrench_given_to_a_run_acts_on_it_and_its_references(tmp_path):
+    options = {"stop": 0.1, "settings": {"plant.F_e[2]": 30.0}}
+    results = vdfmu.run("planar_tracking", out=tmp_path, **options)
+    free = vdfmu.run("planar_tracking", out=tmp_path, stop=0.1, reference=False)
+    assert np.abs(results["plant.q[1]"] - free["plant.q[1]"]).max() > 1e-3
+    # as without a wrench
+    assert results.summary["reference"]["sampled"]["max_position_difference_rad"] < 1e-7
+    folded = vdfmu.run("planar_tracking", out=tmp_path, container=True, reference=False, **options)
+    again = vdfmu.run("planar_tracking", out=tmp_path, master="jacobi", reference=False, **options)
+    np.testing.assert_array_equal(folded["plant.q[1]"], again["plant.q[1]"])
+
+
+@pytest.mark.parametrize("container", [False, True])
+def test_a_shipped_run_has_no_notes(tmp_path, container):
+    said = []
+    vdfmu.run(
+        "planar_tracking", stop=0.01, out=tmp_path, reference=False, container=container, log=said.append
+    )
+    assert [str(message) for message in said if message.status == "note"] == []
+
+
+def test_lists_set_element_by_element_in_runs_and_simulations(tmp_path):
+    K_p = [300.0, 900.0]
+    results = vdfmu.run(
+        "planar_tracking", stop=0.05, out=tmp_path, reference=False, settings={"controller.K_p": K_p}
+    )
+    assert results.summary["settings"] == {"controller.K_p": "[300.0, 900.0]"}
+    vdfmu.write_ssp(
+        vdfmu.load_scenario("planar_tracking"),
+        vdfmu.build_fmus(vdfmu.load_robot("planar_2dof"), tmp_path),
+        tmp_path / "plain.ssp",
+    )
+    for value in (K_p, np.array(K_p)):
+        again = vdfmu.simulate(tmp_path / "plain.ssp", stop=0.05, parameters={"controller.K_p": value})
+        np.testing.assert_array_equal(again["plant.q[2]"], results["plant.q[2]"])
+    for wrong, words in (
+        ([1.0, 2.0, 3.0], r"'controller\.K_p': expected one value, or 2 for K_p\[1\] to K_p\[2\], got 3"),
+        ([1.0, None], r"'controller\.K_p': expected a value of type Real, got None"),
+        ({}, r"'controller\.K_p': expected a value of type Real, got {}"),
+    ):
+        with pytest.raises(UsageError, match=words):
+            vdfmu.simulate(tmp_path / "plain.ssp", stop=0.05, parameters={"controller.K_p": wrong})
+
+
 def test_jacobi_is_compared_with_the_delayed_reference(tmp_path):
     results = vdfmu.run("planar_tracking", stop=0.1, out=tmp_path, master="jacobi")
     assert results.summary["reference"]["sampled"]["name"] == "sampled-delayed"
@@ -93,7 +137,7 @@ def test_files_of_an_earlier_run_are_replaced_and_nothing_else(tmp_path):
     (tmp_path / "figure_10.png").write_bytes(b"old")
     (tmp_path / "notes.txt").write_text("mine")
     (tmp_path / "holiday.png").write_bytes(b"mine")
-    with pytest.raises(UsageError, match="only parameters can be set"):
+    with pytest.raises(UsageError, match="only parameters and free inputs can be set"):
         vdfmu.run("planar_tracking", out=tmp_path, settings={"plant.q": 1})
     assert (tmp_path / "figure_10.png").read_bytes() == b"old"  # nothing is lost to a typing error
     vdfmu.run("planar_tracking", out=tmp_path, stop=0.01, reference=False)

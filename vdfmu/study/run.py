@@ -132,7 +132,8 @@ def run(
     container : bool, optional
         Fold the native units into one FMU, ``container.fmu``, and run that. It steps them as ``jacobi`` does.
     settings : mapping of str to value, optional
-        Parameters, ``{"controller.K_p[1]": 3000}``; without an index for all joints.
+        Parameters and inputs that nothing feeds, ``{"controller.K_p[1]": 3000}``; without an index for all elements,
+        one value or a list or array with one for each.
     progress : callable, optional
         Called with stage, done, total.
     log : callable, optional
@@ -171,7 +172,7 @@ def run(
     if container:
         scenario = _for_container(scenario, backend, master)
     text_settings = {key: str(value) for key, value in (settings or {}).items()}
-    values = system_values(scenario, text_settings)
+    values = system_values(scenario, settings)
     free = scenario.master == "iterative" or scenario.adaptive is not None
     warnings = sampling_warnings(values, scenario.robot, None if free else scenario.step)
     if log is not None:
