@@ -12,7 +12,7 @@ import pytest
 from fmpy.validation import validate_fmu
 from lxml import etree
 
-from vdfmu.fmu import interface
+from vdfmu.fmu.interface import interface
 from vdfmu.fmu.table import NO_LIMIT
 from vdfmu.fmu.units import UNITS
 from vdfmu.model import Robot

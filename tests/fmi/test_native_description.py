@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 from fmpy.model_description import ModelDescription, ModelVariable
 
-from vdfmu.fmu import interface
 from vdfmu.fmu.description import document, model_description, native_model_description
 from vdfmu.fmu.description3 import build_description, model_description_3
+from vdfmu.fmu.interface import interface
 from vdfmu.fmu.layout import Layout
 from vdfmu.model import Robot
 

@@ -87,7 +87,8 @@ class _Loop:
         )
         for name in ("K_p", "K_v", "tau_max", "ell"):
             self._pd.args[name][:] = group("controller", name)
-        self._derivative = kernel.function("plant_derivative", p=p("plant"))
+        wrench = np.array([values["plant"].get(f"F_e[{k + 1}]", 0.0) for k in range(6)])
+        self._derivative = kernel.function("plant_derivative", p=p("plant"), F_e=wrench)
         self._measured = {"q": slice(0, n), "q_dot": slice(n, 2 * n), "kappa_dot": slice(2 * n, 3 * n)}
         self._velocity = self._measured["q_dot" if velocity == 1 else "kappa_dot"]
 
@@ -118,7 +119,7 @@ class _Loop:
         return self._pd.results["tau"].copy()
 
     def plant(self, x: Floats, tau: Floats) -> Floats:
-        """Right-hand side of the plant without external wrench."""
+        """Right-hand side of the plant under a constant wrench at the end effector."""
         self._derivative.args["x"][:] = x
         self._derivative.args["tau"][:] = tau
         self._derivative.run()

@@ -12,6 +12,8 @@ from vdfmu.equations.elimination import factorize, solve
 from vdfmu.equations.feedforward import Gains, feedforward_inverse, feedforward_vdc
 from vdfmu.equations.forward_dynamics import forward_dynamics
 from vdfmu.equations.inverse_dynamics import inverse_dynamics
+from vdfmu.equations.kinematics import end_effector_pose
+from vdfmu.equations.mapping import jacobian, joint_space_mass_matrix
 from vdfmu.equations.newton_euler import newton_euler
 from vdfmu.equations.pd import pd_control
 from vdfmu.equations.plant import balance, equilibrium_torque, plant_derivative, plant_outputs
@@ -93,6 +95,30 @@ def _trace_forward_dynamics(robot: Robot) -> ca.Function:
     q, q_dot, tau, F_e = _arrays(inputs)
     q_ddot = forward_dynamics(symbols, q, q_dot, tau, F_e)
     return _function("forward_dynamics", inputs | {"p": p}, {"q_ddot": to_sx(q_ddot)})
+
+
+@_traced
+def _trace_forward_kinematics(robot: Robot) -> ca.Function:
+    """Position and rotation of {O} in {I}, in one vector."""
+    symbols, p = symbolic_robot(robot)
+    inputs = _vectors(robot.n, "q")
+    pose = [to_sx(part) for part in end_effector_pose(symbols, *_arrays(inputs))]
+    return _function("forward_kinematics", inputs | {"p": p}, {"pose": ca.vertcat(*pose)})
+
+
+@_traced
+def _trace_jacobian(robot: Robot) -> ca.Function:
+    symbols, p = symbolic_robot(robot)
+    inputs = _vectors(robot.n, "q")
+    return _function("jacobian", inputs | {"p": p}, {"J_q": to_sx(jacobian(symbols, *_arrays(inputs)))})
+
+
+@_traced
+def _trace_mass_matrix(robot: Robot) -> ca.Function:
+    symbols, p = symbolic_robot(robot)
+    inputs = _vectors(robot.n, "q")
+    M = joint_space_mass_matrix(symbols, *_arrays(inputs))
+    return _function("mass_matrix", inputs | {"p": p}, {"M": to_sx(M)})
 
 
 class _Plant:
