@@ -239,8 +239,9 @@ def test_log_categories_and_experiment(layout: Layout, version: int) -> None:
     assert all(f"fmi{5 - version}" not in text for text in categories.values())
     experiment = root.find("DefaultExperiment")
     assert experiment is not None
-    # a tolerance would replace that of the unit
-    assert set(experiment.attrib) == {"startTime", "stopTime", "stepSize"}
+    own = [str(v.start) for v in layout.table if v.name == "tolerance"]
+    assert set(experiment.attrib) == {"startTime", "stopTime", "stepSize", *(["tolerance"] if own else [])}
+    assert [experiment.get("tolerance")] == (own or [None])
 
 
 @pytest.mark.parametrize("version", VERSIONS)

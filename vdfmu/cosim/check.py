@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 from vdfmu.cosim.abilities import check_abilities
 from vdfmu.cosim.conversion import Conversion, Value, as_type, compose
-from vdfmu.cosim.description import Description, Variable, inspect_description
+from vdfmu.cosim.description import Description, Variable, inspect_description, limit_fault
 from vdfmu.cosim.link import Link, Port
 from vdfmu.cosim.schedule import ALGORITHMS, Schedule, make_schedule
 from vdfmu.errors import SspError, UsageError
@@ -301,6 +301,8 @@ class _Checker:
                 else:
                     try:
                         value = self._converted(parameter, variable)
+                        if not isinstance(value, str) and (fault := limit_fault(value, variable.limits)):
+                            raise ValueError(fault)
                     except ValueError as error:
                         self.problems.append(f"{where}: {error}")
                         continue

@@ -194,7 +194,7 @@ def _model(
                 description=inner.description,
                 causality=inner.causality,
                 variability=inner.variability,
-                initial=inner.initial,
+                initial=None if inner.causality == "input" else inner.initial,  # fmpy fills it in
                 unit=inner.unit,
                 min=inner.min,
                 max=inner.max,
