@@ -6,8 +6,12 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
+from benchmarks.chains import counting_chain
+from benchmarks.counting import count_operations
 from vdfmu.equations.feedforward import Gains, desired_drive_motion, feedforward_inverse, feedforward_vdc
-from vdfmu.equations.flexible_joint import rotor_velocities
+from vdfmu.equations.flexible_joint import rotor_acceleration, rotor_velocities
+from vdfmu.equations.forward_dynamics import Rotors, forward_dynamics
+from vdfmu.equations.inverse_dynamics import inverse_dynamics
 from vdfmu.equations.kinematics import joint_transforms, link_motion
 from vdfmu.equations.plant import equilibrium_torque, plant_derivative, plant_outputs, split_state
 from vdfmu.equations.rigid_body import mass_matrix
@@ -175,3 +179,22 @@ def test_pure_rotation_is_the_limit_of_large_ratios(coupled, draw):
     # First order in 1 / ell, and the gyroscopic part too: ratios of 10, the rest is rounding (1e-13 of 1e4 rad/s2).
     assert distance[0] / distance[1] == pytest.approx(10.0, rel=0.2)
     assert distance[1] / distance[2] == pytest.approx(10.0, rel=0.02)
+
+
+def test_the_cost_stays_linear_in_the_number_of_joints():
+    """Operations of the plant's acceleration and of the inverse dynamics with rotors: no quadratic part, exactly."""
+
+    def count(n):
+        def equations(counter):
+            drives = {"ell": counter.array(n), "I_m": counter.array(n)}
+            robot = dataclasses.replace(counting_chain(n, counter), **drives)
+            one = counter.array(n)
+            q_ddot = forward_dynamics(robot, one, one, one, None, Rotors(one, one))
+            rotor_acceleration(robot, one, link_motion(robot, one, one, q_ddot))
+            inverse_dynamics(robot, one, one, one, rotors=(one, one))
+
+        return np.array(count_operations(equations))
+
+    counts = np.array([count(n) for n in (2, 3, 4, 5)])
+    np.testing.assert_array_equal(np.diff(counts, 2, axis=0), 0)
+    assert (np.diff(counts, axis=0)[0] > 0).all()
