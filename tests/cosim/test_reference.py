@@ -5,6 +5,7 @@ import pytest
 
 from vdfmu.cosim import simulate
 from vdfmu.cosim.reference import REFERENCE_OF, reference
+from vdfmu.equations.trajectory import desired_motion
 from vdfmu.errors import UsageError
 from vdfmu.fmu import build_fmus
 from vdfmu.model import load_scenario
@@ -54,6 +55,34 @@ def test_the_whole_tracking_run_matches_its_sampled_reference(tmp_path, algorith
     position, torque = case.differences(algorithm, REFERENCE_OF[algorithm], 1e-3, 10.0)
     assert position < POSITION
     assert torque < TORQUE
+
+
+@pytest.mark.parametrize("algorithm", ["gauss-seidel", "jacobi"])
+@pytest.mark.parametrize("velocity", ["q_dot", "mixed"])
+def test_each_choice_of_the_derivative_term_matches_its_reference(tmp_path, velocity, algorithm):
+    """Across the spring (q_dot) the loop is unstable: short enough to stay small."""
+    case = Case(tmp_path, "planar_tracking", "1e-9", controller__velocity=velocity)
+    position, torque = case.differences(algorithm, REFERENCE_OF[algorithm], 1e-3, 0.02)
+    assert position < POSITION
+    assert torque < TORQUE
+
+
+def test_the_rotor_follows_its_own_desired_velocity_without_sampling():
+    """What is left is the solver's; against q_d_dot, the feedback pulls by the rate at which the springs wind up.
+
+    The error of LSODA, 1e-11 of states of up to 30 N m in each of some thousand steps, meets stiffnesses of 1e4 N m/rad
+    and more: 1e-8 rad bounds it, seen 8e-10. The pull is ``K_v (kappa_dot_d - q_d_dot) / K_p``, seen 1.06e-5 rad.
+    """
+    scenario = load_scenario("tracking")
+    largest = {}
+    for velocity in ("kappa_dot", "mixed"):
+        values = system_values(scenario, {"controller.velocity": velocity})
+        solution = reference("continuous", scenario.robot, values, step=1e-2, stop=10.0)
+        motion = scenario.trajectory
+        desired = [desired_motion(t, motion.q_start, motion.q_end, motion.T).q_d for t in solution.t]
+        largest[velocity] = np.abs(solution.q - desired).max()
+    assert largest["kappa_dot"] < 1e-8
+    assert largest["mixed"] > 5e-6
 
 
 def test_the_algorithms_do_not_match_each_other(tmp_path):

@@ -9,6 +9,8 @@ from vdfmu.equations.feedforward import Gains, feedforward_inverse, feedforward_
 from vdfmu.equations.forward_dynamics import forward_dynamics
 from vdfmu.equations.inverse_dynamics import inverse_dynamics
 from vdfmu.equations.jet import derivative, jets
+from vdfmu.equations.kinematics import end_effector_pose
+from vdfmu.equations.mapping import jacobian, joint_space_mass_matrix
 from vdfmu.equations.newton_euler import newton_euler
 from vdfmu.equations.pd import pd_control
 from vdfmu.equations.plant import equilibrium_torque, plant_derivative, plant_outputs
@@ -86,6 +88,13 @@ def case(name, robot, state):
             return dict(q=q, q_dot=q_dot, tau=state.tau_s, F_e=F_e), dict(
                 q_ddot=forward_dynamics(robot, q, q_dot, state.tau_s, F_e)
             )
+        case "forward_kinematics":
+            p_O, R_O = end_effector_pose(robot, q)
+            return dict(q=q), dict(pose=np.concatenate([p_O, R_O.ravel()]))
+        case "jacobian":
+            return dict(q=q), dict(J_q=jacobian(robot, q))
+        case "mass_matrix":
+            return dict(q=q), dict(M=joint_space_mass_matrix(robot, q))
         case "plant_derivative":
             return dict(x=x, tau=tau, F_e=F_e), dict(x_dot=plant_derivative(robot, x, tau, F_e))
         case "plant_jacobian":
@@ -119,7 +128,7 @@ def case(name, robot, state):
                 ell=robot.ell,
                 tau_max=np.full(n, 1.0),
                 q_d=q + 0.1,
-                q_d_dot=q_dot,
+                velocity_d=q_dot,
                 q=q,
                 velocity=state.kappa_dot,
                 tau_m=tau,
@@ -203,7 +212,7 @@ def test_traced_limit_of_the_motor_torque(planar, kernel_of, infinite):
     limit = np.inf if infinite else 0.5
     zero, one = np.zeros(2), np.ones(2)
     inputs = dict(
-        K_p=zero, K_v=zero, ell=one, tau_max=limit * one, q_d=zero, q_d_dot=zero, q=zero, velocity=zero
+        K_p=zero, K_v=zero, ell=one, tau_max=limit * one, q_d=zero, velocity_d=zero, q=zero, velocity=zero
     )
     for torque in (-3.0, -0.4, 0.0, 0.4, 3.0):
         results = call(function, inputs | dict(tau_m=torque), None)

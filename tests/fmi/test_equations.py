@@ -58,7 +58,7 @@ def test_the_trajectory_is_equation_57(open_unit: Opener, robot_name: str, robot
         unit.step(0.1)
 
 
-@pytest.mark.parametrize("velocity", [0, 1])
+@pytest.mark.parametrize("velocity", [0, 1, 2])
 @pytest.mark.parametrize("tau_max", [1e12, 0.5])
 def test_the_controller_is_equation_58(
     open_unit: Opener, robot_name: str, robots: dict[str, Robot], velocity: int, tau_max: float
@@ -69,15 +69,16 @@ def test_the_controller_is_equation_58(
     ell = rng.uniform(40.0, 160.0, n)
     unit = open_unit("controller", robot_name).start(**gains, ell=ell, tau_max=tau_max, velocity=velocity)
     for _ in range(10):
-        inputs = {name: rng.normal(size=n) for name in ("q_d", "q_d_dot", "q", "q_dot", "kappa_dot", "tau_m")}
+        names = ("q_d", "q_d_dot", "kappa_dot_d", "q", "q_dot", "kappa_dot", "tau_m")
+        inputs = {name: rng.normal(size=n) for name in names}
         unit.step(1e-3, **inputs)
-        measured = inputs["q_dot" if velocity else "kappa_dot"]
+        measured = inputs["q_dot" if velocity == 1 else "kappa_dot"]
         command = pd_control(
             *gains.values(),
             ell,
             tau_max,
             inputs["q_d"],
-            inputs["q_d_dot"],
+            inputs["q_d_dot" if velocity else "kappa_dot_d"],
             inputs["q"],
             measured,
             inputs["tau_m"],
@@ -110,6 +111,8 @@ def test_the_feedforward_is_that_of_its_mode(
         )
         same(unit.get("tau_m"), expected.tau_m, scale=100.0)
         same(unit.get("tau_s"), expected.tau_s, scale=100.0)
+        # two derivatives of the torques over stiffnesses of 1e4
+        same(unit.get("kappa_dot_d"), expected.kappa_dot_d)
 
 
 def state_of(unit: Any) -> np.ndarray:

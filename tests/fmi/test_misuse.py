@@ -48,7 +48,12 @@ def initializing(unit: Any) -> Any:
         ("feedforward", "mode", 2, r"mode: expected 0 \(inverse\) or 1 \(vdc\), got 2\."),
         ("feedforward", "mode", -1, r"mode: expected 0 \(inverse\) or 1 \(vdc\), got -1\."),
         ("feedforward", "Lambda[1]", -1.0, r"Lambda\[1\]: expected at least 0 1/s, got -1 1/s\."),
-        ("controller", "velocity", 7, r"velocity: expected 0 \(kappa_dot\) or 1 \(q_dot\), got 7\."),
+        (
+            "controller",
+            "velocity",
+            7,
+            r"velocity: expected 0 \(kappa_dot\) or 1 \(q_dot\) or 2 \(mixed\), got 7\.",
+        ),
         ("controller", "tau_max[1]", -1.0, r"tau_max\[1\]: expected at least 0 N.m, got -1 N.m\."),
         ("controller", "q[1]", NAN, r"q\[1\]: expected a finite number, got nan rad\."),
         ("trajectory", "T", 0.0, r"T: expected at least 1e-06 s, got 0 s\."),
@@ -159,7 +164,7 @@ def test_a_fixed_parameter_is_refused_after_initialization(
     ("name", "variable", "inputs", "effect"),
     [
         ("controller", "K_p", {"q_d": 0.1}, "tau_e"),
-        ("controller", "K_v", {"q_d_dot": 0.1}, "tau_e"),
+        ("controller", "K_v", {"kappa_dot_d": 0.1}, "tau_e"),
         ("controller", "tau_max", {"q_d": 0.1}, "tau"),
         ("feedforward", "Lambda", {"q_d": 0.1}, "tau_m"),
         ("feedforward", "K_V", {"q_d_dot": 0.1}, "tau_m"),

@@ -18,7 +18,8 @@ from fmpy.util import read_csv
 from fmpy.validation import validate_fmu
 from lxml import etree, html
 
-from vdfmu.fmu import build_fmus, interface
+from vdfmu.fmu import build_fmus
+from vdfmu.fmu.interface import interface
 from vdfmu.fmu.layout import Layout
 from vdfmu.fmu.native import PLATFORMS, platforms
 from vdfmu.fmu.native.package import fmi_headers

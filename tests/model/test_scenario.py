@@ -26,7 +26,11 @@ FAULTS: list[tuple[tuple[str, ...], Any, str]] = [
     (("adaptive",), 2, "adaptive: expected a relative error < 1, got 2"),
     (("adaptive",), 0, "adaptive: expected .* > 0"),
     (("feedforward", "mode"), "invers", r'mode: .* got "invers"\. Did you mean "inverse"\?'),
-    (("controller", "velocity"), "kappa", r'velocity: expected "kappa_dot" or "q_dot", got "kappa"'),
+    (
+        ("controller", "velocity"),
+        "kappa",
+        r'velocity: expected "kappa_dot" or "q_dot" or "mixed", got "kappa"',
+    ),
     (("stop",), 0, r"stop: expected a finite number > 0 in s, got 0"),
     (("step",), -0.001, r"step: expected a finite number > 0 in s, got -0\.001"),
     (("stop",), 2.0004, r"stop: expected a multiple of step = 0\.001 s, got 2\.0004 s\. The nearest is 2 s"),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import re
 import struct
 import subprocess
 import sys
@@ -117,7 +118,7 @@ def test_two_joint_figures_show_the_joints_that_move(made):
     assert [len(axes.lines) for axes in (angle_errors, length_errors)] == [1, 1]
 
     *torques, torque_errors, force_errors = plots.draw_moving_torques(results, scenario).axes
-    assert [axes.get_title(loc="left") for axes in torques] == ["(a) Joint 1", "(a) Joint 2"]
+    assert [axes.get_title(loc="left") for axes in torques] == ["(a) Joint 1", "(b) Joint 2"]
     ell = scenario.robot.ell
     np.testing.assert_array_equal(curves(torques[1])[0], ell[1] * results["controller.tau[2]"])
     expected = ell[0] * results["controller.tau[1]"] - ell[0] * results["controller.tau_m[1]"]
@@ -130,6 +131,22 @@ def test_all_joints_are_shown_if_none_moves(made):
     rest = dataclasses.replace(scenario.trajectory, q_end=scenario.trajectory.q_start)
     figure = plots.draw_moving_torques(made.results(2), dataclasses.replace(scenario, trajectory=rest))
     assert len(figure.axes) == 3
+
+
+@pytest.mark.parametrize("kinds", [SIX, TWO, MIXED])
+def test_no_letter_is_on_two_panels_of_a_figure(made, kinds):
+    results, scenario = made.results(len(kinds)), made.scenario(kinds)
+    draws = (plots.draw_torques, plots.draw_errors, plots.draw_moving_positions, plots.draw_moving_torques)
+    figures = [draw(results, scenario) for draw in draws]
+    contrast = made.contrast(kinds)
+    figures += [plots.draw_contrast_torques(contrast), plots.draw_contrast_differences(contrast)]
+    for figure in figures:
+        titles = [axes.get_title(loc="left") for axes in figure.axes]
+        assert [title[:4] for title in titles] == [f"({'abcdefghi'[k]}) " for k in range(len(titles))]
+        for title in titles:  # a panel that speaks of another one speaks of one of its own unit
+            for letter in re.findall(r"of (\([a-z]\))", title):
+                (other,) = (t for t in titles if t.startswith(letter))
+                assert other.partition(",")[2] == title.partition(",")[2]
 
 
 def test_contrast_torques_lie_on_each_other(made, types):

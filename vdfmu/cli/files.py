@@ -72,7 +72,8 @@ def container(
     chosen = prepare(scenario, robot=robot, step=step)
     values = system_values(chosen, parse_settings(settings))
     with tempfile.TemporaryDirectory(prefix="vdfmu_") as folder:
-        package = write_ssp(chosen, cached_fmus(chosen.robot, "native"), Path(folder) / "system.ssp", values)
+        fmus = cached_fmus(chosen.robot, folder, "native")
+        package = write_ssp(chosen, fmus, Path(folder) / "system.ssp", values)
         path = out if out is not None else Path(f"{chosen.name}.fmu")
         say(str(write_container(package, path, step=chosen.step)))
 

@@ -8,12 +8,12 @@ from dataclasses import dataclass, field
 
 from vdfmu.cosim.abilities import check_abilities
 from vdfmu.cosim.conversion import Conversion, Value, as_type, compose
-from vdfmu.cosim.description import Description, Variable, inspect_description
+from vdfmu.cosim.description import Description, Variable, inspect_description, limit_fault
 from vdfmu.cosim.link import Link, Port
 from vdfmu.cosim.schedule import ALGORITHMS, Schedule, make_schedule
 from vdfmu.errors import SspError, UsageError
 from vdfmu.ssp.archive import Archive
-from vdfmu.ssp.structure import Component, Parameter, System, Unit
+from vdfmu.ssp.structure import Component, Parameter, System, Unit, spread
 
 _CAUSALITY = {"input": "input", "output": "output", "parameter": "parameter",
               "calculatedParameter": "calculatedParameter"}  # fmt: skip
@@ -62,8 +62,8 @@ def check_system(
     ----------
     system : System
     parameters : mapping of str to value, optional
-        Values of ``component.variable``, in the unit of the FMU; without an index, of all ``component.variable[...]``.
-        They win over those of the package.
+        Values of ``component.variable``, in the unit of the FMU; without an index, of all ``component.variable[...]``:
+        one value, or a list or array with one for each. They win over those of the package.
     algorithm : str
         One of `vdfmu.cosim.ALGORITHMS`.
     repeats : bool
@@ -301,6 +301,8 @@ class _Checker:
                 else:
                     try:
                         value = self._converted(parameter, variable)
+                        if not isinstance(value, str) and (fault := limit_fault(value, variable.limits)):
+                            raise ValueError(fault)
                     except ValueError as error:
                         self.problems.append(f"{where}: {error}")
                         continue
@@ -343,26 +345,25 @@ def _overrides(descriptions: Mapping[str, Description], parameters: Mapping[str,
                 f"parameter {full!r}: no component of that name; there are {', '.join(descriptions)}"
             )
             continue
-        wanted = [
-            (owner, variable)
+        wanted = {
+            owner: named
             for owner in owners
-            for name in [full[len(owner) + 1 :]]
-            for variable in _named(descriptions[owner].variables, name)
-        ]
+            if (named := _named(descriptions[owner].variables, full[len(owner) + 1 :]))
+        }
         if not wanted:
             owner = max(owners, key=len)
             name = full[len(owner) + 1 :]
             whole = dict.fromkeys(v.partition("[")[0] for v in descriptions[owner].variables)
             problems.append(f"parameter {full!r}: {owner} has no variable {name!r}" + _hint(name, whole))
-        for owner, one in wanted:
-            variable = descriptions[owner].variables[one]
+        for owner, named in wanted.items():
             try:
-                if not variable.settable:
-                    raise ValueError(_why_not(variable))
-                starts.setdefault(owner, {})[one] = (variable, as_type(value, variable))
+                for one, element in zip(named, spread(value, named), strict=True):
+                    variable = descriptions[owner].variables[one]
+                    if not variable.settable:
+                        raise ValueError(_why_not(variable))
+                    starts.setdefault(owner, {})[one] = (variable, as_type(element, variable))
             except ValueError as error:
                 problems.append(f"parameter {full!r}: {error}")
-                break
     if problems:
         raise UsageError("\n".join(problems))
     return starts

@@ -86,7 +86,7 @@ def simulate(
         Relative tolerance for the units' solvers.
     parameters : mapping of str to value, optional
         Values of ``component.variable`` in the unit of the FMU; they win over those of the package. Without an index
-        for all ``component.variable[...]``.
+        for all ``component.variable[...]``: one value, or a list or array with one for each.
     record : sequence of str, optional
         Names of signals to record, with ``*`` for any text. Default: all outputs and connected inputs.
     progress : callable, optional

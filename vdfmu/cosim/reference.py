@@ -80,12 +80,17 @@ class _Loop:
         if mode:
             for name in ("Lambda", "K_V", "k_vq", "k_vkappa"):
                 self._feedforward.args[name][:] = group("feedforward", name)
-        self._pd = kernel.function("pd_control", q_d=desired["q_d"], q_d_dot=desired["q_d_dot"])
+        self._kappa_dot_d = np.zeros(n)  # what the controller has, which may be late
+        velocity = values["controller"]["velocity"]
+        self._pd = kernel.function(
+            "pd_control", q_d=desired["q_d"], velocity_d=desired["q_d_dot"] if velocity else self._kappa_dot_d
+        )
         for name in ("K_p", "K_v", "tau_max", "ell"):
             self._pd.args[name][:] = group("controller", name)
-        self._derivative = kernel.function("plant_derivative", p=p("plant"))
+        wrench = np.array([values["plant"].get(f"F_e[{k + 1}]", 0.0) for k in range(6)])
+        self._derivative = kernel.function("plant_derivative", p=p("plant"), F_e=wrench)
         self._measured = {"q": slice(0, n), "q_dot": slice(n, 2 * n), "kappa_dot": slice(2 * n, 3 * n)}
-        self._velocity = self._measured["q_dot" if values["controller"]["velocity"] else "kappa_dot"]
+        self._velocity = self._measured["q_dot" if velocity == 1 else "kappa_dot"]
 
         q, q_dot = group("plant", "q_0"), group("plant", "q_dot_0")
         kappa_dot, tau_s = group("plant", "kappa_dot_0"), group("plant", "tau_s_0")
@@ -94,26 +99,27 @@ class _Loop:
         self.x_0 = np.concatenate([q, q_dot, kappa_dot, tau_s])
 
     def feedforward(self, t: float, x: Floats) -> Floats:
-        """Feedforward torque tau_m from the desired motion and the state at `t`."""
+        """Feedforward tau_m and kappa_dot_d, (2, n), from the desired motion and the state at `t`."""
         self._trajectory.args["t"][0] = t
         self._trajectory.run()
         if "q" in self._feedforward.args:
             for name, where in self._measured.items():
                 self._feedforward.args[name][:] = x[where]
         self._feedforward.run()
-        return self._feedforward.results["tau_m"].copy()
+        results = self._feedforward.results
+        return np.stack([results["tau_m"], results["kappa_dot_d"]])
 
-    def torque(self, x: Floats, tau_m: Floats) -> Floats:
+    def torque(self, x: Floats, feedforward: Floats) -> Floats:
         """Motor torque from the state, with the desired motion of the last call of :meth:`feedforward`."""
         args = self._pd.args
         args["q"][:] = x[: self.n]
         args["velocity"][:] = x[self._velocity]
-        args["tau_m"][:] = tau_m
+        args["tau_m"][:], self._kappa_dot_d[:] = feedforward
         self._pd.run()
         return self._pd.results["tau"].copy()
 
     def plant(self, x: Floats, tau: Floats) -> Floats:
-        """Right-hand side of the plant without external wrench."""
+        """Right-hand side of the plant under a constant wrench at the end effector."""
         self._derivative.args["x"][:] = x
         self._derivative.args["tau"][:] = tau
         self._derivative.run()
@@ -168,19 +174,19 @@ def sampled_reference(
     m = round(stop / step)
     t: Floats = step * np.arange(m + 1, dtype=np.float64)
     x = np.empty((m + 1, 4 * loop.n))
-    tau, tau_m = np.empty((m + 1, loop.n)), np.empty((m + 1, loop.n))
+    tau, feedforward = np.empty((m + 1, loop.n)), np.empty((m + 1, 2, loop.n))
     x[0] = loop.x_0
-    tau_m[0] = loop.feedforward(0.0, x[0])
-    tau[0] = loop.torque(x[0], tau_m[0])
+    feedforward[0] = loop.feedforward(0.0, x[0])
+    tau[0] = loop.torque(x[0], feedforward[0])
     h = step
     for k in range(m):
-        tau_m[k + 1] = loop.feedforward(t[k], x[k])
+        feedforward[k + 1] = loop.feedforward(t[k], x[k])
         # delayed: the controller has the feedforward of one step ago, the plant the torque of one step ago
-        tau[k + 1] = loop.torque(x[k], tau_m[k] if delayed else tau_m[k + 1])
+        tau[k + 1] = loop.torque(x[k], feedforward[k] if delayed else feedforward[k + 1])
         x[k + 1], h = _advance(loop, t[k], t[k + 1], x[k], tau[k] if delayed else tau[k + 1], h)
         if progress is not None and (k + 1) % 100 == 0:
             progress(k + 1, m)
-    return Reference("sampled-delayed" if delayed else "sampled", t, x, tau, tau_m)
+    return Reference("sampled-delayed" if delayed else "sampled", t, x, tau, feedforward[:, 0])
 
 
 def _advance(loop: _Loop, t_0: float, t_1: float, x: Floats, tau: Floats, h: float) -> tuple[Floats, float]:
@@ -208,8 +214,7 @@ def continuous_reference(
     t: Floats = step * np.arange(m + 1, dtype=np.float64)
 
     def closed_loop(time: float, x: Floats) -> Floats:
-        tau_m = loop.feedforward(time, x)
-        return loop.plant(x, loop.torque(x, tau_m))
+        return loop.plant(x, loop.torque(x, loop.feedforward(time, x)))
 
     solution = solve_ivp(
         closed_loop, (0.0, t[-1]), loop.x_0, method="LSODA", t_eval=t, rtol=_RTOL, atol=_ATOL, max_step=0.05
@@ -219,6 +224,6 @@ def continuous_reference(
     x = solution.y.T
     tau, tau_m = np.empty((m + 1, loop.n)), np.empty((m + 1, loop.n))
     for k in range(m + 1):
-        tau_m[k] = loop.feedforward(t[k], x[k])
-        tau[k] = loop.torque(x[k], tau_m[k])
+        feedforward = loop.feedforward(t[k], x[k])
+        tau[k], tau_m[k] = loop.torque(x[k], feedforward), feedforward[0]
     return Reference("continuous", t, x, tau, tau_m)

@@ -6,15 +6,30 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from vdfmu.equations.flexible_joint import rotor_acceleration, rotor_position, spring_rate
-from vdfmu.equations.forward_dynamics import forward_dynamics
+from vdfmu.equations.flexible_joint import (
+    rotor_acceleration,
+    rotor_force,
+    rotor_position,
+    rotor_torque,
+    rotor_velocities,
+    spring_rate,
+)
+from vdfmu.equations.forward_dynamics import Rotors, forward_dynamics
 from vdfmu.equations.friction import joint_friction
 from vdfmu.equations.harmonic_drive import spring_energy
-from vdfmu.equations.inverse_dynamics import inverse_dynamics
+from vdfmu.equations.inverse_dynamics import inverse_dynamics, joint_torques, link_forces
 from vdfmu.equations.kinematics import end_effector_pose, joint_placements, link_motion
 from vdfmu.equations.rigid_body import mass_matrix
 
-__all__ = ["Outputs", "State", "equilibrium_torque", "plant_derivative", "plant_outputs", "split_state"]
+__all__ = [
+    "Outputs",
+    "State",
+    "balance",
+    "equilibrium_torque",
+    "plant_derivative",
+    "plant_outputs",
+    "split_state",
+]
 
 
 class State(NamedTuple):
@@ -58,10 +73,42 @@ def plant_derivative(robot: Any, x: np.ndarray, tau: np.ndarray, F_e: np.ndarray
     q, q_dot, kappa_dot, tau_s = split_state(x)
     xi_l, xi_m = joint_friction(robot, q_dot, kappa_dot)
     kappa = rotor_position(robot, q, tau_s)
-    q_ddot = forward_dynamics(robot, q, q_dot, tau_s - xi_l, F_e)  # links: (9), (44)-(47)
-    kappa_ddot = rotor_acceleration(robot, tau, tau_s, xi_m)  # rotors: (10), (56)
+    tau_k = rotor_torque(robot, tau, tau_s, xi_m)  # after (11)
+    if robot.rotor_coupling:  # links and rotors as bodies: (4), (7), (9)-(11), (44)-(47)
+        q_ddot = forward_dynamics(robot, q, q_dot, tau_s - xi_l, F_e, Rotors(kappa_dot, tau_k))
+        kappa_ddot = rotor_acceleration(robot, tau_k, link_motion(robot, q, q_dot, q_ddot))
+    else:  # rotors in pure rotation: (56), and (46) without their reaction
+        q_ddot = forward_dynamics(robot, q, q_dot, tau_s - xi_l, F_e)
+        kappa_ddot = rotor_acceleration(robot, tau_k)
     tau_s_dot = spring_rate(robot, kappa, kappa_dot, q_dot, tau_s)  # springs: (2)-(3)
     return np.concatenate([q_dot, q_ddot, kappa_ddot, tau_s_dot])
+
+
+def balance(
+    robot: Any, x: np.ndarray, q_ddot: np.ndarray, tau: np.ndarray, F_e: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the plant's equations of motion in implicit form, which are short to differentiate.
+
+    Parameters
+    ----------
+    x, tau, F_e : as in :func:`plant_derivative`
+    q_ddot : (n,) [rad/s2 or m/s2]
+
+    Returns
+    -------
+    links : (n,) [N m or N] ``tau_s - xi_l - ID(q, q_dot, q_ddot)``, 0 for the plant's own q_ddot
+    rotors : (n,) [rad/s2 or m/s2] kappa_ddot while the links accelerate by q_ddot
+    """
+    q, q_dot, kappa_dot, tau_s = split_state(x)
+    xi_l, xi_m = joint_friction(robot, q_dot, kappa_dot)
+    tau_k = rotor_torque(robot, tau, tau_s, xi_m)
+    motion = link_motion(robot, q, q_dot, q_ddot)
+    F_Dk = None
+    if robot.rotor_coupling:
+        V_D = rotor_velocities(robot, motion.V_B, kappa_dot)
+        F_Dk = [rotor_force(robot, i, V_D[i], tau_k[i]) for i in range(robot.n)]
+    torques = joint_torques(robot, link_forces(robot, motion, F_e, F_Dk))
+    return tau_s - xi_l - torques, rotor_acceleration(robot, tau_k, motion if robot.rotor_coupling else None)
 
 
 def equilibrium_torque(robot: Any, q: np.ndarray) -> np.ndarray:
@@ -73,13 +120,17 @@ def equilibrium_torque(robot: Any, q: np.ndarray) -> np.ndarray:
 def plant_outputs(robot: Any, x: np.ndarray) -> Outputs:
     """Return the outputs of the plant. They depend on its state alone: the plant has no direct feed-through.
 
-    The rotor's kinetic energy is ``J_r (ell kappa_dot)^2 / 2 = I_m ell kappa_dot^2 / 2``, as ``I_m = J_r
-    ell``. The potential energy is zero with all centres of mass at the height of the origin of {I}.
+    The rotor's kinetic energy is ``J_r s^2 / 2`` with ``J_r = I_m / ell`` and s its speed about its axis, the z
+    component of V_D (4); in pure rotation (56) that is ``ell kappa_dot``. The potential energy is zero with all
+    centres of mass at the height of the origin of {I}.
     """
     q, q_dot, kappa_dot, tau_s = split_state(x)
     motion = link_motion(robot, q, q_dot, np.zeros(robot.n))
     p_O, R_O = end_effector_pose(robot, q)
-    E_kin = 0.5 * (robot.I_m * robot.ell) @ (kappa_dot * kappa_dot)
+    spin = kappa_dot
+    if robot.rotor_coupling:
+        spin = np.array([V_D[5] for V_D in rotor_velocities(robot, motion.V_B, kappa_dot)]) / robot.ell
+    E_kin = 0.5 * (robot.I_m * robot.ell) @ (spin * spin)
     E_pot = 0.0
     p, R = np.zeros(3), np.eye(3)
     for i, (R_AB, p_AB) in enumerate(joint_placements(robot, q)):

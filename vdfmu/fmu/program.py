@@ -86,8 +86,9 @@ PROGRAMS = {
     ),
     "controller": Program(
         outputs=(
-            Call("pd_control", {"velocity": "kappa_dot"}, when=("velocity", 0)),
-            Call("pd_control", {"velocity": "q_dot"}, when=("velocity", 1)),
+            Call("pd_control", {"velocity_d": "kappa_dot_d", "velocity": "kappa_dot"}, when=("velocity", 0)),
+            Call("pd_control", {"velocity_d": "q_d_dot", "velocity": "q_dot"}, when=("velocity", 1)),
+            Call("pd_control", {"velocity_d": "q_d_dot", "velocity": "kappa_dot"}, when=("velocity", 2)),
         )
     ),
     "plant": Program(

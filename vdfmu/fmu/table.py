@@ -106,6 +106,7 @@ _MEASURED = {
     "kappa_dot": ("velocity", "velocity of the rotor divided by ell"),
 }
 _TAU_M = {"tau_m": ("N.m", "feedforward torque, motor-side")}
+_KAPPA_DOT_D = {"kappa_dot_d": ("velocity", "desired velocity of the rotor divided by ell")}
 _TAU_S = {"tau_s": ("torque", "spring torque, link-side")}
 _TAU = {"tau": ("N.m", "motor torque, motor-side")}
 _TAU_E = {"tau_e": ("torque", "feedback torque, link-side, Eq. (58)")}
@@ -228,7 +229,7 @@ def _feedforward(robot: Robot) -> list[Variable]:
     K_V = "gain K_B of the link in SI units, times the unit matrix, Eq. (50)"
     return [
         *_inputs(robot, _DESIRED | _MEASURED),
-        *_outputs(robot, _TAU_M | _TAU_S),
+        *_outputs(robot, _TAU_M | _TAU_S | _KAPPA_DOT_D),
         _choice("mode", ("inverse", "vdc"), mode),
         *_gain(robot, "Lambda", "1/s", "gain of the required velocity, Eq. (12)", 1.0),
         *_gain(robot, "K_V", "1", K_V, 0.01),
@@ -240,14 +241,17 @@ def _feedforward(robot: Robot) -> list[Variable]:
 
 def _controller(robot: Robot) -> list[Variable]:
     desired = {group: _DESIRED[group] for group in ("q_d", "q_d_dot")}
-    velocity = "Velocity of the derivative term; 0: kappa_dot (collocated), 1: q_dot (Eq. 58)"
+    velocity = (
+        "Derivative term; 0: kappa_dot_d - kappa_dot (collocated), 1: q_d_dot - q_dot (Eq. 58), "
+        "2: q_d_dot - kappa_dot"
+    )
     return [
-        *_inputs(robot, desired | _MEASURED | _TAU_M),
+        *_inputs(robot, desired | _MEASURED | _TAU_M | _KAPPA_DOT_D),
         *_outputs(robot, _TAU | _TAU_E),
         *_gain(robot, "K_p", "stiffness", "proportional gain, link-side, Eq. (58)", 1000.0),
         *_gain(robot, "K_v", "damping", "derivative gain, link-side, Eq. (58)", 20.0),
         *_gain(robot, "tau_max", "N.m", "limit of the motor torque, motor-side", NO_LIMIT),
-        _choice("velocity", ("kappa_dot", "q_dot"), velocity),
+        _choice("velocity", ("kappa_dot", "q_dot", "mixed"), velocity),
         *[v for v in _robot_parameters(robot) if v.group == "ell"],
     ]
 
@@ -267,7 +271,7 @@ def _plant(robot: Robot) -> list[Variable]:
         "links; otherwise from kappa_dot_0 and tau_s_0"
     )
     tolerance = (
-        "Tolerance of the solver, relative and absolute in SI units; a tolerance of the experiment "
+        "Tolerance of the solver, relative and absolute in SI units; a smaller tolerance of the experiment "
         "replaces it"
     )
     return [

@@ -48,11 +48,18 @@ TERMINALS = {
     "feedforward": (
         Terminal("desired", "left", _MOTION, "Desired motion of the joints"),
         Terminal("joints", "bottom", _MEASURED, "Motion of the joints"),
-        Terminal("feedforward", "right", ("tau_m", "tau_s"), "Torques along the desired motion"),
+        Terminal(
+            "feedforward",
+            "right",
+            ("tau_m", "tau_s", "kappa_dot_d"),
+            "Torques and rotors along the desired motion",
+        ),
     ),
     "controller": (
         Terminal("desired", "left", _MOTION[:2], "Desired motion of the joints"),
-        Terminal("feedforward", "bottom", ("tau_m",), "Torques along the desired motion"),
+        Terminal(
+            "feedforward", "bottom", ("tau_m", "kappa_dot_d"), "Torques and rotors along the desired motion"
+        ),
         Terminal("joints", "right", ("tau", *_MEASURED), "Motor torques and motion of the joints"),
     ),
     "plant": (

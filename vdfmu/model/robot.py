@@ -81,6 +81,9 @@ class Robot:
         Width of tanh(v/eps), which stands for sgn(v) in Eq. (54)-(55).
     friction : "lumped" or "split"
         Arrangement of the friction: all at the rotor, or Eq. (54) on the link and Eq. (55) on the rotor.
+    rotor_coupling : bool
+        Whether the rotors turn with the links that carry them, as bodies of Eq. (4), (7) and (11), or in pure
+        rotation about their own axis, Eq. (56).
     sources : mapping of str to str
         Provenance: key of the robot file to where its number is from.
     """
@@ -110,6 +113,7 @@ class Robot:
     f_ck: Array
     eps: Array
     friction: str
+    rotor_coupling: bool
     sources: Mapping[str, str]
 
     @property
@@ -126,6 +130,7 @@ class Robot:
             "name": self.name,
             "description": self.description,
             "friction": self.friction,
+            "rotor_coupling": self.rotor_coupling,
             "gravity": self.gravity.tolist(),
             "tool_offset": self.tool_offset.tolist(),
             "joints": [

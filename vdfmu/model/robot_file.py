@@ -23,7 +23,9 @@ from vdfmu.model.robot import (
     robot_argument,
 )
 
-ROBOT_KEYS = ("name", "description", "friction", "gravity", "tool_offset", "joints", "sources")
+ROBOT_KEYS = (
+    "name", "description", "friction", "rotor_coupling", "gravity", "tool_offset", "joints", "sources",
+)  # fmt: skip
 JOINT_KEYS = ("type", *GEOMETRY_KEYS, "link", "drive", "friction")
 SOURCE_KEYS = (
     "gravity",
@@ -79,6 +81,7 @@ def robot_from_dict(data: Mapping[str, Any], where: str = "robot") -> Robot:
     name = file.text("name")
     description = file.text("description", "")
     friction = file.text("friction", "lumped", FRICTION_ARRANGEMENTS)
+    rotor_coupling = file.flag("rotor_coupling", True)
     gravity = file.numbers("gravity", (3,), "m/s2", way_out="Write +9.81 along the upward axis.")
     tool_offset = file.numbers("tool_offset", (3,), "m", np.zeros(3).tolist())
     sources = _sources(file)
@@ -104,6 +107,7 @@ def robot_from_dict(data: Mapping[str, Any], where: str = "robot") -> Robot:
         gravity=read_only(gravity),
         tool_offset=read_only(tool_offset),
         friction=friction,
+        rotor_coupling=rotor_coupling,
         sources=sources,
     )
 

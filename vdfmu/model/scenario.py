@@ -15,7 +15,7 @@ MASTERS = ("gauss-seidel", "jacobi", "extrapolated", "iterative")
 CONTINUOUS = ("extrapolated", "iterative")
 """Master algorithms that take the coupled signals as continuous, between the communication points too."""
 MODES = ("inverse", "vdc")
-VELOCITIES = ("kappa_dot", "q_dot")
+VELOCITIES = ("kappa_dot", "q_dot", "mixed")
 FACTOR_FIELDS = tuple(key for key in ARRAY_FIELDS if key != "rotation")
 """Fields of the robot that a plant factor may scale."""
 
@@ -75,8 +75,8 @@ class Controller:
     K_v : (n,) [N.m.s/rad], link side
     tau_max : (n,) [N.m], motor side
         Limit of the motor torque; infinity for none.
-    velocity : "kappa_dot" or "q_dot"
-        Which measured velocity K_v acts on.
+    velocity : "kappa_dot", "q_dot" or "mixed"
+        What K_v acts on: kappa_dot_d - kappa_dot, q_d_dot - q_dot as printed, or q_d_dot - kappa_dot.
     """
 
     K_p: Array

@@ -7,6 +7,7 @@ import math
 import os
 import tempfile
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -17,11 +18,12 @@ from vdfmu.cosim import Interrupted, LogMessage, Results, simulate
 from vdfmu.cosim.container import simulate_container, write_container
 from vdfmu.cosim.master import check_coupling
 from vdfmu.cosim.reference import REFERENCE_OF, reference
-from vdfmu.errors import CosimError, StorageError, UsageError
+from vdfmu.errors import CosimError, UsageError
 from vdfmu.fmu import build_fmus
 from vdfmu.fmu.build import choose_backend
 from vdfmu.fmu.content import Content
-from vdfmu.kernel.cache import cache_folder
+from vdfmu.fmu.interface import MODEL_NAMES, UNIT_NAMES
+from vdfmu.kernel.cache import cache_folder, load, store
 from vdfmu.model import Robot, Scenario, load_robot, load_scenario
 from vdfmu.model.check import check_step
 from vdfmu.model.read import Problems
@@ -50,8 +52,6 @@ _VISIBLE = 1e-3
 """Share of the largest position error above which a difference to a reference shows in the tables of three digits."""
 _NUDGE = 1e-9
 """Relative change of the rotor inertias that must not show; below every tolerance that a scenario has."""
-
-_spare_folders: list[tempfile.TemporaryDirectory[str]] = []
 
 
 def prepare(
@@ -87,18 +87,24 @@ def prepare(
     return scenario
 
 
-def cached_fmus(robot: Robot, backend: str | None = None) -> dict[str, Path]:
-    """FMUs of a robot in the cache, built if they are not there: their folder is named by their content.
-
-    Where the cache cannot be written they are built in a temporary folder, which goes with the process.
-    """
+def cached_fmus(robot: Robot, folder: str | os.PathLike[str], backend: str | None = None) -> dict[str, Path]:
+    """FMUs of a robot in `folder`: those that the cache has, by their content, and the others built."""
     backend = choose_backend(backend)
-    folder = cache_folder() / "fmus" / Content("plant", robot, {}, backend).guid.strip("{}")
-    try:
-        return build_fmus(robot, folder, backend=backend)
-    except StorageError:
-        _spare_folders.append(tempfile.TemporaryDirectory(prefix="vdfmu_fmus_"))
-        return build_fmus(robot, _spare_folders[-1].name, backend=backend)
+    cached: dict[str, bytes | None] = {}
+    places = {
+        u: cache_folder() / "fmus" / Content(u, robot, {}, backend).guid.strip("{}") for u in UNIT_NAMES
+    }
+    for unit, place in places.items():
+        cached[unit] = content = load(place)
+        if content is not None:
+            with suppress(OSError):  # of which the build then says more
+                (Path(folder) / f"{MODEL_NAMES[unit]}.fmu").write_bytes(content)
+    fmus = build_fmus(robot, folder, backend=backend)
+    for unit, fmu in fmus.items():
+        content = fmu.read_bytes()
+        if content != cached[unit]:
+            store(places[unit], content)
+    return fmus
 
 
 def run(
@@ -140,7 +146,8 @@ def run(
     container : bool, optional
         Fold the native units into one FMU, ``container.fmu``, and run that. It steps them as ``jacobi`` does.
     settings : mapping of str to value, optional
-        Parameters, ``{"controller.K_p[1]": 3000}``; without an index for all joints.
+        Parameters and inputs that nothing feeds, ``{"controller.K_p[1]": 3000}``; without an index for all elements,
+        one value or a list or array with one for each.
     progress : callable, optional
         Called with stage, done, total.
     log : callable, optional
@@ -179,7 +186,7 @@ def run(
     if container:
         scenario = _for_container(scenario, backend, master)
     text_settings = {key: str(value) for key, value in (settings or {}).items()}
-    values = system_values(scenario, text_settings)
+    values = system_values(scenario, settings)
     free = scenario.master == "iterative" or scenario.adaptive is not None
     warnings = sampling_warnings(values, scenario.robot, None if free else scenario.step)
     if log is not None:
@@ -187,7 +194,10 @@ def run(
             log(LogMessage("", 0.0, "warning", "", warning))
     make_empty(folder, RUN_OUTPUTS)
     report("build", 0, 1)
-    package = write_ssp(scenario, cached_fmus(scenario.robot, backend), folder / "system.ssp", values)
+    with tempfile.TemporaryDirectory(prefix="vdfmu_fmus_") as fmus:
+        package = write_ssp(
+            scenario, cached_fmus(scenario.robot, fmus, backend), folder / "system.ssp", values
+        )
     if container:
         write_container(package, folder / "container.fmu", step=scenario.step)
     report("build", 1, 1)

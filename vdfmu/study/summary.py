@@ -146,7 +146,7 @@ def sampling_warnings(values: Mapping[str, Mapping[str, Any]], robot: Robot, ste
                 f"Joint {i}: K_v*step/(ell*I_m) = {number:.2g} is above {_SAMPLING_LIMIT}: the sampled loop may be "
                 f"unstable. Lower controller.K_v[{i}] or the step."
             )
-    if controller["velocity"]:
+    if controller["velocity"] == 1:
         warnings.append(
             "controller.velocity = q_dot: the derivative acts across the spring (non-collocated) and is "
             "unstable at the usual gains. kappa_dot is the default."

@@ -71,7 +71,7 @@ EQUATIONS = {
         ),
         (
             "κ<sub>d</sub> = q<sub>d</sub> + D(τ<sub>s</sub>) + θ<sub>err</sub>(κ<sub>d</sub>)",
-            "motion of the rotors",
+            "motion of the rotors; κ̇<sub>d</sub> is an output in both modes",
         ),
         (
             "τ<sub>m</sub> = I<sub>m</sub> κ̈<sub>d</sub> + τ<sub>s</sub>/ℓ + ξ<sub>m</sub>(κ̇<sub>d</sub>)",
@@ -103,10 +103,13 @@ EQUATIONS = {
     "controller": _SYMBOLS
     + _equations(
         (
-            "τ<sub>e</sub> = K<sub>p</sub> (q<sub>d</sub> − q) + K<sub>v</sub> (q̇<sub>d</sub> − v)",
+            "τ<sub>e</sub> = K<sub>p</sub> (q<sub>d</sub> − q) + K<sub>v</sub> (v<sub>d</sub> − v)",
             "feedback, link-side, (58)",
         ),
-        ("v = κ̇ (velocity = 0) or q̇ (velocity = 1)", "κ̇ is collocated with the motor; q̇ is that of (58)"),
+        (
+            "v<sub>d</sub> − v = κ̇<sub>d</sub> − κ̇ (velocity = 0), q̇<sub>d</sub> − q̇ (1) or q̇<sub>d</sub> − κ̇ (2)",
+            "κ̇ is collocated with the motor; q̇<sub>d</sub> − q̇ is that of (58)",
+        ),
         (
             "τ = τ<sub>m</sub> + τ<sub>e</sub>/ℓ, limited to −τ<sub>max</sub> .. τ<sub>max</sub>",
             "torque of the motors",

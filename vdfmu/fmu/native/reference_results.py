@@ -88,6 +88,7 @@ def _stimuli(table: Interface) -> dict[str, list[list[float]]]:
         row["q"] = row["q_d"] - 1e-4 * np.cos(t + phase)
         row["q_dot"] = row["q_d_dot"] + 1e-3 * np.sin(t + phase)
         row["kappa_dot"] = row["q_d_dot"] + 1e-3 * np.cos(t + phase)
+        row["kappa_dot_d"] = row["q_d_dot"] + 2e-3 * np.sin(2.0 * t + phase)
         row["tau_m"] = 0.05 * np.sin(3.0 * t + phase)
         rows.append(row)
     groups = [g for g, where in table.groups.items() if table.variables[where.start].causality == "input"]
@@ -162,10 +163,13 @@ def _feedforward(table: Interface, values: Values) -> Values:
 
 
 def _controller(table: Interface, values: Values) -> Values:
-    velocity = values["kappa_dot" if values["velocity"][0] == 0.0 else "q_dot"]
-    names = ("K_p", "K_v", "ell", "tau_max", "q_d", "q_d_dot", "q", "tau_m")
+    choice = int(values["velocity"][0])
+    velocity_d, velocity = (("kappa_dot_d", "kappa_dot"), ("q_d_dot", "q_dot"), ("q_d_dot", "kappa_dot"))[
+        choice
+    ]
+    names = ("K_p", "K_v", "ell", "tau_max", "q_d", "q", "tau_m")
     given: dict[str, Any] = {name: values[name] for name in names}
-    return pd_control(**given, velocity=velocity)._asdict()
+    return pd_control(**given, velocity_d=values[velocity_d], velocity=values[velocity])._asdict()
 
 
 def _plant(table: Interface, values: Values, held: Iterable[Values]) -> Iterable[Values]:
