@@ -26,6 +26,7 @@ from vdfmu.fmu.native.package import fmi_headers
 from vdfmu.model import Robot
 
 VERSIONS = ("2.0", "3.0")
+pytestmark = pytest.mark.heavy  # FMUs for all platforms
 
 
 class Lazy(dict[str, dict[str, Path]]):
@@ -272,7 +273,6 @@ def test_reference_results_end_where_an_arm_runs_away(planar: Robot, tmp_path: P
     assert not {"nan", "inf"} & set(",".join(rows[1:]).split(","))
 
 
-@pytest.mark.slow
 def test_fmpy_compiles_the_sources(
     native: Mapping[str, Mapping[str, Path]], version: str, tmp_path: Path
 ) -> None:

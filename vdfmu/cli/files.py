@@ -90,7 +90,9 @@ def ssp(
     ] = "1.0",
     out: Annotated[
         Path | None,
-        typer.Option(help="File to write, default SCENARIO.ssp; with osp a folder, default SCENARIO_osp."),
+        typer.Option(
+            help="File to write, default SCENARIO.ssp or SCENARIO_2.0.ssp; with osp a folder, default SCENARIO_osp."
+        ),
     ] = None,
     backend: BackendOption = None,
     settings: SetOption = None,
@@ -114,7 +116,8 @@ def ssp(
         if form == "osp":
             say(str(write_osp(chosen, fmus, out or Path(f"{chosen.name}_osp"), values)))
         else:
-            say(str(write_ssp(chosen, fmus, out or Path(f"{chosen.name}.ssp"), values, version=form)))
+            name = chosen.name if form == "1.0" else f"{chosen.name}_{form}"
+            say(str(write_ssp(chosen, fmus, out or Path(f"{name}.ssp"), values, version=form)))
 
 
 def check(

@@ -68,7 +68,7 @@ class Robot:
     c_w : (n,) [1/(N.m)], motor side
         Growth of the wave generator stiffness, Eq. (3).
     theta_err_amplitude, theta_err_phase : (n,) [rad]
-        Kinematic error of Eq. (3), A*sin(2*ell*kappa + phase), amplitude on the link side.
+        Kinematic error of Eq. (3), ``A*sin(2*ell*kappa + phase)``, amplitude on the link side.
     f_c, f_s : (n,) [N.m]
         Coulomb and static friction, Eq. (54).
     f_v : (n,) [N.m.s/rad]
