@@ -207,7 +207,7 @@ def test_a_call_that_takes_too_many_internal_steps_is_ended_and_changes_nothing(
 
 
 def test_the_limit_of_internal_steps_is_far_from_use(arm, kernel_of):
-    """Free fall of 0.1 s as one step at 1e-9, the fastest motion of the slowest robot: 1 of 10 s in the limit."""
+    """0.1 s as one step at 1e-9, under a torque and a wrench: below a hundredth of the limit, which 10 s then keep."""
     integrator = integrator_of(kernel_of(arm), 1e-9)
     integrator.advance(0.0, 0.1)
     assert integrator.steps + integrator.rejected < MAXIMUM_STEPS / 100

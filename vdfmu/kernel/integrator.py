@@ -16,7 +16,7 @@ __all__ = ["Integrator", "state_name"]
 MINIMUM_STEP = 1e-12
 """Smallest internal step [s]: 1e4 times rounding of a time of about 1 s."""
 MAXIMUM_STEPS = 1_000_000
-"""Internal steps, rejected ones too, in one call: 10 s of free fall of the six-joint arm take 300,000."""
+"""Internal steps, rejected ones too, in one call: 10 s of the six-joint arm at 150 rad/s take 300,000."""
 _SAFETY, _SHRINK, _GROW = 0.9, 0.2, 5.0
 
 
