@@ -49,10 +49,13 @@ def test_the_rows_before_the_failure_are_kept(fragile):
     assert results.summary["wall_s"] > 0.0
 
 
-def test_a_refused_step_is_an_error_too(fragile):
-    with pytest.raises(CosimError, match=r"the load is 50 %s of nominal \(status discard\)") as info:
-        run(fragile, 1)
-    assert len(info.value.results) == 6
+def test_a_step_that_pythonfmu_refuses_ends_the_simulation(fragile):
+    """Whatever its reason: it answers fmi2Discard, and that the unit wants to end the simulation."""
+    results = run(fragile, 1)
+    assert results.summary["ended"] == {"component": "arm", "time": 0.5}
+    assert len(results) == 6
+    assert str(results.messages[-2]) == "arm: the load is 50 %s of nominal"
+    assert str(results.messages[-1]) == "arm ended the simulation at t = 0.5 s"
 
 
 def test_a_warning_is_logged_with_unit_and_time_and_the_run_goes_on(fragile):

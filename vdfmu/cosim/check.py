@@ -10,7 +10,7 @@ from vdfmu.cosim.abilities import check_abilities
 from vdfmu.cosim.conversion import Conversion, Value, as_type, compose
 from vdfmu.cosim.description import Description, Variable, inspect_description, limit_fault
 from vdfmu.cosim.link import Link, Port
-from vdfmu.cosim.schedule import ALGORITHMS, Schedule, make_schedule
+from vdfmu.cosim.schedule import ALGORITHMS, Schedule, choose_schedule
 from vdfmu.errors import SspError, UsageError
 from vdfmu.ssp.archive import Archive
 from vdfmu.ssp.structure import Component, Parameter, System, Unit, spread
@@ -29,6 +29,8 @@ class Checked:
     descriptions : mapping of str to Description
         By component name, in the order of the SSD.
     links : tuple of Link
+    algorithm : str
+        The master algorithm that `schedule` is for.
     schedule : Schedule
     starts : mapping of str to list of (Variable, value)
         What to set in each component before initialization, in the units of the FMU.
@@ -41,6 +43,7 @@ class Checked:
     system: System
     descriptions: Mapping[str, Description]
     links: tuple[Link, ...]
+    algorithm: str
     schedule: Schedule
     starts: Mapping[str, Sequence[tuple[Variable, Value]]]
     notes: tuple[str, ...]
@@ -51,7 +54,7 @@ def check_system(
     system: System,
     parameters: Mapping[str, Value] | None = None,
     *,
-    algorithm: str = "gauss-seidel",
+    algorithm: str | None = None,
     repeats: bool = False,
     strict: bool = False,
     ignore_unmatched: bool = False,
@@ -64,8 +67,8 @@ def check_system(
     parameters : mapping of str to value, optional
         Values of ``component.variable``, in the unit of the FMU; without an index, of all ``component.variable[...]``:
         one value, or a list or array with one for each. They win over those of the package.
-    algorithm : str
-        One of `vdfmu.cosim.ALGORITHMS`.
+    algorithm : str, optional
+        One of `vdfmu.cosim.ALGORITHMS`; default as `vdfmu.cosim.schedule.choose_schedule` has it.
     repeats : bool
         Whether steps may be repeated and vary, so that units must save and restore their state.
     strict : bool
@@ -85,7 +88,7 @@ def check_system(
     UsageError
         An unknown algorithm, or `parameters` name something unknown, not settable or of another type.
     """
-    if algorithm not in ALGORITHMS:
+    if algorithm not in (None, *ALGORITHMS):
         raise UsageError(f"unknown algorithm {algorithm!r}; there are {', '.join(ALGORITHMS)}")
     checker = _Checker(system, strict, ignore_unmatched)
     checker.read()
@@ -99,8 +102,9 @@ def check_system(
     fixed = {link.end: link.start for link in links if not link.stepped}
     for name, values in starts.items():
         checker.notes += _fed(name, values, fixed, "the value of the parameter set")
-    schedule, loops = make_schedule(known, links, algorithm)
+    algorithm, schedule, loops, notes = choose_schedule(known, links, algorithm)
     checker.problems += loops
+    checker.notes += notes
     for loop in dict.fromkeys(schedule.initial.loops):
         checker.notes.append(f"algebraic loop during initialization, solved: {loop}")
     problems, notes = check_abilities(known, links, schedule, algorithm, repeats)
@@ -116,6 +120,7 @@ def check_system(
         system=system,
         descriptions=known,
         links=tuple(links),
+        algorithm=algorithm,
         schedule=schedule,
         starts={name: list(values.values()) for name, values in starts.items()},
         notes=tuple(checker.notes),
@@ -243,9 +248,6 @@ class _Checker:
             types = [source.type, *(h.type for h in connection.hops[:-1] if h.type), sink.type]
             if len(set(types)) > 1:
                 self.problems.append(f"{where}: type mismatch, {' to '.join(types)}")
-                continue
-            if source.type == "String":
-                self.problems.append(f"{where}: connections of type String are not supported")
                 continue
             if (source.causality, sink.causality) not in _PAIRS:
                 self.problems.append(

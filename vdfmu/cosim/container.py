@@ -81,6 +81,8 @@ def write_container(
     changing = [str(link) for link in checked.links if not link.conversion.trivial]
     if changing:
         raise UsageError(f"{changing[0]}: a container FMU passes values on unchanged; remove the conversion.")
+    if texts := [str(link) for link in checked.links if link.sink.type == "String"]:
+        raise UsageError(f"{texts[0]}: a container FMU passes no text on; remove the connection.")
     if loops := checked.schedule.initial.loops:
         raise UsageError(
             f"algebraic loop during initialization: {loops[0]}. A container FMU passes values on once and does not "
