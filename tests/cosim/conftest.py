@@ -212,7 +212,7 @@ def fmus(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
         {},
     )
     add(
-        "Clock",  # a state, and the whole seconds that have passed; for short steps and for whole
+        "Clock",  # a state, and the whole seconds that have passed; for short steps and for whole ones
         [variable("u", "input"), variable("y", "output"), variable("n", "output", "Integer", 0)],
         "def calc(self):\n    pass\n"
         "def do_step(self, t, h):\n    self._y = self._y + h * (1.0 + self._u)\n"
@@ -295,6 +295,12 @@ def fmus(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
         "    from math import sin\n"
         "    self._p += sin(t + h) - sin(t) - 0.25 * h * self._f\n    return True\n",
         {},
+    )
+    add(
+        "Dividing",
+        [variable("u", "input"), variable("y", "output")],
+        "def calc(self):\n    self._y = 1.0 / self._u if self._u else float('inf')\n" + step,
+        {"y": ["u"]},
     )
     add(
         "Speaker",

@@ -146,6 +146,14 @@ def test_the_command_ends_with_an_error_and_keeps_the_rows(package, tmp_path):
     assert len((tmp_path / "results.csv").read_text().splitlines()) == 2 + 2  # names, units, t = 0 and 0.25 s
 
 
+def test_check_notes_what_is_no_number(fmus):
+    findings = check_run.run_apart(fmus["Dividing"])
+    assert findings.problems == []
+    assert any(
+        note.startswith("y is inf at t = 0 s, inputs at their start values") for note in findings.notes
+    )
+
+
 # ---------------------------------------------------------------- the end that a unit makes
 
 

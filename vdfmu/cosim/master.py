@@ -324,7 +324,8 @@ class _Run:
                     for k in range(done, min(n, done + stride)):
                         time, stop = begin + k * step, begin + (k + 1) * step if k < n - 1 else end
                         box.time = time
-                        advance(time, step if k < n - 1 else largest_step(time, end), stop)
+                        fits = k < n - 1 or time + step == end
+                        advance(time, step if fits else largest_step(time, end), stop)
                         if not finite():
                             exchange.refuse_not_finite("doStep", stop)
                         done = k + 1
