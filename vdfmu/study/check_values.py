@@ -237,7 +237,7 @@ def parameter_faults(
         None if d.get("size") is None else int(d.get("size"))
         for d in item.iterfind("ssc:Dimension", NAMESPACES)
     )
-    texts: list[str] = (value.get("value") or "").split()
+    texts = str(value.get("value") or "").split()
     count = len(texts)
     if None not in sizes and math.prod(s or 0 for s in sizes) != count:
         faults.append(f"{count} value(s) for {show_shape(sizes)}")
@@ -258,9 +258,12 @@ def parameter_faults(
 
 def _limit_faults(texts: list[str], variable: Any, unit: Unit | None, declared: Unit | None) -> list[str]:
     """Return which values lie outside of the limits of a variable, as far as they can be converted."""
+    relative = variable.relativeQuantity or getattr(variable.declaredType, "relativeQuantity", False)
+    factor, offset = 1.0, 0.0
     try:
         values = [float(text) for text in texts]
-        factor, offset = between(unit, declared) if unit is not None and declared is not None else (1.0, 0.0)
+        if unit is not None and declared is not None:
+            factor, offset = between(unit, declared, bool(relative))
     except (ValueError, ZeroDivisionError):  # reported with the types and units
         return []
     found = [limit_fault(factor * value + offset, limits_of(variable)) for value in values]
