@@ -19,6 +19,7 @@ from vdfmu.kernel.rodas import ALPHA, GAMMA, GAMMA_I, A, C
 from vdfmu.kernel.structure import set_parameters, structure_key, values
 from vdfmu.kernel.trace import FUNCTIONS
 from vdfmu.model import Robot, load_robot
+from vdfmu.model.robot import JOINT_FIELDS
 
 
 @pytest.fixture(
@@ -35,11 +36,7 @@ def traced_robot(request, general):
 
 def first_joint(robot: Robot) -> Robot:
     """Return the arm that ends after the first joint."""
-    arrays = {
-        f.name: getattr(robot, f.name)[:1]
-        for f in dataclasses.fields(robot)
-        if isinstance(getattr(robot, f.name), np.ndarray) and f.name not in ("gravity", "tool_offset")
-    }
+    arrays = {name: getattr(robot, name)[:1] for name in JOINT_FIELDS}
     return dataclasses.replace(robot, name="single", joint_types=robot.joint_types[:1], **arrays)
 
 
@@ -101,11 +98,11 @@ def case(name, robot, state):
         case "margins":
             return {}, dict(margin=margins(robot, requirements(robot)))
         case "equilibrium_torque":
-            return dict(q=q), dict(tau_s=equilibrium_torque(robot, q))
+            return dict(q=q, F_e=F_e), dict(tau_s=equilibrium_torque(robot, q, F_e))
         case "feedforward_inverse":
-            return desired, feedforward_inverse(robot, motion)._asdict()
+            return desired | dict(F_e_d=F_e), feedforward_inverse(robot, motion, F_e)._asdict()
         case "feedforward_vdc":
-            measured = dict(q=q, q_dot=q_dot, kappa_dot=state.kappa_dot)
+            measured = dict(q=q, q_dot=q_dot, kappa_dot=state.kappa_dot, F_e_d=F_e)
             torques = feedforward_vdc(robot, Gains(**gains), motion, **measured)
             return desired | measured | gains, torques._asdict()
         case "trajectory":
@@ -272,4 +269,4 @@ def test_kernel_without_cache_traces_the_same(planar, draw):
 
 
 def test_desired_fields_are_the_inputs_of_the_feedforward(planar, kernel_of):
-    assert tuple(kernel_of(planar).function("feedforward_inverse").args) == (*Desired._fields, "p")
+    assert tuple(kernel_of(planar).function("feedforward_inverse").args) == (*Desired._fields, "F_e_d", "p")

@@ -103,11 +103,12 @@ def test_the_feedforward_is_that_of_its_mode(
     for _ in range(5):
         desired = Desired(*(rng.normal(size=n) for _ in Desired._fields))
         measured = {name: rng.normal(size=n) for name in ("q", "q_dot", "kappa_dot")}
+        measured["F_e_d"] = rng.normal(size=6)
         unit.step(1e-3, **desired._asdict(), **measured)
         expected = (
             feedforward_vdc(robot, gains, desired, *measured.values())
             if mode
-            else feedforward_inverse(robot, desired)
+            else feedforward_inverse(robot, desired, measured["F_e_d"])
         )
         same(unit.get("tau_m"), expected.tau_m, scale=100.0)
         same(unit.get("tau_s"), expected.tau_s, scale=100.0)
@@ -133,11 +134,12 @@ def test_the_plant_starts_in_equilibrium(
     q_0, q_dot_0 = rng.normal(size=(2, robot.n))
     unit = open_unit("plant", robot_name)
     set_robot(unit, robot)
-    unit.start(q_0=q_0, q_dot_0=q_dot_0, tau_s_0=99.0, kappa_dot_0=99.0)
+    F_e = rng.normal(size=6)
+    unit.start(q_0=q_0, q_dot_0=q_dot_0, tau_s_0=99.0, kappa_dot_0=99.0, F_e=F_e)
     assert np.array_equal(unit.get("q"), q_0)
     assert np.array_equal(unit.get("q_dot"), q_dot_0)
     assert np.array_equal(unit.get("kappa_dot"), q_dot_0)
-    same(unit.get("tau_s"), equilibrium_torque(robot, q_0), scale=100.0)
+    same(unit.get("tau_s"), equilibrium_torque(robot, q_0, F_e), scale=100.0)
     same_outputs(unit, robot)
 
 

@@ -8,10 +8,10 @@ import numpy as np
 
 from vdfmu.equations.flexible_joint import rotor_position
 from vdfmu.equations.friction import joint_friction
-from vdfmu.equations.inverse_dynamics import inverse_dynamics, joint_torques
+from vdfmu.equations.inverse_dynamics import inverse_dynamics, joint_torques, tool_transform
 from vdfmu.equations.jet import derivative, jets
 from vdfmu.equations.kinematics import gravity_in_links, joint_transforms
-from vdfmu.equations.rigid_body import coriolis_matrix, gravity_force, mass_matrix
+from vdfmu.equations.rigid_body import coriolis_matrix, gravity_force, link_body, mass_matrix
 from vdfmu.equations.spatial import cross_motion, joint_axis
 from vdfmu.equations.trajectory import Desired
 
@@ -63,23 +63,24 @@ class DriveMotion(NamedTuple):
     kappa_ddot: Any
 
 
-def desired_drive_motion(robot: Any, desired: Desired) -> DriveMotion:
+def desired_drive_motion(robot: Any, desired: Desired, F_e_d: np.ndarray | None = None) -> DriveMotion:
     """Return what springs and rotors must do while the links follow the desired motion exactly.
 
     ``tau_s = ID(q_d, ..) + xi_l`` and ``kappa = q_d + D(tau_s) + theta_err``; the two derivatives of kappa
-    come from running these lines on jets, which takes q_d up to its fourth derivative.
+    come from running these lines on jets, which takes q_d up to its fourth derivative. The derivatives of the wrench
+    `F_e_d` are taken as zero.
     """
     q_d, q_d_dot, q_d_ddot, q_d_dddot, q_d_ddddot = desired
     q = jets(q_d, q_d_dot, q_d_ddot)
     q_dot = jets(q_d_dot, q_d_ddot, q_d_dddot)
     q_ddot = jets(q_d_ddot, q_d_dddot, q_d_ddddot)
     xi_l, _ = joint_friction(robot, q_dot, q_dot)
-    tau_s = inverse_dynamics(robot, q, q_dot, q_ddot) + xi_l
+    tau_s = inverse_dynamics(robot, q, q_dot, q_ddot, F_e_d) + xi_l
     kappa = rotor_position(robot, q, tau_s)
     return DriveMotion(derivative(tau_s, 0), derivative(kappa, 0), derivative(kappa, 1), derivative(kappa, 2))
 
 
-def feedforward_inverse(robot: Any, desired: Desired) -> Feedforward:
+def feedforward_inverse(robot: Any, desired: Desired, F_e_d: np.ndarray | None = None) -> Feedforward:
     """Exact inverse of the plant along the desired motion: ``tau_m = I_m kappa_ddot + tau_s / ell + xi_m``.
 
     This is (27) with zero velocity error and ``tau_t = tau_s / ell``; see :func:`printed_motor_torque` for
@@ -88,8 +89,9 @@ def feedforward_inverse(robot: Any, desired: Desired) -> Feedforward:
     Parameters
     ----------
     desired : q_d to its fourth derivative, each (n,)
+    F_e_d : (6,) [N, N m] wrench that the arm is to exert on its surroundings, in {O}, constant
     """
-    drive = desired_drive_motion(robot, desired)
+    drive = desired_drive_motion(robot, desired, F_e_d)
     _, xi_m = joint_friction(robot, desired.q_d_dot, drive.kappa_dot)
     tau_m = robot.I_m * drive.kappa_ddot + drive.tau_s / robot.ell + xi_m  # (27), (56)
     return Feedforward(tau_m, drive.tau_s, drive.kappa_dot)
@@ -154,7 +156,7 @@ def required_net_forces(
             V_B_r = V_B_r + U_AB[i].T @ V_A_r  # (49), (14)
             # the derivative of (49): U depends on the measured position, so its rate on the measured velocity
             V_B_r_dot = V_B_r_dot + U_AB[i].T @ V_A_r_dot + cross_motion(V_B_r) @ (z * q_dot[i])
-        body = (robot.mass[i], robot.centroid[i], robot.inertia[i])
+        body = link_body(robot, i)
         F_B_r_star.append(
             mass_matrix(*body) @ V_B_r_dot
             + coriolis_matrix(*body, V_B[3:]) @ V_B_r
@@ -165,17 +167,22 @@ def required_net_forces(
     return F_B_r_star
 
 
-def required_forces(U_AB: list[np.ndarray], F_B_r_star: list[np.ndarray]) -> list[np.ndarray]:
+def required_forces(
+    robot: Any, U_AB: list[np.ndarray], F_B_r_star: list[np.ndarray], F_e_d: np.ndarray | None = None
+) -> list[np.ndarray]:
     """Return the required force on every driven cutting point, Eq. (51)-(53), from the last link to the first.
 
     (52)-(53) are the constraints (18), (20) of the joints, solved for the forces as (23), (25): the base's net force
-    is part of the link before it. The load F_l of (51) is zero.
+    is part of the link before it. The load F_l of (51) is the wrench `F_e_d` in {O}; a payload is part of the last
+    link.
 
     Returns
     -------
     F_B_r : n times (6,) [N, N m] in {B_i}
     """
-    F_B_r = list(F_B_r_star)  # (51)
+    F_B_r = list(F_B_r_star)
+    if F_e_d is not None:
+        F_B_r[-1] = F_B_r[-1] + tool_transform(robot) @ F_e_d  # (51)
     for i in reversed(range(len(F_B_r) - 1)):
         F_B_r[i] = F_B_r[i] + U_AB[i + 1] @ F_B_r[i + 1]  # (52)-(53)
     return F_B_r
@@ -209,7 +216,13 @@ def drive_torques(
 
 
 def feedforward_vdc(
-    robot: Any, gains: Gains, desired: Desired, q: np.ndarray, q_dot: np.ndarray, kappa_dot: np.ndarray
+    robot: Any,
+    gains: Gains,
+    desired: Desired,
+    q: np.ndarray,
+    q_dot: np.ndarray,
+    kappa_dot: np.ndarray,
+    F_e_d: np.ndarray | None = None,
 ) -> Feedforward:
     """Return the feedforward of virtual decomposition control, Eq. (12)-(27) and (48)-(53).
 
@@ -220,11 +233,12 @@ def feedforward_vdc(
     ----------
     desired : q_d to its fourth derivative, each (n,)
     q, q_dot, kappa_dot : (n,) measured
+    F_e_d : (6,) [N, N m] as in :func:`feedforward_inverse`
     """
-    drive = desired_drive_motion(robot, desired)
+    drive = desired_drive_motion(robot, desired, F_e_d)
     required = required_motion(gains, desired, drive, q, q_dot)
     U_AB = joint_transforms(robot, q)
-    F_B_r = required_forces(U_AB, required_net_forces(robot, gains, U_AB, q_dot, required))
+    F_B_r = required_forces(robot, U_AB, required_net_forces(robot, gains, U_AB, q_dot, required), F_e_d)
     friction = joint_friction(robot, desired.q_d_dot, drive.kappa_dot)
     tau_q = joint_torques(robot, F_B_r)
     tau_t, tau_m = drive_torques(robot, gains, required, tau_q, friction, q_dot, kappa_dot)

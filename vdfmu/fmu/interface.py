@@ -116,14 +116,14 @@ class Interface:
 
     def direct_dependencies(self, output: Variable) -> list[int]:
         """Value references of the inputs that an output depends on at the same communication point."""
-        return [i for i in self.initial_dependencies(output) if self.variables[i].causality == "input"]
+        return np.flatnonzero(self._dependencies[0][self.reference[output.name]]).tolist()
 
     def initial_dependencies(self, output: Variable) -> list[int]:
         """Value references of the inputs and parameters that an output depends on during initialization."""
-        return np.flatnonzero(self._dependencies[self.reference[output.name]]).tolist()
+        return np.flatnonzero(self._dependencies[1][self.reference[output.name]]).tolist()
 
     @cached_property
-    def _dependencies(self) -> npt.NDArray[np.bool_]:
+    def _dependencies(self) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.bool_]]:
         return dependencies(self)
 
 

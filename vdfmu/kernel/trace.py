@@ -190,7 +190,7 @@ def _trace_plant_outputs(robot: Robot) -> ca.Function:
 @_traced
 def _trace_equilibrium_torque(robot: Robot) -> ca.Function:
     symbols, p = symbolic_robot(robot)
-    inputs = _vectors(robot.n, "q")
+    inputs = _vectors(robot.n, "q") | _vectors(6, "F_e")
     tau_s = equilibrium_torque(symbols, *_arrays(inputs))
     return _function("equilibrium_torque", inputs | {"p": p}, {"tau_s": to_sx(tau_s)})
 
@@ -204,8 +204,9 @@ def _trace_margins(robot: Robot) -> ca.Function:
 @_traced
 def _trace_feedforward_inverse(robot: Robot) -> ca.Function:
     symbols, p = symbolic_robot(robot)
-    inputs = _vectors(robot.n, *_DESIRED)
-    torques = feedforward_inverse(symbols, Desired(*_arrays(inputs)))
+    desired, wrench = _vectors(robot.n, *_DESIRED), _vectors(6, "F_e_d")
+    inputs = desired | wrench
+    torques = feedforward_inverse(symbols, Desired(*_arrays(desired)), *_arrays(wrench))
     return _function(
         "feedforward_inverse", inputs | {"p": p}, {k: to_sx(v) for k, v in torques._asdict().items()}
     )
@@ -215,7 +216,7 @@ def _trace_feedforward_inverse(robot: Robot) -> ca.Function:
 def _trace_feedforward_vdc(robot: Robot) -> ca.Function:
     symbols, p = symbolic_robot(robot)
     desired = _vectors(robot.n, *_DESIRED)
-    measured = _vectors(robot.n, "q", "q_dot", "kappa_dot")
+    measured = _vectors(robot.n, "q", "q_dot", "kappa_dot") | _vectors(6, "F_e_d")
     gains = _vectors(robot.n, *Gains._fields)
     torques = feedforward_vdc(symbols, Gains(*_arrays(gains)), Desired(*_arrays(desired)), *_arrays(measured))
     inputs = desired | measured | gains | {"p": p}

@@ -10,7 +10,7 @@ import numpy as np
 from vdfmu.errors import ModelError
 from vdfmu.model.check import check_step
 from vdfmu.model.read import FloatArray, Problems, Table, as_number, shape_of, shown
-from vdfmu.model.robot import Array, Robot, read_only
+from vdfmu.model.robot import WHOLE_FIELDS, Array, Robot, read_only
 from vdfmu.model.robot_file import check_robot
 from vdfmu.model.scenario import (
     CONTINUOUS,
@@ -182,7 +182,7 @@ def _factors(table: Table, n: int | None) -> dict[str, Array | float]:
     for key, value in table.data.items():
         if key not in FACTOR_FIELDS:
             continue  # noted by the table
-        if as_number(value) is not None or key in ("gravity", "tool_offset"):
+        if as_number(value) is not None or key in WHOLE_FIELDS:
             factors[key] = table.number(key, "", above=0, way_out="A factor of 1 changes nothing.")
         else:
             factors[key] = _per_joint(table, key, n, "", above=0)

@@ -66,8 +66,9 @@ EQUATIONS = {
     + "<p>Mode 0, <code>inverse</code>: the exact inverse of the plant along the desired motion.</p>"
     + _equations(
         (
-            "τ<sub>s</sub> = ID(q<sub>d</sub>, q̇<sub>d</sub>, q̈<sub>d</sub>) + ξ<sub>l</sub>(q̇<sub>d</sub>)",
-            "torque of the springs",
+            "τ<sub>s</sub> = ID(q<sub>d</sub>, q̇<sub>d</sub>, q̈<sub>d</sub>, F<sub>e,d</sub>) + "
+            "ξ<sub>l</sub>(q̇<sub>d</sub>)",
+            "torque of the springs; the derivatives of the wrench F<sub>e,d</sub> are taken as zero",
         ),
         (
             "κ<sub>d</sub> = q<sub>d</sub> + D(τ<sub>s</sub>) + θ<sub>err</sub>(κ<sub>d</sub>)",
@@ -133,8 +134,8 @@ EQUATIONS = {
     + "<p>The links are solved by the articulated-body recursion on</p>"
     + _BODY
     + "<p>F<sub>e</sub> is the wrench that the arm exerts on its surroundings, in the frame of the end effector. The "
-    "plant starts in static equilibrium unless <code>equilibrium</code> is false. Its outputs depend on the state "
-    "alone.</p>"
+    "plant starts in static equilibrium under F<sub>e</sub> unless <code>equilibrium</code> is false. Its outputs "
+    "depend on the state alone.</p>"
     + _equations(
         (
             "E<sub>kin</sub> = ½ Σ V<sub>B</sub><sup>T</sup> M<sub>B</sub> V<sub>B</sub> + ½ Σ I<sub>m</sub> ℓ κ̇²",

@@ -88,6 +88,7 @@ def _stimuli(table: Interface) -> dict[str, list[list[float]]]:
         row["q"] = row["q_d"] - 1e-4 * np.cos(t + phase)
         row["q_dot"] = row["q_d_dot"] + 1e-3 * np.sin(t + phase)
         row["kappa_dot"] = row["q_d_dot"] + 1e-3 * np.cos(t + phase)
+        row["F_e_d"] = _wrench(t)
         row["kappa_dot_d"] = row["q_d_dot"] + 2e-3 * np.sin(2.0 * t + phase)
         row["tau_m"] = 0.05 * np.sin(3.0 * t + phase)
         rows.append(row)
@@ -96,13 +97,17 @@ def _stimuli(table: Interface) -> dict[str, list[list[float]]]:
     return {group: [[float(_DIGITS % v) for v in row[group]] for row in rows] for group in groups}
 
 
+def _wrench(t: float) -> Floats:
+    return 0.1 * np.sin(2.0 * t + np.arange(6.0))
+
+
 def _plant_inputs(table: Interface, values: Values, t: float) -> Values:
     """Torques that hold the arm at its start and push it somewhat harder than friction, and a small wrench."""
     robot = _robot(table)
     hold = equilibrium_torque(robot, values["q_0"])
     ramp = np.sin(np.pi * t / stop_time("plant")) ** 2
     push = 1.5 * robot.f_s * ramp * (-1.0) ** np.arange(robot.n)
-    return {"tau": (hold + push) / robot.ell, "F_e": 0.1 * np.sin(2.0 * t + np.arange(6.0))}
+    return {"tau": (hold + push) / robot.ell, "F_e": _wrench(t)}
 
 
 def _stored(content: Content, table: Interface) -> dict[str, Any]:
@@ -156,9 +161,9 @@ def _feedforward(table: Interface, values: Values) -> Values:
     robot = _robot(table)
     desired = Desired(*(values[group] for group in _DESIRED))
     if values["mode"][0] == 0.0:
-        return feedforward_inverse(robot, desired)._asdict()
+        return feedforward_inverse(robot, desired, values["F_e_d"])._asdict()
     gains = Gains(*(values[group] for group in Gains._fields))
-    measured = (values[group] for group in ("q", "q_dot", "kappa_dot"))
+    measured = (values[group] for group in ("q", "q_dot", "kappa_dot", "F_e_d"))
     return feedforward_vdc(robot, gains, desired, *measured)._asdict()
 
 
@@ -172,7 +177,7 @@ def _controller(table: Interface, values: Values) -> Values:
     return pd_control(**given, velocity_d=values[velocity_d], velocity=values[velocity])._asdict()
 
 
-def _plant(table: Interface, values: Values, held: Iterable[Values]) -> Iterable[Values]:
+def _plant(table: Interface, values: Values, held: Sequence[Values]) -> Iterable[Values]:
     from scipy.integrate import solve_ivp  # half a second, and only where nothing is cached
 
     robot = _robot(table)
@@ -192,7 +197,7 @@ def _plant(table: Interface, values: Values, held: Iterable[Values]) -> Iterable
         return x_dot.copy()
 
     if values["equilibrium"][0]:
-        rotor, springs = values["q_dot_0"], equilibrium_torque(robot, values["q_0"])
+        rotor, springs = values["q_dot_0"], equilibrium_torque(robot, values["q_0"], held[0]["F_e"])
     else:
         rotor, springs = values["kappa_dot_0"], values["tau_s_0"]
     x = np.concatenate([values["q_0"], values["q_dot_0"], rotor, springs])
