@@ -5,7 +5,9 @@ import dataclasses
 import numpy as np
 import pytest
 
+from vdfmu.equations.estimator import torque_estimates
 from vdfmu.equations.feedforward import Gains, feedforward_inverse, feedforward_vdc
+from vdfmu.equations.flexible_joint import rotor_position
 from vdfmu.equations.forward_dynamics import forward_dynamics
 from vdfmu.equations.inverse_dynamics import inverse_dynamics
 from vdfmu.equations.jet import derivative, jets
@@ -19,7 +21,7 @@ from vdfmu.kernel.rodas import ALPHA, GAMMA, GAMMA_I, A, C
 from vdfmu.kernel.structure import set_parameters, structure_key, values
 from vdfmu.kernel.trace import FUNCTIONS
 from vdfmu.model import Robot, load_robot
-from vdfmu.model.robot import JOINT_FIELDS
+from vdfmu.model.robot import JOINT_FIELDS, SPRING_KEYS
 
 
 @pytest.fixture(
@@ -122,6 +124,12 @@ def case(name, robot, state):
                 tau_m=tau,
             )
             return inputs, pd_control(**inputs)._asdict()
+        case "torque_estimates":
+            inputs = dict(
+                q=q, kappa=rotor_position(robot, q, state.tau_s), tau=tau, tau_hat_max=100.0 / robot.c_f
+            )
+            springs = {key: getattr(robot, key) for key in SPRING_KEYS}
+            return inputs | springs, torque_estimates(robot, **inputs)._asdict()
     raise AssertionError(f"no case for {name}: add one")
 
 
@@ -156,7 +164,9 @@ def test_traced_function_equals_the_numpy_equations(traced_robot, draw, kernel_o
             np.testing.assert_allclose(results[key], value, rtol=0, atol=bound * scale, err_msg=key)
 
 
-@pytest.mark.parametrize("name", [name for name in FUNCTIONS if name not in ("trajectory", "pd_control")])
+@pytest.mark.parametrize(
+    "name", [name for name in FUNCTIONS if name not in ("trajectory", "pd_control", "torque_estimates")]
+)
 def test_parameters_at_run_time_equal_the_equations_of_the_changed_robot(traced_robot, draw, kernel_of, name):
     kernel = kernel_of(traced_robot)
     random = np.random.default_rng(72)

@@ -24,12 +24,14 @@ SWITCHES: dict[str, dict[str, tuple[Any, Any]]] = {
     "feedforward": {"mode": (0, 1)},
     "controller": {"velocity": (0, 1)},
     "plant": {"equilibrium": (True, False)},
+    "estimator": {},
 }
 POINTS: dict[str, list[dict[str, Any]]] = {
     "trajectory": [{}],
     "feedforward": [{"mode": 0}, {"mode": 1}],
     "controller": [{"velocity": 0}, {"velocity": 1}, {"velocity": 2}, {"tau_max": 1e-3}],
     "plant": [{"equilibrium": True}, {"equilibrium": False}],
+    "estimator": [{}],
 }
 
 

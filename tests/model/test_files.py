@@ -18,7 +18,9 @@ Writer = Callable[[str, dict[str, Any]], Path]
 
 def test_shipped_names() -> None:
     assert robot_names() == ["manipulator_6dof", "planar_2dof", "slider_3dof"]
-    assert scenario_names() == ["contrast", "planar_tracking", "slider_tracking", "tracking", "two_joint"]
+    assert scenario_names() == [
+        "contrast", "estimation", "planar_tracking", "slider_tracking", "tracking", "two_joint",
+    ]  # fmt: skip
 
 
 @pytest.mark.parametrize("name", robot_names())

@@ -119,7 +119,9 @@ def test_table_5() -> None:
     assert "Table 5" in paper["source"]
 
 
-@pytest.mark.parametrize("name", ["tracking", "two_joint", "planar_tracking", "slider_tracking"])
+@pytest.mark.parametrize(
+    "name", ["estimation", "tracking", "two_joint", "planar_tracking", "slider_tracking"]
+)
 def test_gains_keep_the_sampled_loop_stable(name: str) -> None:
     scenario = load_scenario(name)
     robot = scenario.robot

@@ -10,6 +10,7 @@ import pytest
 import vdfmu
 from vdfmu.cosim import Interrupted, Results
 from vdfmu.errors import CosimError, ModelError, UsageError
+from vdfmu.report.tables import to_markdown
 
 
 def test_a_run_writes_results_summary_package_and_figures(planar_run):
@@ -182,3 +183,18 @@ def test_an_interrupt_while_rows_are_written_waits_for_them(tmp_path, monkeypatc
         vdfmu.run("planar_tracking", stop=0.1, out=tmp_path, reference=False)
     assert len(Results.from_csv(tmp_path / "results.csv")) == 101
     assert json.loads((tmp_path / "summary.json").read_text())["steps"] == 100
+
+
+def test_the_estimation_scenario_shows_both_estimates_on_the_plants_own_signals(tmp_path):
+    results = vdfmu.run("estimation", stop=0.5, reference=False, backend="python", out=tmp_path)
+    summary = results.summary
+    # kappa - q cancels: 1e-16 of positions below 1 rad, over compliances of 1e-5 rad/(N m) and more.
+    assert max(summary["rms_tau_s_hat_error_nm"]) < 1e-10
+    # At this speed friction alone is 0.3 N m at a wrist and more, over ratio and stiffnesses of about 1.
+    assert min(summary["rms_tau_f_hat_error_nm"]) > 0.01
+    assert "Consistent" in to_markdown(summary)
+    for unknown in ("tracking", "planar_tracking"):
+        with pytest.raises(
+            UsageError, match=r"estimator\.tau_hat_max: expected .* a unit of trajectory, feedforward"
+        ):
+            vdfmu.run(unknown, settings={"estimator.tau_hat_max": 1.0}, out=tmp_path)

@@ -1,4 +1,4 @@
-"""THE variable table: every variable of the four units, once.
+"""THE variable table: every variable of every unit, once.
 
 The slaves, the model descriptions, the SSP and the documentation are made from it. FMI names are structured
 and count from 1; Python indices count from 0; `Variable.name` is where the two meet.
@@ -8,13 +8,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from vdfmu.fmu.units import UNITS, unit_of
 from vdfmu.kernel.structure import parameters
 from vdfmu.model import Robot
-from vdfmu.model.robot import WHOLE_FIELDS
+from vdfmu.model.robot import SPRING_KEYS, WHOLE_FIELDS
 
 __all__ = ["NO_LIMIT", "POSITIVE", "TABLES", "Variable"]
 
@@ -269,6 +269,32 @@ def _controller(robot: Robot) -> list[Variable]:
     ]
 
 
+def _estimator(robot: Robot) -> list[Variable]:
+    limit = (
+        "largest estimate, link-side; start: 10/c_f, where the flexspline is 100 times as stiff as at rest"
+    )
+    positions = {"q": _MEASURED["q"]} | _KAPPA
+    printed = {
+        "tau_f_hat": ("torque", "spring torque from the motor torque, link-side, Eq. (2)-(3) as printed")
+    }
+    consistent = {"tau_s_hat": ("torque", "spring torque from the positions alone, link-side")}
+    limits = _gain(robot, "tau_hat_max", "torque", limit, 0.0)
+    springs = [
+        Variable(
+            field, (i,), "Real", "parameter", "fixed", unit_of(_ROBOT[field][0], robot.joint_types[i]),
+            float(getattr(robot, field)[i]), _ROBOT[field][1], None, f"Joint {i + 1}: {_ROBOT[field][2]}",
+        )
+        for field in SPRING_KEYS
+        for i in range(robot.n)
+    ]  # fmt: skip
+    return [
+        *_inputs(robot, positions | _TAU),
+        *_outputs(robot, consistent | printed),
+        *[replace(v, start=10.0 / float(robot.c_f[v.index])) for v in limits],
+        *springs,
+    ]
+
+
 def _plant(robot: Robot) -> list[Variable]:
     axes = range(3)
     R_O = "Rotation matrix of the end effector in {I}"
@@ -304,5 +330,6 @@ TABLES = {
     "feedforward": _feedforward,
     "controller": _controller,
     "plant": _plant,
+    "estimator": _estimator,
 }
 """Unit to the function that lists its variables for a robot, in the order of their value references."""

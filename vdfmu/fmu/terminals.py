@@ -69,6 +69,10 @@ TERMINALS = {
         ),
         Terminal("end_effector", "right", ("F_e", "p_O", "R_O"), "Wrench and pose of the end effector"),
     ),
+    "estimator": (
+        Terminal("joints", "left", ("tau", "q", "kappa"), "Motor torques and positions of the joints"),
+        Terminal("estimates", "right", ("tau_s_hat", "tau_f_hat"), "Estimated spring torques"),
+    ),
 }
 """Unit to its terminals."""
 

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from types import SimpleNamespace
 from typing import Any
 
 import casadi as ca
 import numpy as np
 
 from vdfmu.equations.elimination import factorize, solve
+from vdfmu.equations.estimator import torque_estimates
 from vdfmu.equations.feedforward import Gains, feedforward_inverse, feedforward_vdc
 from vdfmu.equations.forward_dynamics import forward_dynamics
 from vdfmu.equations.friction import joint_friction
@@ -23,6 +25,7 @@ from vdfmu.kernel.rodas import rodas_step
 from vdfmu.kernel.structure import symbolic_robot
 from vdfmu.kernel.symbol import from_sx, to_sx
 from vdfmu.model import Robot
+from vdfmu.model.robot import SPRING_KEYS
 
 __all__ = ["FUNCTIONS", "is_traceable", "trace"]
 
@@ -238,3 +241,14 @@ def _trace_pd_control(robot: Robot) -> ca.Function:
     inputs = _vectors(robot.n, "K_p", "K_v", "ell", "tau_max", "q_d", "velocity_d", "q", "velocity", "tau_m")
     command: Any = pd_control(*_arrays(inputs))
     return _function("pd_control", inputs, {k: to_sx(v) for k, v in command._asdict().items()})
+
+
+@_traced
+def _trace_torque_estimates(robot: Robot) -> ca.Function:
+    signals = _vectors(robot.n, "q", "kappa", "tau", "tau_hat_max")
+    springs = _vectors(robot.n, *SPRING_KEYS)
+    drive = SimpleNamespace(**dict(zip(springs, _arrays(springs), strict=True)))
+    estimates = torque_estimates(drive, *_arrays(signals))
+    return _function(
+        "torque_estimates", signals | springs, {k: to_sx(v) for k, v in estimates._asdict().items()}
+    )

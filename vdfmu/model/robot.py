@@ -19,7 +19,9 @@ JOINT_TYPES = ("revolute", "prismatic")
 FRICTION_ARRANGEMENTS = ("lumped", "split")
 GEOMETRY_KEYS = ("rotation", "offset")
 LINK_KEYS = ("mass", "centroid", "inertia")
-DRIVE_KEYS = ("ell", "I_m", "K_f0", "c_f", "K_w0", "c_w", "theta_err_amplitude", "theta_err_phase")
+SPRING_KEYS = ("ell", "K_f0", "c_f", "K_w0", "c_w", "theta_err_amplitude", "theta_err_phase")
+"""What the deformation of a drive depends on."""
+DRIVE_KEYS = ("ell", "I_m", *SPRING_KEYS[1:])
 FRICTION_KEYS = ("f_c", "f_s", "f_v", "v_s", "f_ck", "eps")
 JOINT_FIELDS = (*GEOMETRY_KEYS, *LINK_KEYS, *DRIVE_KEYS, *FRICTION_KEYS)
 """Fields of `Robot` with one entry a joint."""

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from vdfmu.data import data_path
 from vdfmu.errors import ModelError
 from vdfmu.model.check import check_step
 from vdfmu.model.read import FloatArray, Problems, Table, as_number, shape_of, shown
@@ -30,6 +31,7 @@ SCENARIO_KEYS = (
     "name",
     "description",
     "kind",
+    "system",
     "robot",
     "stop",
     "step",
@@ -72,6 +74,7 @@ def read_scenario(problems: Problems, data: object, robot: Robot | None) -> Scen
     name = file.name("name")
     description = file.text("description", "")
     kind = file.text("kind", choices=KINDS)
+    system = file.text("system", "system", sorted(path.stem for path in data_path("ssp").glob("*.toml")))
     robot_name = file.text("robot")
     stop = file.number("stop", "s", above=0, way_out="Give the end of the run.")
     step = file.number("step", "s", above=0, way_out="Give the communication step.")
@@ -98,6 +101,7 @@ def read_scenario(problems: Problems, data: object, robot: Robot | None) -> Scen
         name=name,
         description=description,
         kind=kind,
+        system=system,
         robot=robot,
         robot_name=robot_name,
         stop=stop,

@@ -27,10 +27,11 @@ from vdfmu.model.scenario import MASTERS
 from vdfmu.report.plots import contrast_figures, run_figures
 from vdfmu.ssp.parameters import system_values
 from vdfmu.ssp.read import load_ssp
+from vdfmu.ssp.system_file import units_of
 from vdfmu.ssp.write import write_ssp
 from vdfmu.study.contrast import contrast
 from vdfmu.study.folder import RUN_OUTPUTS, keep, make_empty, write, write_summary
-from vdfmu.study.summary import compare, power_bond, sampling_warnings, tracking_errors
+from vdfmu.study.summary import compare, estimation_errors, power_bond, sampling_warnings, tracking_errors
 
 __all__ = ["cached_fmus", "prepare", "run"]
 
@@ -73,18 +74,18 @@ def prepare(
     return scenario
 
 
-def cached_fmus(robot: Robot, backend: str | None = None) -> dict[str, Path]:
-    """FMUs of a robot in the cache, built if they are not there: their folder is named by their content.
+def cached_fmus(scenario: Scenario, backend: str | None = None) -> dict[str, Path]:
+    """FMUs of a scenario's system in the cache, built if they are not there: their folder is named by their content.
 
     Where the cache cannot be written they are built in a temporary folder, which goes with the process.
     """
-    backend = choose_backend(backend)
+    robot, units, backend = scenario.robot, units_of(scenario), choose_backend(backend)
     folder = cache_folder() / "fmus" / Content("plant", robot, {}, backend).guid.strip("{}")
     try:
-        return build_fmus(robot, folder, backend=backend)
+        return build_fmus(robot, folder, units=units, backend=backend)
     except StorageError:
         _spare_folders.append(tempfile.TemporaryDirectory(prefix="vdfmu_fmus_"))
-        return build_fmus(robot, _spare_folders[-1].name, backend=backend)
+        return build_fmus(robot, _spare_folders[-1].name, units=units, backend=backend)
 
 
 def run(
@@ -173,7 +174,7 @@ def run(
             log(LogMessage("", 0.0, "warning", "", warning))
     make_empty(folder, RUN_OUTPUTS)
     report("build", 0, 1)
-    package = write_ssp(scenario, cached_fmus(scenario.robot, backend), folder / "system.ssp", values)
+    package = write_ssp(scenario, cached_fmus(scenario, backend), folder / "system.ssp", values)
     if container:
         write_container(package, folder / "container.fmu", step=scenario.step)
     report("build", 1, 1)
@@ -192,6 +193,8 @@ def run(
     summary |= results.summary | {"real_time_factor": scenario.stop / wall}
     summary |= tracking_errors(results, scenario.robot)
     summary |= power_bond(results, scenario.robot)
+    if "estimator" in units_of(scenario):
+        summary |= estimation_errors(results, scenario.master)
     summary["paper"] = dict(scenario.paper)
     results.summary = summary
     write(results, folder)

@@ -7,12 +7,12 @@ from typing import Any
 
 import numpy as np
 
-from vdfmu.cosim.reference import Reference
+from vdfmu.cosim.reference import REFERENCE_OF, Reference
 from vdfmu.cosim.results import Results
 from vdfmu.fmu.units import unit_of
 from vdfmu.model import Robot
 
-__all__ = ["compare", "power_bond", "sampling_warnings", "tracking_errors"]
+__all__ = ["compare", "estimation_errors", "power_bond", "sampling_warnings", "tracking_errors"]
 
 _SAMPLING_LIMIT = 0.5
 
@@ -46,6 +46,24 @@ def compare(results: Results, reference: Reference, robot: Robot) -> dict[str, A
         "max_position_difference_rad": float(position.max()),
         "max_torque_difference_nm": float(torque.max()),
         "at_s": float(results.time[position.max(axis=1).argmax()]),
+    }
+
+
+def estimation_errors(results: Results, master: str) -> dict[str, Any]:
+    """RMS of the spring torque and of the estimates' errors, link-side [N m or N].
+
+    A sampled master gives the estimator the plant's signals of the communication point at which its step began, and
+    the torque that the step that ended there had.
+    """
+    late = int(master in REFERENCE_OF)
+    true = results.array("plant.tau_s")[: len(results.time) - late]
+
+    def rms(values: Any) -> list[float]:
+        return np.sqrt(np.mean(values**2, axis=0)).tolist()
+
+    return {"rms_spring_torque_nm": rms(true)} | {
+        f"rms_{name}_error_nm": rms(results.array(f"estimator.{name}")[late:] - true)
+        for name in ("tau_f_hat", "tau_s_hat")
     }
 
 

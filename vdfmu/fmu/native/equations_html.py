@@ -117,6 +117,18 @@ EQUATIONS = {
         ),
     )
     + "<p>With v = q̇ the derivative acts across the spring, and the loop is unstable at useful gains.</p>",
+    "estimator": _SYMBOLS
+    + _equations(
+        ("δ = κ − q − θ<sub>err</sub>(κ)", "deformation of the drive, as measured"),
+        (
+            "τ̂<sub>f</sub> = tan(c<sub>f</sub> K<sub>f0</sub> [δ − δ<sub>w</sub>(τ)]) / c<sub>f</sub>, &nbsp; "
+            "δ<sub>w</sub>(τ) = sgn(τ) (1 − e<sup>−c<sub>w</sub>|τ|</sup>) / (c<sub>w</sub> ℓ K<sub>w0</sub>)",
+            "as printed, (2)-(3), with the motor's torque τ at the wave generator",
+        ),
+        ("D(τ̂<sub>s</sub>) = δ", "consistent: the wave generator carries τ̂<sub>s</sub>/ℓ"),
+    )
+    + "<p>Both are limited to ± tau_hat_max: a deformation beyond it, or beyond the pole of the tangent, gives the "
+    "limit itself.</p>" + _DRIVE,
     "plant": _SYMBOLS
     + "<p>State: q, q̇, κ̇, τ<sub>s</sub>.</p>"
     + _equations(

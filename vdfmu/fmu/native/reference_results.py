@@ -16,6 +16,7 @@ from xml.etree.ElementTree import Element, SubElement, register_namespace
 import numpy as np
 import numpy.typing as npt
 
+from vdfmu.equations.estimator import torque_estimates
 from vdfmu.equations.feedforward import Gains, feedforward_inverse, feedforward_vdc
 from vdfmu.equations.pd import pd_control
 from vdfmu.equations.plant import equilibrium_torque, plant_outputs, split_state
@@ -28,6 +29,7 @@ from vdfmu.kernel import Kernel
 from vdfmu.kernel.cache import cache_folder, load, store
 from vdfmu.kernel.structure import set_parameters
 from vdfmu.model import Robot
+from vdfmu.model.robot import SPRING_KEYS
 
 __all__ = ["FOLDER", "reference_files", "reference_results", "stop_time"]
 
@@ -90,6 +92,8 @@ def _stimuli(table: Interface) -> dict[str, list[list[float]]]:
         row["kappa_dot"] = row["q_d_dot"] + 1e-3 * np.cos(t + phase)
         row["F_e_d"] = _wrench(t)
         row["kappa_dot_d"] = row["q_d_dot"] + 2e-3 * np.sin(2.0 * t + phase)
+        row["kappa"] = row["q"] + 1e-3 * np.sin(2.0 * t + phase)
+        row["tau"] = 0.1 * np.sin(3.0 * t + phase)
         row["tau_m"] = 0.05 * np.sin(3.0 * t + phase)
         rows.append(row)
     groups = [g for g, where in table.groups.items() if table.variables[where.start].causality == "input"]
@@ -146,7 +150,9 @@ def _results(
         stop = stop_time(table.unit)
         rows = [_trajectory(values, stop * k / INTERVALS) for k in range(INTERVALS + 1)]
     else:
-        calculate = _feedforward if table.unit == "feedforward" else _controller
+        calculate = {"feedforward": _feedforward, "controller": _controller, "estimator": _estimator}[
+            table.unit
+        ]
         rows = [calculate(table, values | row) for row in (held[0], *held)]
     groups = [g for g, where in table.groups.items() if table.variables[where.start].causality == "output"]
     return {group: [np.ravel(row[group]).tolist() for row in rows] for group in groups}
@@ -175,6 +181,13 @@ def _controller(table: Interface, values: Values) -> Values:
     names = ("K_p", "K_v", "ell", "tau_max", "q_d", "q", "tau_m")
     given: dict[str, Any] = {name: values[name] for name in names}
     return pd_control(**given, velocity_d=values[velocity_d], velocity=values[velocity])._asdict()
+
+
+def _estimator(table: Interface, values: Values) -> Values:
+    drive = table.robot.with_parameters(**{key: values[key] for key in SPRING_KEYS})
+    return torque_estimates(
+        drive, *(values[group] for group in ("q", "kappa", "tau", "tau_hat_max"))
+    )._asdict()
 
 
 def _plant(table: Interface, values: Values, held: Sequence[Values]) -> Iterable[Values]:
