@@ -23,10 +23,11 @@ from vdfmu.cosim.master import simulate
 from vdfmu.cosim.reference import reference
 from vdfmu.errors import VdfmuError
 from vdfmu.fmu import build_fmus
-from vdfmu.fmu.interface import MODEL_NAMES, UNIT_NAMES
+from vdfmu.fmu.interface import MODEL_NAMES
 from vdfmu.model import Scenario, load_scenario
 from vdfmu.ssp.parameters import system_values
 from vdfmu.ssp.read import load_ssp
+from vdfmu.ssp.system_file import units_of
 from vdfmu.ssp.write import write_osp, write_ssp
 
 __all__ = [
@@ -54,6 +55,7 @@ PACKAGES = importers.PACKAGES | {
 """Tool to the Python packages that install it."""
 
 SSP_OF_FMI = {"2.0": "1.0", "3.0": "2.0"}
+UNITS = units_of(load_scenario("tracking"))
 EXACT_STEP = 2.0**-10
 """A step [s] whose multiples and their differences have no rounding, about 1 ms."""
 
@@ -292,7 +294,7 @@ def drive(
     with tempfile.TemporaryDirectory(prefix="vdfmu-bench-") as name:
         folder = Path(name)
         outputs: dict[str, list[str]] = {}
-        for unit in UNIT_NAMES:
+        for unit in UNITS:
             own = [name.removeprefix(f"{unit}.") for name in arrays if name.startswith(f"{unit}.")]
             fed = [c.end[1] for c in connections if c.end[0] == unit]
             outputs[unit] = [name for name in own if name not in fed]
@@ -303,7 +305,7 @@ def drive(
             "fmus": [{
                 "path": str(tracking.fmus(kind, fmi) / f"{MODEL_NAMES[unit]}.fmu"), "signals": outputs[unit],
                 "inputs": str(folder / f"{unit}.npz"), "out": str(folder / f"{unit}.npy"),
-            } for unit in UNIT_NAMES],
+            } for unit in UNITS],
         })  # fmt: skip
         for unit, names in outputs.items():
             rows = np.load(folder / f"{unit}.npy")
@@ -338,7 +340,7 @@ def _in_fmutool(tracking: Tracking, case: Case) -> Seen:
     found = [line.strip() for line in said.splitlines() if "compliant" in line or "semantic error" in line]
     kinds = dict.fromkeys(line.partition("|")[2].strip() for line in found)
     good = all("seems to be compliant" in kind or kind.startswith("No semantic error") for kind in kinds)
-    return Seen(READS if good and len(found) == 2 * len(UNIT_NAMES) else DEVIATES, words=" ".join(kinds))
+    return Seen(READS if good and len(found) == 2 * len(UNITS) else DEVIATES, words=" ".join(kinds))
 
 
 def _command(name: str, *arguments: str, folder: str) -> str:

@@ -51,7 +51,7 @@ def make_general_chain() -> Robot:
     """Return a chain with everything that the shipped robots leave out.
 
     Revolute and prismatic joints in any order, skewed axes, offsets and centres of mass in all directions,
-    full inertias, gravity in no axis, tool offset, kinematic error, split friction.
+    full inertias, gravity in no axis, tool offset, payload, kinematic error, split friction.
     """
     random = np.random.default_rng(20240501)
     types = ("revolute", "prismatic", "revolute", "revolute", "prismatic")
@@ -90,6 +90,10 @@ def make_general_chain() -> Robot:
             friction="split",
             rotor_coupling=True,
             sources={},
+            payload=True,
+            payload_mass=np.array(1.7),
+            payload_centroid=np.array([-0.04, 0.07, 0.1]),
+            payload_inertia=1.7 * random_inertia(np.random.default_rng(20240502), 0.1),
         )
     )
 

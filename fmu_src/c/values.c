@@ -255,12 +255,12 @@ static inline bool acceptable(const Variable *v, double value)
     return value >= v->min && value <= v->max && isfinite(value) && chosen;
 }
 
-static inline void note_set(Instance *I, unsigned roles)
+static inline void note_set(Instance *I)
 {
     if (I->core->phase == STEP) /* a step calculates all that depends on what was set before it */
         return;
     I->core->stale |= STALE_OUTPUTS | STALE_DERIVATIVES;
-    if (roles & ~(1u << INPUT) && I->core->phase & (INSTANTIATED | INITIALIZATION))
+    if (I->core->phase & (INSTANTIATED | INITIALIZATION)) /* inputs too decide the start */
         I->core->stale |= STALE_START;
 }
 
@@ -270,7 +270,6 @@ static inline Status set(Instance *I, Type type, Format format, const Reference 
     if (!given(I, refs, n, values, n_values))
         return STATUS_ERROR;
     const unsigned settable = settable_roles(I);
-    unsigned roles = 0;
     size_t total = 0, size;
     for (size_t k = 0; k < n; k++) {
         if (!resolve(I, type, refs[k], &size))
@@ -278,7 +277,6 @@ static inline Status set(Instance *I, Type type, Format format, const Reference 
         const unsigned role = 1u << unit.variables[refs[k]].role;
         if (!(role & settable))
             return refuse_setting(I, refs[k]);
-        roles |= role;
         total += size;
     }
     if (total != n_values)
@@ -298,7 +296,7 @@ static inline Status set(Instance *I, Type type, Format format, const Reference 
             I->m[refs[k] + i] = load(values, format, j++);
     }
     if (n)
-        note_set(I, roles);
+        note_set(I);
     return STATUS_OK;
 }
 
@@ -325,7 +323,7 @@ static inline bool set_quickly(Instance *I, const Reference refs[], size_t n, co
         for (size_t k = 0, j = 0; k < n; k++)
             for (size_t i = 0; i < I->size_at[refs[k]]; i++)
                 I->m[refs[k] + i] = values[j++];
-    note_set(I, 1u << INPUT);
+    note_set(I);
     return true;
 }
 

@@ -382,7 +382,7 @@ def study(tmp_path_factory):
         values = system_values(scenario, {"plant.tolerance": "1e-10"})
         if name not in known:
             known[name] = reference("continuous", scenario.robot, values, step=4e-3, stop=0.256)
-        path = write_ssp(scenario, cached_fmus(scenario.robot, folder, backend), folder / "arm.ssp", values)
+        path = write_ssp(scenario, cached_fmus(scenario, folder, backend), folder / "arm.ssp", values)
         results = simulate(path, step=step, stop=0.256, algorithm=algorithm, **options)
         rows = slice(None, None, round(4e-3 / step))
         bond = power_bond(results, scenario.robot)["power_bond"]
@@ -426,7 +426,7 @@ def test_the_energy_residual_is_the_integral_over_the_steps():
     scenario = load_scenario("planar_tracking")
     robot = scenario.robot
     with tempfile.TemporaryDirectory() as folder:
-        path = write_ssp(scenario, cached_fmus(robot, folder, "python"), f"{folder}/arm.ssp")
+        path = write_ssp(scenario, cached_fmus(scenario, folder, "python"), f"{folder}/arm.ssp")
         results = simulate(path, step=1e-3, stop=0.5, algorithm="gauss-seidel")
     torque = robot.ell * results.array("plant.tau")[1:]
     way = np.diff(results.array("plant.kappa"), axis=0)

@@ -155,7 +155,7 @@ def test_text_is_read_as_a_value(fragile):
 def test_messages_of_plain_fmpy_are_still_printed_after_a_run(tmp_path, capfd):
     """Fmpy's proxy for messages of native units has one receiver in a process, and our runs take it."""
     scenario = load_scenario("planar_tracking")
-    fmus = cached_fmus(scenario.robot, tmp_path, "native")
+    fmus = cached_fmus(scenario, tmp_path, "native")
     simulate(write_ssp(scenario, fmus, tmp_path / "x.ssp"), stop=0.002)
     with pytest.raises(FMICallException):
         fmpy.simulate_fmu(str(fmus["plant"]), stop_time=0.1, start_values={"mass[1]": -1.0})

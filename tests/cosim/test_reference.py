@@ -8,7 +8,7 @@ from vdfmu.cosim.reference import REFERENCE_OF, reference
 from vdfmu.equations.trajectory import desired_motion
 from vdfmu.errors import UsageError
 from vdfmu.fmu import build_fmus
-from vdfmu.model import load_scenario
+from vdfmu.model import load_robot, load_scenario, robot_from_dict
 from vdfmu.ssp.parameters import system_values
 from vdfmu.ssp.write import write_ssp
 
@@ -16,8 +16,8 @@ from vdfmu.ssp.write import write_ssp
 class Case:
     """A scenario with its package, at one solver tolerance."""
 
-    def __init__(self, folder, name, tolerance, **settings):
-        self.scenario = load_scenario(name)
+    def __init__(self, folder, name, tolerance, robot=None, **settings):
+        self.scenario = load_scenario(name, robot)
         self.robot = self.scenario.robot
         settings = {key.replace("__", "."): value for key, value in settings.items()}
         self.values = system_values(self.scenario, {"plant.tolerance": tolerance, **settings})
@@ -67,6 +67,28 @@ def test_each_choice_of_the_derivative_term_matches_its_reference(tmp_path, velo
     assert torque < TORQUE
 
 
+def test_a_payload_that_the_feedforward_does_not_know_costs_accuracy(tmp_path):
+    robot = load_robot("planar_2dof").to_dict() | {"payload": {"mass": 0.5, "centroid": [0.1, 0.0, 0.0]}}
+    worst = []
+    for known in (0.5, 0.0):
+        settings = {"feedforward__payload_mass": known, "plant__payload_mass": 0.5}
+        case = Case(tmp_path, "planar_tracking", "1e-9", robot_from_dict(robot), **settings)
+        position, torque = case.differences("gauss-seidel", "sampled", 1e-3, 0.5)
+        assert position < POSITION
+        assert torque < TORQUE
+        solution = reference("sampled", case.robot, case.values, step=1e-3, stop=0.5)
+        worst.append(np.abs(solution.q - [motion_of(case.scenario, t) for t in solution.t]).max())
+    # 0.5 kg at 0.5 m weighs 2.5 N m on joint 2, over K_p of 1000 N m/rad; sampling leaves 1e-5 rad.
+    assert worst[0] < 2e-5
+    assert worst[1] > 1e-3
+
+
+def motion_of(scenario, t):
+    """Return the desired positions."""
+    motion = scenario.trajectory
+    return desired_motion(t, motion.q_start, motion.q_end, motion.T, motion.t_start).q_d
+
+
 def test_the_rotor_follows_its_own_desired_velocity_without_sampling():
     """What is left is the solver's; against q_d_dot, the feedback pulls by the rate at which the springs wind up.
 
@@ -78,8 +100,7 @@ def test_the_rotor_follows_its_own_desired_velocity_without_sampling():
     for velocity in ("kappa_dot", "mixed"):
         values = system_values(scenario, {"controller.velocity": velocity})
         solution = reference("continuous", scenario.robot, values, step=1e-2, stop=10.0)
-        motion = scenario.trajectory
-        desired = [desired_motion(t, motion.q_start, motion.q_end, motion.T).q_d for t in solution.t]
+        desired = [motion_of(scenario, t) for t in solution.t]
         largest[velocity] = np.abs(solution.q - desired).max()
     assert largest["kappa_dot"] < 1e-8
     assert largest["mixed"] > 5e-6

@@ -24,6 +24,11 @@ def build_pinocchio_model(robot: Robot) -> pin.Model:
         parent = model.addJoint(parent, joint, pin.SE3(robot.rotation[i], robot.offset[i]), f"joint_{i + 1}")
         body = pin.Inertia(float(robot.mass[i]), np.array(robot.centroid[i]), np.array(robot.inertia[i]))
         model.appendBodyToJoint(parent, body, pin.SE3.Identity())
+    if robot.payload:  # a body of its own
+        body = pin.Inertia(
+            float(robot.payload_mass), np.array(robot.payload_centroid), np.array(robot.payload_inertia)
+        )
+        model.appendBodyToJoint(parent, body, pin.SE3(np.eye(3), np.array(robot.tool_offset)))
     return model
 
 

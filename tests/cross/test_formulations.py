@@ -1,5 +1,7 @@
 """Virtual decomposition against formulations of other origin: Newton-Euler, Lagrange, Pinocchio, a book."""
 
+import dataclasses
+
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -16,6 +18,7 @@ from vdfmu.equations.lagrange import (
 )
 from vdfmu.equations.mapping import jacobian, joint_space_mass_matrix
 from vdfmu.equations.newton_euler import newton_euler
+from vdfmu.kernel import Kernel
 from vdfmu.model import load_robot
 
 EPS = np.finfo(float).eps
@@ -171,3 +174,25 @@ def test_planar_pose_is_that_of_the_text_book():
     # A few roundings.
     x, z = 0.5 * np.cos(q[0]) + 0.4 * np.cos(q.sum()), 0.5 * np.sin(q[0]) + 0.4 * np.sin(q.sum())
     np.testing.assert_allclose(p_O, [x, 0.0, z], rtol=0, atol=5 * EPS)
+
+
+def test_a_payload_of_no_mass_changes_no_bit(robot, draw):
+    empty = dataclasses.replace(robot, payload=True)
+    with_payload, without = Kernel(empty, None), Kernel(robot, None)
+    for state in draw(robot, 5, seed=68):
+        columns = [state.q, state.q_dot, state.q_ddot, state.F_e]
+        sizes = [robot.n] * 3 + [6]
+        np.testing.assert_array_equal(inverse_dynamics(empty, *columns), inverse_dynamics(robot, *columns))
+        np.testing.assert_array_equal(
+            with_payload.rows("inverse_dynamics", columns, sizes),
+            without.rows("inverse_dynamics", columns, sizes),
+        )
+
+
+def test_a_payload_counts_in_every_term(general):
+    """The tests of this file, of energy and of momentum run on a chain with a payload: without it they differ."""
+    bare = dataclasses.replace(general, payload=False)
+    q = np.linspace(-1.0, 1.0, general.n)
+    zero, one = np.zeros(general.n), np.ones(general.n)
+    for motion in ((q, zero, zero), (q, one, zero), (q, zero, one)):
+        assert np.abs(inverse_dynamics(general, *motion) - inverse_dynamics(bare, *motion)).max() > 0.1

@@ -184,11 +184,11 @@ def test_unknown_function_lists_the_known_ones(planar):
 def test_call_checks_count_and_sizes(planar, kernel_of):
     function = kernel_of(planar).function("equilibrium_torque")
     p = kernel_of(planar).p
-    with pytest.raises(KernelError, match=r"equilibrium_torque: expected 2 arguments \(q, p\), got 1"):
+    with pytest.raises(KernelError, match=r"equilibrium_torque: expected 3 arguments \(q, F_e, p\), got 1"):
         function([0.0, 0.0])
     with pytest.raises(KernelError, match=r"equilibrium_torque: q: expected 2 numbers, got 3"):
-        function([0.0, 0.0, 0.0], p)
-    tau_s = function([0.0, 0.0], p)
+        function([0.0, 0.0, 0.0], np.zeros(6), p)
+    tau_s = function([0.0, 0.0], np.zeros(6), p)
     # At q = 0 the arm is horizontal: (2 kg * 0.25 m + 1 kg * (0.5 m + 0.2 m)) g and 1 kg * 0.2 m * g; a few
     # roundings.
     np.testing.assert_allclose(tau_s, [1.2 * 9.81, 0.2 * 9.81], rtol=1e-15 * 4)
@@ -199,9 +199,9 @@ def test_two_functions_of_one_kernel_have_buffers_of_their_own(planar, kernel_of
     a.args["q"][:] = 1.0
     assert not b.args["q"].any()
     p = kernel_of(planar).p
-    first = a([0.0, 0.0], p)
-    a([1.0, 1.0], p)
-    np.testing.assert_array_equal(first, b([0.0, 0.0], p))  # results of a call are copies
+    first = a([0.0, 0.0], np.zeros(6), p)
+    a([1.0, 1.0], np.zeros(6), p)
+    np.testing.assert_array_equal(first, b([0.0, 0.0], np.zeros(6), p))  # results of a call are copies
 
 
 def test_rows_take_single_arrays_and_batches(planar, kernel_of):

@@ -5,7 +5,9 @@ import dataclasses
 import numpy as np
 import pytest
 
+from vdfmu.equations.estimator import torque_estimates
 from vdfmu.equations.feedforward import Gains, feedforward_inverse, feedforward_vdc
+from vdfmu.equations.flexible_joint import rotor_position
 from vdfmu.equations.forward_dynamics import forward_dynamics
 from vdfmu.equations.inverse_dynamics import inverse_dynamics
 from vdfmu.equations.jet import derivative, jets
@@ -21,6 +23,7 @@ from vdfmu.kernel.rodas import ALPHA, GAMMA, GAMMA_I, A, C
 from vdfmu.kernel.structure import set_parameters, structure_key, values
 from vdfmu.kernel.trace import FUNCTIONS
 from vdfmu.model import Robot, load_robot
+from vdfmu.model.robot import JOINT_FIELDS, SPRING_KEYS
 
 
 @pytest.fixture(
@@ -37,11 +40,7 @@ def traced_robot(request, general):
 
 def first_joint(robot: Robot) -> Robot:
     """Return the arm that ends after the first joint."""
-    arrays = {
-        f.name: getattr(robot, f.name)[:1]
-        for f in dataclasses.fields(robot)
-        if isinstance(getattr(robot, f.name), np.ndarray) and f.name not in ("gravity", "tool_offset")
-    }
+    arrays = {name: getattr(robot, name)[:1] for name in JOINT_FIELDS}
     return dataclasses.replace(robot, name="single", joint_types=robot.joint_types[:1], **arrays)
 
 
@@ -110,11 +109,11 @@ def case(name, robot, state):
         case "margins":
             return {}, dict(margin=margins(robot, requirements(robot)))
         case "equilibrium_torque":
-            return dict(q=q), dict(tau_s=equilibrium_torque(robot, q))
+            return dict(q=q, F_e=F_e), dict(tau_s=equilibrium_torque(robot, q, F_e))
         case "feedforward_inverse":
-            return desired, feedforward_inverse(robot, motion)._asdict()
+            return desired | dict(F_e_d=F_e), feedforward_inverse(robot, motion, F_e)._asdict()
         case "feedforward_vdc":
-            measured = dict(q=q, q_dot=q_dot, kappa_dot=state.kappa_dot)
+            measured = dict(q=q, q_dot=q_dot, kappa_dot=state.kappa_dot, F_e_d=F_e)
             torques = feedforward_vdc(robot, Gains(**gains), motion, **measured)
             return desired | measured | gains, torques._asdict()
         case "trajectory":
@@ -134,6 +133,12 @@ def case(name, robot, state):
                 tau_m=tau,
             )
             return inputs, pd_control(**inputs)._asdict()
+        case "torque_estimates":
+            inputs = dict(
+                q=q, kappa=rotor_position(robot, q, state.tau_s), tau=tau, tau_hat_max=100.0 / robot.c_f
+            )
+            springs = {key: getattr(robot, key) for key in SPRING_KEYS}
+            return inputs | springs, torque_estimates(robot, **inputs)._asdict()
     raise AssertionError(f"no case for {name}: add one")
 
 
@@ -168,7 +173,9 @@ def test_traced_function_equals_the_numpy_equations(traced_robot, draw, kernel_o
             np.testing.assert_allclose(results[key], value, rtol=0, atol=bound * scale, err_msg=key)
 
 
-@pytest.mark.parametrize("name", [name for name in FUNCTIONS if name not in ("trajectory", "pd_control")])
+@pytest.mark.parametrize(
+    "name", [name for name in FUNCTIONS if name not in ("trajectory", "pd_control", "torque_estimates")]
+)
 def test_parameters_at_run_time_equal_the_equations_of_the_changed_robot(traced_robot, draw, kernel_of, name):
     kernel = kernel_of(traced_robot)
     random = np.random.default_rng(72)
@@ -281,4 +288,4 @@ def test_kernel_without_cache_traces_the_same(planar, draw):
 
 
 def test_desired_fields_are_the_inputs_of_the_feedforward(planar, kernel_of):
-    assert tuple(kernel_of(planar).function("feedforward_inverse").args) == (*Desired._fields, "p")
+    assert tuple(kernel_of(planar).function("feedforward_inverse").args) == (*Desired._fields, "F_e_d", "p")

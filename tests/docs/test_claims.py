@@ -122,7 +122,7 @@ def test_stick_slip_amplifies_the_tolerance(tmp_path):
     scenario = load_scenario("tracking")
     scenario = dataclasses.replace(scenario, robot=scenario.robot.with_parameters(gravity=0.0))
     values = system_values(scenario, {"controller.K_p": "100", "controller.K_v": "5"})
-    package = write_ssp(scenario, cached_fmus(scenario.robot, tmp_path), tmp_path / "system.ssp", values)
+    package = write_ssp(scenario, cached_fmus(scenario, tmp_path), tmp_path / "system.ssp", values)
     q = [
         vdfmu.simulate(
             package, stop=10.0, step=1e-3, algorithm="gauss-seidel", record=["plant.q[*]"],

@@ -227,7 +227,7 @@ def run_python() -> Callable[..., str]:
 
 @pytest.fixture(params=UNIT_NAMES)
 def unit_name(request: pytest.FixtureRequest) -> str:
-    """Each of the four units."""
+    """Each of the units."""
     return request.param
 
 

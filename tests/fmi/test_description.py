@@ -91,6 +91,7 @@ def test_only_what_a_unit_reads_at_every_step_is_tunable(
             "feedforward": {"Lambda", "K_V", "k_vq", "k_vkappa"},
             "controller": {"K_p", "K_v", "tau_max"},
             "plant": set(),
+            "estimator": {"tau_hat_max"},
         }[unit_name]
     )
 

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
+from vdfmu.equations.estimator import torque_estimates
 from vdfmu.equations.feedforward import Gains, feedforward_inverse, feedforward_vdc
 from vdfmu.equations.pd import pd_control
 from vdfmu.equations.plant import equilibrium_torque, plant_derivative, plant_outputs
@@ -16,6 +17,7 @@ from vdfmu.equations.trajectory import Desired, desired_motion
 from vdfmu.kernel import parameters
 from vdfmu.kernel.structure import set_parameters, values
 from vdfmu.model import Robot, check_robot
+from vdfmu.model.robot import SPRING_KEYS
 
 Opener = Callable[..., Any]
 
@@ -103,16 +105,40 @@ def test_the_feedforward_is_that_of_its_mode(
     for _ in range(5):
         desired = Desired(*(rng.normal(size=n) for _ in Desired._fields))
         measured = {name: rng.normal(size=n) for name in ("q", "q_dot", "kappa_dot")}
+        measured["F_e_d"] = rng.normal(size=6)
         unit.step(1e-3, **desired._asdict(), **measured)
         expected = (
             feedforward_vdc(robot, gains, desired, *measured.values())
             if mode
-            else feedforward_inverse(robot, desired)
+            else feedforward_inverse(robot, desired, measured["F_e_d"])
         )
         same(unit.get("tau_m"), expected.tau_m, scale=100.0)
         same(unit.get("tau_s"), expected.tau_s, scale=100.0)
         # two derivatives of the torques over stiffnesses of 1e4
         same(unit.get("kappa_dot_d"), expected.kappa_dot_d)
+
+
+def test_the_estimator_is_that_of_equations_2_and_3(
+    open_unit: Opener, robot_name: str, robots: dict[str, Robot]
+) -> None:
+    """Also far out, where both estimates are the limit."""
+    rng = np.random.default_rng(10)
+    robot = another(robots[robot_name], rng)
+    n = robot.n
+    limit, error = 5.0 / robot.c_f, 0.1 / robot.ell
+    unit = open_unit("estimator", robot_name)
+    springs = {key: getattr(robot, key) for key in SPRING_KEYS}
+    unit.start(**springs | {"theta_err_amplitude": error}, tau_hat_max=limit)
+    robot = robot.with_parameters(theta_err_amplitude=error)
+    for size in (1e-5, 1e-4, 1e-3, 0.1, 10.0):
+        q, tau = rng.normal(size=n), 0.1 * rng.normal(size=n)
+        kappa = q + size * rng.normal(size=n)
+        unit.step(1e-3, q=q, kappa=kappa, tau=tau)
+        expected = torque_estimates(robot, q, kappa, tau, limit)
+        # kappa - q cancels: 1e-16 over compliances of 1e-5 (1e-7 m/N for a slide), stiffer by 26 at the limit
+        same(unit.get("tau_s_hat"), expected.tau_s_hat, scale=1e4)
+        same(unit.get("tau_f_hat"), expected.tau_f_hat, scale=1e4)
+    assert np.array_equal(np.abs(unit.get("tau_s_hat")), limit)
 
 
 def state_of(unit: Any) -> np.ndarray:
@@ -133,11 +159,12 @@ def test_the_plant_starts_in_equilibrium(
     q_0, q_dot_0 = rng.normal(size=(2, robot.n))
     unit = open_unit("plant", robot_name)
     set_robot(unit, robot)
-    unit.start(q_0=q_0, q_dot_0=q_dot_0, tau_s_0=99.0, kappa_dot_0=99.0)
+    F_e = rng.normal(size=6)
+    unit.start(q_0=q_0, q_dot_0=q_dot_0, tau_s_0=99.0, kappa_dot_0=99.0, F_e=F_e)
     assert np.array_equal(unit.get("q"), q_0)
     assert np.array_equal(unit.get("q_dot"), q_dot_0)
     assert np.array_equal(unit.get("kappa_dot"), q_dot_0)
-    same(unit.get("tau_s"), equilibrium_torque(robot, q_0), scale=100.0)
+    same(unit.get("tau_s"), equilibrium_torque(robot, q_0, F_e), scale=100.0)
     same_outputs(unit, robot)
 
 

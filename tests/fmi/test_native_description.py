@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from fmpy.model_description import ModelDescription, ModelVariable
 
+from vdfmu.fmu import UNIT_NAMES
 from vdfmu.fmu.description import document, model_description, native_model_description
 from vdfmu.fmu.description3 import build_description, model_description_3
 from vdfmu.fmu.interface import interface
@@ -43,8 +44,7 @@ def read(root: Element) -> ModelDescription:
 
 @pytest.fixture(scope="module")
 def layouts(robots: dict[str, Robot]) -> dict[tuple[str, str], Layout]:
-    units = ("trajectory", "feedforward", "controller", "plant")
-    return {(name, unit): Layout(interface(unit, robots[name])) for name in robots for unit in units}
+    return {(name, unit): Layout(interface(unit, robots[name])) for name in robots for unit in UNIT_NAMES}
 
 
 @pytest.fixture

@@ -25,7 +25,7 @@ def stepped(unit: Any, seed: int, count: int = 15) -> list[np.ndarray]:
     return rows
 
 
-def test_four_units_and_two_copies_of_each_run_as_if_each_were_alone(open_unit: Opener) -> None:
+def test_all_units_and_two_copies_of_each_run_as_if_each_were_alone(open_unit: Opener) -> None:
     """Steps of all instances interleave; each must give the bits that it gives alone."""
     alone = {(name, copy): stepped(open_unit(name).start(), copy) for name in UNIT_NAMES for copy in (1, 2)}
     units = {key: open_unit(key[0], instance=f"{key[0]}{key[1]}").start() for key in alone}

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import struct
-import tomllib
 from pathlib import Path
 from typing import Literal
 
@@ -11,13 +10,13 @@ import fmpy
 import pytest
 from lxml import etree
 
-from vdfmu.data import data_path
 from vdfmu.fmu import UNIT_NAMES
 from vdfmu.fmu.description import document
 from vdfmu.fmu.interface import interface
 from vdfmu.fmu.layout import Layout
 from vdfmu.fmu.terminals import icon_files, terminals_and_icons
 from vdfmu.model import Robot
+from vdfmu.ssp.system_file import read_system
 
 SCHEMA = etree.XMLSchema(etree.parse(Path(fmpy.__file__).parent / "schema/fmi3/fmi3TerminalsAndIcons.xsd"))
 FMI = Literal[2, 3]
@@ -89,7 +88,7 @@ def test_joining_terminals_of_one_name_makes_the_connections_of_the_system(
         and causality[source, out] == "output"
         and causality[target, into] == "input"
     }
-    system = tomllib.loads((data_path("ssp") / "system.toml").read_text(encoding="utf-8"))
+    system = read_system("estimator")  # has all units
     expected = {(start, end) for start, ends in system["connections"].items() for end in ends}
     assert found == expected
 

@@ -18,6 +18,7 @@ from vdfmu.equations.rigid_body import (
     coriolis_force,
     coriolis_matrix,
     gravity_force,
+    link_body,
     mass_matrix,
     net_force,
 )
@@ -28,7 +29,7 @@ EPS = np.finfo(float).eps
 
 def test_body_mass_matrix_is_symmetric_positive_definite(chain):
     for i in range(chain.n):
-        M_B = mass_matrix(chain.mass[i], chain.centroid[i], chain.inertia[i])
+        M_B = mass_matrix(*link_body(chain, i))
         # The two halves are the same products in another order: one rounding of the largest entry.
         np.testing.assert_allclose(M_B, M_B.T, rtol=0, atol=EPS * np.abs(M_B).max())
         assert np.linalg.eigvalsh(M_B).min() > 0
@@ -55,7 +56,7 @@ def test_coriolis_force_is_the_product_with_the_coriolis_matrix(chain, draw):
     for state in draw(chain, 20, seed=12):
         V_B = state.F_e
         for i in range(chain.n):
-            body = (chain.mass[i], chain.centroid[i], chain.inertia[i])
+            body = link_body(chain, i)
             C_B = coriolis_matrix(*body, V_B[3:])
             # Both are sums of at most 100 products below max|C_B| max|V_B|: 100 roundings.
             bound = 100 * EPS * np.abs(C_B).max() * np.abs(V_B).max()
@@ -66,7 +67,7 @@ def test_coriolis_matrix_is_skew_symmetric(chain, draw):
     for state in draw(chain, 20, seed=2):
         omega = state.F_e[3:]
         for i in range(chain.n):
-            C_B = coriolis_matrix(chain.mass[i], chain.centroid[i], chain.inertia[i], omega)
+            C_B = coriolis_matrix(*link_body(chain, i), omega)
             # Every entry is a sum of at most 18 products below max|C_B|: 20 roundings.
             np.testing.assert_allclose(C_B, -C_B.T, rtol=0, atol=20 * EPS * np.abs(C_B).max())
 
@@ -153,7 +154,7 @@ def test_joint_mass_matrix_is_symmetric_positive_definite(chain, draw):
 def test_kinetic_energy_is_that_of_the_links(chain, draw):
     for state in draw(chain, 10, seed=9):
         V_b = link_motion(chain, state.q, state.q_dot, state.q_ddot).V_B
-        bodies = [mass_matrix(chain.mass[i], chain.centroid[i], chain.inertia[i]) for i in range(chain.n)]
+        bodies = [mass_matrix(*link_body(chain, i)) for i in range(chain.n)]
         energy = 0.5 * sum(V @ M @ V for V, M in zip(V_b, bodies, strict=True))
         M = joint_space_mass_matrix(chain, state.q)
         # Terms of the quadratic form cancel by a factor of at most 100 here; 1e-12 is 5000 roundings.
@@ -168,7 +169,7 @@ def coriolis_in_joint_space(robot, q, q_dot):
     C = np.zeros((robot.n, robot.n))
     for i in range(robot.n):
         rows = slice(6 * (i + 1), 6 * (i + 2))
-        body = (robot.mass[i], robot.centroid[i], robot.inertia[i])
+        body = link_body(robot, i)
         omega = J[rows][3:] @ q_dot
         C += J[rows].T @ (mass_matrix(*body) @ J_dot[rows] + coriolis_matrix(*body, omega) @ J[rows])
     return C
@@ -204,7 +205,7 @@ def test_base_force_is_the_rate_of_the_total_momentum_plus_weight(chain, draw):
         momentum, weight = np.zeros(6), np.zeros(6)
         U, U_fixed = np.eye(6), np.eye(6)
         for i in range(chain.n):
-            body = (chain.mass[i], chain.centroid[i], chain.inertia[i])
+            body = link_body(chain, i)
             U, U_fixed = U @ moving.U_AB[i], U_fixed @ fixed.U_AB[i]
             momentum = momentum + U @ (mass_matrix(*body) @ moving.V_B[i])
             weight = weight + U_fixed @ gravity_force(*body[:2], g_B[i])

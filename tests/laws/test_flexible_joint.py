@@ -17,7 +17,6 @@ from vdfmu.equations.forward_dynamics import forward_dynamics
 from vdfmu.equations.harmonic_drive import (
     deformation,
     deformation_derivative,
-    estimate_torque,
     kinematic_error,
     spring_energy,
 )
@@ -30,32 +29,6 @@ from vdfmu.kernel import Integrator
 
 EPS = np.finfo(float).eps
 TORQUES = (-80.0, -7.0, -1e-3, 0.0, 1e-6, 0.3, 20.0, 80.0)
-
-
-@pytest.mark.parametrize("torque", TORQUES)
-def test_estimator_and_deformation_are_inverse_to_each_other(chain, torque):
-    tau_s = np.full(chain.n, torque)
-    theta_err = kinematic_error(chain, np.linspace(-1.0, 1.0, chain.n))
-    delta_theta = deformation(chain, tau_s) + theta_err
-    estimate = estimate_torque(chain, delta_theta, tau_s / chain.ell, theta_err)
-    # tan(arctan(c t)) / c: 10 roundings of the parts of delta_theta, over the slope of the estimate.
-    size = np.abs(delta_theta) + np.abs(theta_err)
-    slope = chain.K_f0 * (1.0 + (chain.c_f * tau_s) ** 2)
-    assert (np.abs(estimate - tau_s) <= 10 * EPS * (size * slope + np.abs(tau_s))).all()
-
-
-@pytest.mark.parametrize("sign", [-1.0, 1.0])
-def test_estimator_refuses_a_deformation_beyond_the_pole_of_the_tangent(arm, sign):
-    limit = np.pi / 2.0 / (arm.c_f * arm.K_f0)
-    inside = estimate_torque(arm, 0.999 * sign * limit, np.zeros(6))
-    # tan(0.999 pi/2) = 1 / tan(0.001 pi/2), about 637
-    np.testing.assert_allclose(inside, sign / np.tan(0.001 * np.pi / 2.0) / arm.c_f, rtol=1e-10)
-    delta_theta = np.zeros(6)
-    delta_theta[3] = 1.001 * sign * limit[3]
-    with pytest.raises(
-        ValueError, match=r"joint 4: flexspline deformation .* outside the domain of Eq. \(2\)"
-    ):
-        estimate_torque(arm, delta_theta, np.zeros(6))
 
 
 def test_deformation_is_odd_and_strictly_increasing(chain):

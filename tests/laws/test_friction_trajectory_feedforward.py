@@ -17,7 +17,7 @@ from vdfmu.equations.jet import Jet, derivative, jets
 from vdfmu.equations.mapping import velocity_mapping
 from vdfmu.equations.pd import pd_control
 from vdfmu.equations.plant import plant_derivative
-from vdfmu.equations.rigid_body import coriolis_matrix, mass_matrix
+from vdfmu.equations.rigid_body import coriolis_matrix, link_body, mass_matrix
 from vdfmu.equations.trajectory import Desired, desired_motion
 
 EPS = np.finfo(float).eps
@@ -102,6 +102,10 @@ def test_pd_acts_on_errors_link_side_and_limits_the_motor_torque():
     np.testing.assert_allclose(command.tau, [0.33, -0.4], rtol=3 * EPS)
 
 
+F_E = np.array([5.0, -3.0, 4.0, 0.3, -0.2, 0.4])
+"""A wrench that the feedforward knows."""
+
+
 def inside(robot, t=4.0):
     """Return a desired motion of all joints, away from its ends."""
     n = robot.n
@@ -113,13 +117,12 @@ def test_plant_driven_by_the_inverse_feedforward_follows_the_desired_motion(chai
     chain = dataclasses.replace(chain, rotor_coupling=False)
     for t in (0.3, 2.0, 4.9, 7.7):
         desired = inside(chain, t)
-        drive = desired_drive_motion(chain, desired)
-        torques = feedforward_inverse(chain, desired)
+        drive = desired_drive_motion(chain, desired, F_E)
+        torques = feedforward_inverse(chain, desired, F_E)
         np.testing.assert_array_equal(torques.tau_s, drive.tau_s)
+        np.testing.assert_array_equal(torques.kappa_dot_d, drive.kappa_dot)
         x = np.concatenate([desired.q_d, desired.q_d_dot, drive.kappa_dot, torques.tau_s])
-        q_dot, q_ddot, kappa_ddot, tau_s_dot = np.split(
-            plant_derivative(chain, x, torques.tau_m, np.zeros(6)), 4
-        )
+        q_dot, q_ddot, kappa_ddot, tau_s_dot = np.split(plant_derivative(chain, x, torques.tau_m, F_E), 4)
         np.testing.assert_array_equal(q_dot, desired.q_d_dot)
         # Torques of up to 100 N m through a mass matrix of 1e-3 kg m2 and more: 1e-16 * 100 * 10 / 1e-3.
         np.testing.assert_allclose(q_ddot, desired.q_d_ddot, rtol=0, atol=1e-9)
@@ -138,7 +141,7 @@ def rate_of_spring_torque(robot, desired):
     q_dot = jets(desired.q_d_dot, desired.q_d_ddot, desired.q_d_dddot)
     q_ddot = jets(desired.q_d_ddot, desired.q_d_dddot, desired.q_d_ddddot)
     xi_l, _ = joint_friction(robot, q_dot, q_dot)
-    return derivative(inverse_dynamics(robot, q, q_dot, q_ddot) + xi_l, 1)
+    return derivative(inverse_dynamics(robot, q, q_dot, q_ddot, F_E) + xi_l, 1)
 
 
 def test_desired_rotor_motion_agrees_with_central_differences_in_time(chain):
@@ -162,9 +165,9 @@ def gains(robot):
 
 def test_vdc_without_errors_is_the_exact_inverse(chain):
     desired = inside(chain)
-    drive = desired_drive_motion(chain, desired)
-    vdc = feedforward_vdc(chain, gains(chain), desired, desired.q_d, desired.q_d_dot, drive.kappa_dot)
-    exact = feedforward_inverse(chain, desired)
+    drive = desired_drive_motion(chain, desired, F_E)
+    vdc = feedforward_vdc(chain, gains(chain), desired, desired.q_d, desired.q_d_dot, drive.kappa_dot, F_E)
+    exact = feedforward_inverse(chain, desired, F_E)
     # Both run some 1000 products on torques of up to 100 N m.
     np.testing.assert_allclose(vdc.tau_s, exact.tau_s, rtol=0, atol=1e-10)
     np.testing.assert_allclose(vdc.tau_m, exact.tau_m, rtol=0, atol=1e-11)
@@ -209,10 +212,10 @@ def test_vdc_is_the_required_motion_in_joint_space(chain, draw):
         q_ddot_r = desired.q_d_ddot + g.Lambda * (desired.q_d_dot - q_dot)
         J = velocity_mapping(chain, q)
         J_dot = derivative(velocity_mapping(chain, jets(q, q_dot, zero)), 1)
-        tau = inverse_dynamics(chain, q, zero, zero)
+        tau = inverse_dynamics(chain, q, zero, zero, F_E)
         for i in range(chain.n):
             J_i, J_i_dot = J[6 * (i + 1) : 6 * (i + 2)], J_dot[6 * (i + 1) : 6 * (i + 2)]
-            body = (chain.mass[i], chain.centroid[i], chain.inertia[i])
+            body = link_body(chain, i)
             net = mass_matrix(*body) @ (J_i @ q_ddot_r + J_i_dot @ q_dot_r)
             net = net + coriolis_matrix(*body, J_i[3:] @ q_dot) @ (J_i @ q_dot_r)
             tau = tau + J_i.T @ (net + g.K_V[i] * (J_i @ (q_dot_r - q_dot)))
@@ -223,7 +226,7 @@ def test_vdc_is_the_required_motion_in_joint_space(chain, draw):
                 )  # fmt: skip
         xi_l, _ = joint_friction(chain, desired.q_d_dot, desired.q_d_dot)
         tau = tau + xi_l + chain.ell * g.k_vq * (q_dot_r - q_dot)
-        torques = feedforward_vdc(chain, g, desired, q, q_dot, state.kappa_dot)
+        torques = feedforward_vdc(chain, g, desired, q, q_dot, state.kappa_dot, F_E)
         # Some 1000 products of the size of the largest torque.
         np.testing.assert_allclose(torques.tau_s, tau, rtol=0, atol=1000 * EPS * np.abs(tau).max())
 

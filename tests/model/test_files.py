@@ -20,6 +20,7 @@ def test_shipped_names() -> None:
     assert robot_names() == ["manipulator_6dof", "planar_2dof", "slider_3dof"]
     assert scenario_names() == [
         "contrast",
+        "estimation",
         "planar_tracking",
         "slider_tracking",
         "tracking",

@@ -121,7 +121,15 @@ def test_table_5() -> None:
 
 @pytest.mark.parametrize(
     "name",
-    ["tracking", "tracking_split", "two_joint", "two_joint_table5", "planar_tracking", "slider_tracking"],
+    [
+        "estimation",
+        "tracking",
+        "tracking_split",
+        "two_joint",
+        "two_joint_table5",
+        "planar_tracking",
+        "slider_tracking",
+    ],  # fmt: skip
 )
 def test_gains_keep_the_sampled_loop_stable(name: str) -> None:
     scenario = load_scenario(name)

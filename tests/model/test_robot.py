@@ -11,7 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from vdfmu.errors import UsageError
+from vdfmu.errors import ModelError, UsageError
+from vdfmu.kernel import parameters
 from vdfmu.model import Robot, load_robot, robot_from_dict, robot_names
 from vdfmu.model.robot import ARRAY_FIELDS, JOINT_FIELDS
 
@@ -94,6 +95,41 @@ def test_round_trip_of_random_robots(chain: list[dict[str, Any]], friction: str,
     assert robot.n == len(chain)
     assert robot.to_dict() == data
     assert_same(robot, robot_from_dict(robot.to_dict()))
+
+
+def test_a_payload_is_read_written_and_scaled() -> None:
+    data = load_robot("planar_2dof").to_dict()
+    assert "payload" not in data
+    data["payload"] = {"mass": 0.5, "centroid": [0.1, 0.0, 0.02], "inertia": 1e-3}
+    robot = robot_from_dict(data)
+    assert_same(robot, robot_from_dict(robot.to_dict()))
+    np.testing.assert_array_equal(robot.payload_inertia, 1e-3 * np.eye(3))
+    assert robot.with_parameters(payload_mass=0.0).payload_mass == 0.0
+    point = robot_from_dict(data | {"payload": {"mass": 0}})
+    assert point.payload
+    assert not point.payload_inertia.any()
+    names = [p.name for p in parameters(point)]
+    assert names[2:6] == ["payload_mass", "payload_centroid[1]", "payload_centroid[2]", "payload_centroid[3]"]
+    assert "payload_inertia[1,1]" in [p.name for p in parameters(robot)]
+
+
+def test_a_robot_without_payload_has_none_to_set() -> None:
+    with pytest.raises(UsageError, match=r"planar_2dof: payload_mass: it has no payload\. .* \[payload\]"):
+        load_robot("planar_2dof").with_parameters(payload_mass=1.0)
+
+
+@pytest.mark.parametrize(
+    ("payload", "words"),
+    [
+        ({}, r"payload\.mass: expected a finite number >= 0 in kg, got nothing"),
+        ({"mass": -1.0}, r"payload\.mass: expected .* >= 0 in kg, got -1\.0"),
+        ({"mass": 1.0, "inertia": [1.0, 1.0, 3.0]}, r"payload\.inertia: expected no principal moment above"),
+        ({"mass": 1.0, "mas": 1.0}, r"payload\.mas: expected a known key"),
+    ],
+)
+def test_a_payload_that_no_body_has_is_refused(payload: dict[str, Any], words: str) -> None:
+    with pytest.raises(ModelError, match=words):
+        robot_from_dict(load_robot("planar_2dof").to_dict() | {"payload": payload})
 
 
 def test_forms_of_inertia() -> None:

@@ -46,8 +46,8 @@ from ..fmi.test_misuse import (
     test_values_that_do_not_fit_together_are_refused_in_initialization_mode_too,
 )
 from ..fmi.test_several import (
+    test_all_units_and_two_copies_of_each_run_as_if_each_were_alone,
     test_an_instance_lives_on_when_its_copy_is_freed,
-    test_four_units_and_two_copies_of_each_run_as_if_each_were_alone,
     test_parameters_of_one_copy_do_not_reach_the_other,
     test_two_robots_in_one_process_do_not_meet,
 )

@@ -390,7 +390,7 @@ def hidden(unknown: str, known: str) -> bool:
     In equilibrium the rotors move with their links: der(tau_s) is the stiffness times zero, and what changes the
     stiffness, the torque that holds the arm, has no effect.
     """
-    holds = ("centroid", "gravity", "mass", "offset", "q_0")
+    holds = ("F_e", "centroid", "gravity", "mass", "offset", "q_0", "tool_offset")
     return unknown.startswith("der(tau_s") and known.split("[")[0] in holds
 
 

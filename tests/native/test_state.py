@@ -275,7 +275,13 @@ def test_after_reset_an_instance_is_a_new_one(
     native: Native, version: str, unit_name: str, phase: str
 ) -> None:
     unit, fresh = native(unit_name, version), native(unit_name, version)
-    gain = {"plant": "mass", "controller": "K_p", "feedforward": "Lambda", "trajectory": "q_end"}[unit_name]
+    gain = {
+        "plant": "mass",
+        "controller": "K_p",
+        "feedforward": "Lambda",
+        "trajectory": "q_end",
+        "estimator": "K_f0",
+    }[unit_name]
     if phase != "instantiated":
         unit.setup(5.0, 1e-3).set(**{gain: 2.0}).enter()
     if phase in ("step", "terminated"):

@@ -10,7 +10,7 @@ from vdfmu.ssp.description import SystemDescription
 from vdfmu.ssp.parameters import robot_parameters, system_values
 from vdfmu.ssp.structure_file import structure_file
 
-SCENARIOS = ["planar_tracking", "slider_tracking", "tracking", "two_joint"]
+SCENARIOS = ["estimation", "planar_tracking", "slider_tracking", "tracking", "two_joint"]
 
 
 @pytest.fixture(scope="module", params=SCENARIOS)

@@ -45,7 +45,7 @@ def fmus_3(scenario, tmp_path_factory):
 
 
 @pytest.mark.parametrize("version", ["1.0", "2.0"])
-@pytest.mark.parametrize("name", ["slider_tracking", "tracking", "two_joint"])
+@pytest.mark.parametrize("name", ["estimation", "slider_tracking", "tracking", "two_joint"])
 def test_every_file_is_valid_for_another_reader(name, version, tmp_path):
     description = SystemDescription(load_scenario(name), version=version)
     files = {"SystemStructure.ssd": (SSD, structure_file(description))}

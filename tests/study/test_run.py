@@ -17,6 +17,7 @@ from vdfmu.cosim.reference import Reference
 from vdfmu.errors import CosimError, ModelError, UsageError
 from vdfmu.model import load_scenario
 from vdfmu.report.sheets import reference_sheet
+from vdfmu.report.tables import to_markdown
 from vdfmu.ssp.write import write_ssp
 from vdfmu.study.run import cached_fmus
 
@@ -130,7 +131,7 @@ def with_references(monkeypatch, folder, change):
 
     def reference(name, robot, values, *, step, stop, progress):
         scenario = dataclasses.replace(load_scenario("tracking_split"), robot=robot)
-        package = write_ssp(scenario, cached_fmus(robot, folder), folder / "reference.ssp", values)
+        package = write_ssp(scenario, cached_fmus(scenario, folder), folder / "reference.ssp", values)
         parameters = {key: factor * values["plant"][key.partition(".")[2]] for key, factor in change.items()}
         r = vdfmu.simulate(
             package, start=0.0, stop=stop, step=step, algorithm="gauss-seidel", parameters=parameters
@@ -238,13 +239,17 @@ def test_another_value_of_a_robot_adds_its_fmus_to_the_cache_and_nothing_else(pl
     def kept():
         return {p.relative_to(tmp_path / "cache") for p in (tmp_path / "cache").rglob("*") if p.is_file()}
 
+    def plant(robot):
+        scenario = dataclasses.replace(load_scenario("planar_tracking"), robot=robot)
+        return cached_fmus(scenario, tmp_path / "fmus", "python")["plant"].read_bytes()
+
     (tmp_path / "fmus").mkdir()
-    first = cached_fmus(planar, tmp_path / "fmus", "python")["plant"].read_bytes()
+    first = plant(planar)
     before = kept()
-    second = cached_fmus(planar.with_parameters(mass=2.5), tmp_path / "fmus", "python")["plant"].read_bytes()
+    second = plant(planar.with_parameters(mass=2.5))
     assert second != first
     assert {path.parent.name for path in kept() - before} == {"fmus"}
-    assert cached_fmus(planar, tmp_path / "fmus", "python")["plant"].read_bytes() == first
+    assert plant(planar) == first
     assert len(kept()) == len(before) + 4
 
 
@@ -304,3 +309,18 @@ def test_an_interrupt_while_rows_are_written_waits_for_them(tmp_path, monkeypatc
         vdfmu.run("planar_tracking", stop=0.1, out=tmp_path, reference=False)
     assert len(Results.from_csv(tmp_path / "results.csv")) == 101
     assert json.loads((tmp_path / "summary.json").read_text())["steps"] == 100
+
+
+def test_the_estimation_scenario_shows_both_estimates_on_the_plants_own_signals(tmp_path):
+    results = vdfmu.run("estimation", stop=0.5, reference=False, backend="python", out=tmp_path)
+    summary = results.summary
+    # kappa - q cancels: 1e-16 of positions below 1 rad, over compliances of 1e-5 rad/(N m) and more.
+    assert max(summary["rms_tau_s_hat_error_nm"]) < 1e-10
+    # At this speed friction alone is 0.3 N m at a wrist and more, over ratio and stiffnesses of about 1.
+    assert min(summary["rms_tau_f_hat_error_nm"]) > 0.01
+    assert "Consistent" in to_markdown(summary)
+    for unknown in ("tracking", "planar_tracking"):
+        with pytest.raises(
+            UsageError, match=r"estimator\.tau_hat_max: expected .* a unit of trajectory, feedforward"
+        ):
+            vdfmu.run(unknown, settings={"estimator.tau_hat_max": 1.0}, out=tmp_path)

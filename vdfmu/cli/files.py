@@ -37,14 +37,16 @@ def build(
     ] = None,
     settings: SetOption = None,
 ) -> None:
-    """Build the four FMUs of a scenario's robot, with the scenario's values as start values."""
+    """Build the FMUs of a scenario's system, with the scenario's values as start values."""
     from vdfmu.fmu import build_fmus
     from vdfmu.ssp.parameters import system_values
+    from vdfmu.ssp.system_file import units_of
 
     chosen = load_scenario(scenario, robot)
     built = build_fmus(
         chosen.robot,
         out,
+        units=units_of(chosen),
         start_values=system_values(chosen, parse_settings(settings)),
         backend=backend,
         fmi_version=fmi,
@@ -72,8 +74,9 @@ def container(
     chosen = prepare(scenario, robot=robot, step=step)
     values = system_values(chosen, parse_settings(settings))
     with tempfile.TemporaryDirectory(prefix="vdfmu_") as folder:
-        fmus = cached_fmus(chosen.robot, folder, "native")
-        package = write_ssp(chosen, fmus, Path(folder) / "system.ssp", values)
+        package = write_ssp(
+            chosen, cached_fmus(chosen, folder, "native"), Path(folder) / "system.ssp", values
+        )
         path = out if out is not None else Path(f"{chosen.name}.fmu")
         say(str(write_container(package, path, step=chosen.step)))
 
@@ -105,6 +108,7 @@ def ssp(
 
     from vdfmu.fmu import build_fmus
     from vdfmu.ssp.parameters import system_values
+    from vdfmu.ssp.system_file import units_of
     from vdfmu.ssp.versions import fmi_of_format
     from vdfmu.ssp.write import write_osp, write_ssp
 
@@ -112,7 +116,10 @@ def ssp(
     chosen = load_scenario(scenario, robot)
     values = system_values(chosen, parse_settings(settings))
     with tempfile.TemporaryDirectory(prefix="vdfmu_") as folder:
-        fmus = build_fmus(chosen.robot, folder, start_values=values, backend=backend, fmi_version=fmi_version)
+        units = units_of(chosen)
+        fmus = build_fmus(
+            chosen.robot, folder, units=units, start_values=values, backend=backend, fmi_version=fmi_version
+        )
         if form == "osp":
             say(str(write_osp(chosen, fmus, out or Path(f"{chosen.name}_osp"), values)))
         else:

@@ -78,6 +78,8 @@ def run(
     console.print(
         tables.contrast_table(summary) if summary["kind"] == "contrast" else tables.tracking_table(summary)
     )
+    if "rms_spring_torque_nm" in summary:
+        console.print(tables.estimation_table(summary))
     if "reference" in summary:
         console.print(tables.reference_table(summary))
     _say_written(out if out is not None else Path("results") / summary["scenario"], RUN_OUTPUTS)

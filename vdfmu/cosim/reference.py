@@ -61,8 +61,8 @@ class _Loop:
         self.n = n = robot.n
         kernel = Kernel(robot)
 
-        def group(unit: str, name: str) -> Floats:
-            return np.array([values[unit].get(f"{name}[{i + 1}]", 0.0) for i in range(n)])
+        def group(unit: str, name: str, size: int = n) -> Floats:
+            return np.array([values[unit].get(f"{name}[{i + 1}]", 0.0) for i in range(size)])
 
         def p(unit: str) -> Floats:
             return np.array([values[unit][parameter.name] for parameter in parameters(robot)])
@@ -77,6 +77,7 @@ class _Loop:
         self._feedforward = kernel.function(
             "feedforward_vdc" if mode else "feedforward_inverse", p=p("feedforward"), **desired
         )
+        self._feedforward.args["F_e_d"][:] = group("feedforward", "F_e_d", 6)
         if mode:
             for name in ("Lambda", "K_V", "k_vq", "k_vkappa"):
                 self._feedforward.args[name][:] = group("feedforward", name)
@@ -87,15 +88,15 @@ class _Loop:
         )
         for name in ("K_p", "K_v", "tau_max", "ell"):
             self._pd.args[name][:] = group("controller", name)
-        wrench = np.array([values["plant"].get(f"F_e[{k + 1}]", 0.0) for k in range(6)])
-        self._derivative = kernel.function("plant_derivative", p=p("plant"), F_e=wrench)
+        self._derivative = kernel.function("plant_derivative", p=p("plant"), F_e=group("plant", "F_e", 6))
+        F_e = self._derivative.args["F_e"]
         self._measured = {"q": slice(0, n), "q_dot": slice(n, 2 * n), "kappa_dot": slice(2 * n, 3 * n)}
         self._velocity = self._measured["q_dot" if velocity == 1 else "kappa_dot"]
 
         q, q_dot = group("plant", "q_0"), group("plant", "q_dot_0")
         kappa_dot, tau_s = group("plant", "kappa_dot_0"), group("plant", "tau_s_0")
         if values["plant"].get("equilibrium", True):
-            kappa_dot, tau_s = q_dot, np.ravel(kernel.function("equilibrium_torque")(q, p("plant")))
+            kappa_dot, tau_s = q_dot, np.ravel(kernel.function("equilibrium_torque")(q, F_e, p("plant")))
         self.x_0 = np.concatenate([q, q_dot, kappa_dot, tau_s])
 
     def feedforward(self, t: float, x: Floats) -> Floats:

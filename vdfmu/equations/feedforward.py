@@ -15,10 +15,10 @@ from vdfmu.equations.flexible_joint import (
     rotor_velocities,
 )
 from vdfmu.equations.friction import joint_friction
-from vdfmu.equations.inverse_dynamics import inverse_dynamics, joint_torques, link_forces
+from vdfmu.equations.inverse_dynamics import inverse_dynamics, joint_torques, link_forces, tool_transform
 from vdfmu.equations.jet import derivative, jets
 from vdfmu.equations.kinematics import gravity_in_links, joint_transforms, link_motion
-from vdfmu.equations.rigid_body import coriolis_matrix, gravity_force, mass_matrix
+from vdfmu.equations.rigid_body import coriolis_matrix, gravity_force, link_body, mass_matrix
 from vdfmu.equations.spatial import cross_motion, joint_axis
 from vdfmu.equations.trajectory import Desired
 
@@ -70,11 +70,12 @@ class DriveMotion(NamedTuple):
     kappa_ddot: Any
 
 
-def desired_drive_motion(robot: Any, desired: Desired) -> DriveMotion:
+def desired_drive_motion(robot: Any, desired: Desired, F_e_d: np.ndarray | None = None) -> DriveMotion:
     """Return what springs and rotors must do while the links follow the desired motion exactly.
 
     ``tau_s = ID(q_d, ..) + xi_l`` and ``kappa = q_d + D(tau_s) + theta_err``; the two derivatives of kappa
-    come from running these lines on jets, which takes q_d up to its fourth derivative.
+    come from running these lines on jets, which takes q_d up to its fourth derivative. The derivatives of the wrench
+    `F_e_d` are taken as zero.
 
     With `rotor_coupling` ID holds the rotors' reaction (11), in which each rotor turns as its link does: the
     deformation's own acceleration would take two more derivatives of q_d for each joint of the chain. What it adds to
@@ -86,12 +87,12 @@ def desired_drive_motion(robot: Any, desired: Desired) -> DriveMotion:
     q_ddot = jets(q_d_ddot, q_d_dddot, q_d_ddddot)
     xi_l, _ = joint_friction(robot, q_dot, q_dot)
     rotors = (q_dot, q_ddot) if robot.rotor_coupling else None
-    tau_s = inverse_dynamics(robot, q, q_dot, q_ddot, rotors=rotors) + xi_l
+    tau_s = inverse_dynamics(robot, q, q_dot, q_ddot, F_e_d, rotors) + xi_l
     kappa = rotor_position(robot, q, tau_s)
     return DriveMotion(derivative(tau_s, 0), derivative(kappa, 0), derivative(kappa, 1), derivative(kappa, 2))
 
 
-def feedforward_inverse(robot: Any, desired: Desired) -> Feedforward:
+def feedforward_inverse(robot: Any, desired: Desired, F_e_d: np.ndarray | None = None) -> Feedforward:
     """Exact inverse of the plant along the desired motion: ``tau_m = z.T F_Dk + tau_s / ell + xi_m``.
 
     This is (27) with zero velocity error and ``tau_t = tau_s / ell``; see :func:`printed_motor_torque` for
@@ -101,8 +102,9 @@ def feedforward_inverse(robot: Any, desired: Desired) -> Feedforward:
     Parameters
     ----------
     desired : q_d to its fourth derivative, each (n,)
+    F_e_d : (6,) [N, N m] wrench that the arm is to exert on its surroundings, in {O}, constant
     """
-    drive = desired_drive_motion(robot, desired)
+    drive = desired_drive_motion(robot, desired, F_e_d)
     xi_l, xi_m = joint_friction(robot, desired.q_d_dot, drive.kappa_dot)
     tau_s = drive.tau_s
     tau_k = robot.I_m * drive.kappa_ddot  # (56)
@@ -110,7 +112,7 @@ def feedforward_inverse(robot: Any, desired: Desired) -> Feedforward:
         motion = link_motion(robot, desired.q_d, desired.q_d_dot, desired.q_d_ddot)
         F_Dk = rotor_forces(robot, motion, drive.kappa_dot, drive.kappa_ddot)  # (7), (10)
         tau_k = axial_torques(F_Dk)
-        tau_s = joint_torques(robot, link_forces(robot, motion, F_Dk=F_Dk)) + xi_l
+        tau_s = joint_torques(robot, link_forces(robot, motion, F_e_d, F_Dk)) + xi_l
     tau_m = tau_k + tau_s / robot.ell + xi_m  # (27)
     return Feedforward(tau_m, tau_s, drive.kappa_dot)
 
@@ -180,7 +182,7 @@ def required_net_forces(
             # the derivative of (49): U depends on the measured position, so its rate on the measured velocity
             carried = U_AB[i].T @ V_B_r_dot[i - 1]
             V_B_r_dot[i] = V_B_r_dot[i] + carried + cross_motion(V_B_r[i]) @ (z * q_dot[i])
-        body = (robot.mass[i], robot.centroid[i], robot.inertia[i])
+        body = link_body(robot, i)
         F_B_r_star.append(
             mass_matrix(*body) @ V_B_r_dot[i]
             + coriolis_matrix(*body, V_B[i][3:]) @ V_B_r[i]
@@ -202,12 +204,17 @@ def required_net_forces(
 
 
 def required_forces(
-    robot: Any, U_AB: list[np.ndarray], F_B_r_star: list[np.ndarray], F_D_r_star: list[np.ndarray]
+    robot: Any,
+    U_AB: list[np.ndarray],
+    F_B_r_star: list[np.ndarray],
+    F_D_r_star: list[np.ndarray],
+    F_e_d: np.ndarray | None = None,
 ) -> list[np.ndarray]:
     """Return the required force on every driven cutting point, Eq. (51)-(53), from the last link to the first.
 
     (52)-(53) are the constraints (18), (20) of the joints, solved for the forces as (23), (25): the base's net force
-    is part of the link before it. The load F_l of (51) is zero.
+    is part of the link before it. The load F_l of (51) is the wrench `F_e_d` in {O}; a payload is part of the last
+    link.
 
     Deviation: (53) leaves out the rotor's part of (20) and (25), ``U_BD F_D_kr``; with `rotor_coupling` it is added.
 
@@ -215,7 +222,9 @@ def required_forces(
     -------
     F_B_r : n times (6,) [N, N m] in {B_i}
     """
-    F_B_r = list(F_B_r_star)  # (51)
+    F_B_r = list(F_B_r_star)
+    if F_e_d is not None:
+        F_B_r[-1] = F_B_r[-1] + tool_transform(robot) @ F_e_d  # (51)
     for i in reversed(range(robot.n - 1)):
         F_B_r[i] = F_B_r[i] + U_AB[i + 1] @ F_B_r[i + 1]  # (52)-(53)
         if robot.rotor_coupling:
@@ -251,7 +260,13 @@ def drive_torques(
 
 
 def feedforward_vdc(
-    robot: Any, gains: Gains, desired: Desired, q: np.ndarray, q_dot: np.ndarray, kappa_dot: np.ndarray
+    robot: Any,
+    gains: Gains,
+    desired: Desired,
+    q: np.ndarray,
+    q_dot: np.ndarray,
+    kappa_dot: np.ndarray,
+    F_e_d: np.ndarray | None = None,
 ) -> Feedforward:
     """Return the feedforward of virtual decomposition control, Eq. (12)-(27) and (48)-(53).
 
@@ -262,12 +277,13 @@ def feedforward_vdc(
     ----------
     desired : q_d to its fourth derivative, each (n,)
     q, q_dot, kappa_dot : (n,) measured
+    F_e_d : (6,) [N, N m] as in :func:`feedforward_inverse`
     """
-    drive = desired_drive_motion(robot, desired)
+    drive = desired_drive_motion(robot, desired, F_e_d)
     required = required_motion(gains, desired, drive, q, q_dot)
     U_AB = joint_transforms(robot, q)
     F_B_r_star, F_D_r_star = required_net_forces(robot, gains, U_AB, q_dot, kappa_dot, required)
-    F_B_r = required_forces(robot, U_AB, F_B_r_star, F_D_r_star)
+    F_B_r = required_forces(robot, U_AB, F_B_r_star, F_D_r_star, F_e_d)
     friction = joint_friction(robot, desired.q_d_dot, drive.kappa_dot)
     tau_q, tau_kr = joint_torques(robot, F_B_r), axial_torques(F_D_r_star)
     tau_t, tau_m = drive_torques(robot, gains, required, tau_q, tau_kr, friction, q_dot, kappa_dot)

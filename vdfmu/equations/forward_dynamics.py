@@ -12,7 +12,7 @@ from vdfmu.equations.generic import zeros
 from vdfmu.equations.inverse_dynamics import inverse_dynamics, tool_transform
 from vdfmu.equations.kinematics import gravity_in_links, joint_placements
 from vdfmu.equations.mapping import joint_space_mass_matrix
-from vdfmu.equations.rigid_body import coriolis_force, gravity_force, mass_matrix
+from vdfmu.equations.rigid_body import coriolis_force, gravity_force, link_body, mass_matrix
 from vdfmu.equations.spatial import cross_motion, force_transform, joint_axis, transform_mass_matrix
 
 __all__ = ["Rotors", "forward_dynamics", "forward_dynamics_by_mapping"]
@@ -66,7 +66,7 @@ def forward_dynamics(
     for i in range(n):
         V_B.append(z[i] * q_dot[i] if i == 0 else z[i] * q_dot[i] + U_AB[i].T @ V_B[i - 1])
         c_B.append(np.zeros(6) if i == 0 else cross_motion(V_B[i]) @ (z[i] * q_dot[i]))
-        body = (robot.mass[i], robot.centroid[i], robot.inertia[i])
+        body = link_body(robot, i)
         M_A.append(mass_matrix(*body))
         p_A.append(coriolis_force(*body, V_B[i]) + gravity_force(*body[:2], g_B[i]))
         if rotors is not None and i > 0:

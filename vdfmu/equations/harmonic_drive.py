@@ -1,4 +1,4 @@
-"""Harmonic drive: positions (1), torque estimation (2)-(3), and its inverse, the deformation D(torque)."""
+"""Harmonic drive: positions (1), and the deformation D(torque), the inverse of the torque estimation (2)-(3)."""
 
 from __future__ import annotations
 
@@ -11,7 +11,6 @@ from vdfmu.equations.generic import sgn
 __all__ = [
     "deformation",
     "deformation_derivative",
-    "estimate_torque",
     "kinematic_error",
     "spring_energy",
     "wave_generator_deformation",
@@ -45,40 +44,6 @@ def kinematic_error(robot: Any, kappa: Any) -> Any:
     drives show.
     """
     return robot.theta_err_amplitude * np.sin(2.0 * robot.ell * kappa + robot.theta_err_phase)
-
-
-def estimate_torque(robot: Any, delta_theta: Any, tau_w: Any, theta_err: Any = 0.0) -> np.ndarray:
-    """Flexspline torque from the measured deformation and the motor torque, Eq. (2)-(3), floats only.
-
-    Parameters
-    ----------
-    delta_theta : (n,) [rad or m] total deformation ``kappa - q``
-    tau_w : (n,) [N m] torque at the wave generator, motor-side
-    theta_err : (n,) [rad or m] kinematic error
-
-    Returns
-    -------
-    tau_f : (n,) [N m or N], link-side
-
-    Raises
-    ------
-    ValueError
-        Where the flexspline deformation reaches pi / (2 c_f K_f0), the pole of the tangent in (2).
-    """
-    delta_theta_f = np.asarray(
-        delta_theta - wave_generator_deformation(tau_w, robot) - theta_err, dtype=float
-    )
-    angle = delta_theta_f * robot.c_f * robot.K_f0
-    outside = np.abs(angle) >= np.pi / 2.0
-    if np.any(outside):
-        i = int(np.argmax(outside))
-        limit = float((np.pi / 2.0 / (robot.c_f * robot.K_f0))[i])
-        raise ValueError(
-            f"joint {i + 1}: flexspline deformation {float(delta_theta_f[i]):.6g} lies outside the domain of "
-            f"Eq. (2), (-{limit:.6g}, {limit:.6g}). "
-            "The measured deformation and motor torque do not belong together."
-        )
-    return np.tan(angle) / robot.c_f
 
 
 def deformation(robot: Any, tau_s: Any) -> Any:

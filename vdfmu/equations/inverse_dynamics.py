@@ -9,7 +9,7 @@ import numpy as np
 from vdfmu.equations.flexible_joint import rotor_forces, rotor_transform
 from vdfmu.equations.generic import zeros
 from vdfmu.equations.kinematics import Motion, gravity_in_links, link_motion
-from vdfmu.equations.rigid_body import net_force
+from vdfmu.equations.rigid_body import link_body, net_force
 from vdfmu.equations.spatial import force_transform, joint_axis
 
 __all__ = ["inverse_dynamics", "joint_torques", "link_forces", "tool_transform"]
@@ -40,9 +40,7 @@ def link_forces(
     g_B = gravity_in_links(robot, motion.U_AB)
     F_B: list[np.ndarray] = [np.zeros(6)] * n
     for i in reversed(range(n)):
-        F_B[i] = net_force(
-            robot.mass[i], robot.centroid[i], robot.inertia[i], g_B[i], motion.V_B[i], motion.V_B_dot[i]
-        )
+        F_B[i] = net_force(*link_body(robot, i), g_B[i], motion.V_B[i], motion.V_B_dot[i])
         if i == n - 1:
             if F_e is not None:
                 F_B[i] = F_B[i] + tool_transform(robot) @ F_e

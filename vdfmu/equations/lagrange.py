@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from vdfmu.equations.generic import zeros
+from vdfmu.equations.rigid_body import link_body
 
 __all__ = ["christoffel_symbols", "lagrange_inverse_dynamics", "lagrange_mass_matrix"]
 
@@ -43,8 +44,9 @@ def _geometry(robot: Any, q: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.nda
             c, s = np.cos(q[i]), np.sin(q[i])
             R = np.stack([R[:, 0] * c + R[:, 1] * s, R[:, 1] * c - R[:, 0] * s, R[:, 2]], axis=1)
         axes[i], origins[i] = R[:, 2], p
-        centres[i] = p + R @ robot.centroid[i]
-        inertias[i] = R @ robot.inertia[i] @ R.T
+        _, r_B, I_B = link_body(robot, i)
+        centres[i] = p + R @ r_B
+        inertias[i] = R @ I_B @ R.T
     return axes, origins, centres, inertias
 
 
@@ -67,7 +69,9 @@ def lagrange_mass_matrix(robot: Any, q: np.ndarray) -> np.ndarray:
     for k in range(robot.n):
         linear, angular = _link_jacobians(robot, axes, origins, centres[k], k)
         M[: k + 1, : k + 1] = (
-            M[: k + 1, : k + 1] + robot.mass[k] * (linear @ linear.T) + angular @ inertias[k] @ angular.T
+            M[: k + 1, : k + 1]
+            + link_body(robot, k)[0] * (linear @ linear.T)
+            + angular @ inertias[k] @ angular.T
         )
     return M
 
@@ -107,7 +111,9 @@ def mass_matrix_derivative(robot: Any, q: np.ndarray) -> np.ndarray:
                         d_linear[j] = _cross(axes[k], axes[j])
                 turned = _cross(axes[k][None, :], inertias[link].T).T  # (z_k x) I
                 d_inertia = turned + turned.T
-            product = robot.mass[link] * (d_linear @ linear.T) + d_angular @ inertias[link] @ angular.T
+            product = (
+                link_body(robot, link)[0] * (d_linear @ linear.T) + d_angular @ inertias[link] @ angular.T
+            )
             dM[:rows, :rows, k] = dM[:rows, :rows, k] + product + product.T + angular @ d_inertia @ angular.T
     return dM
 
@@ -127,5 +133,5 @@ def lagrange_inverse_dynamics(robot: Any, q: np.ndarray, q_dot: np.ndarray, q_dd
     G = zeros((n,), axes, robot.gravity)
     for k in range(n):
         linear, _ = _link_jacobians(robot, axes, origins, centres[k], k)
-        G[: k + 1] = G[: k + 1] + robot.mass[k] * (linear @ robot.gravity)
+        G[: k + 1] = G[: k + 1] + link_body(robot, k)[0] * (linear @ robot.gravity)
     return M @ q_ddot + coriolis + G

@@ -9,6 +9,7 @@ import numpy as np
 from vdfmu.equations.generic import zeros
 from vdfmu.equations.inverse_dynamics import tool_transform
 from vdfmu.equations.kinematics import joint_transforms
+from vdfmu.equations.rigid_body import link_body
 from vdfmu.equations.rigid_body import mass_matrix as body_mass_matrix
 from vdfmu.equations.spatial import joint_axis
 
@@ -93,5 +94,5 @@ def joint_space_mass_matrix(robot: Any, q: np.ndarray) -> np.ndarray:
     M = np.zeros((robot.n, robot.n))
     for i in range(robot.n):
         J_i = J_ba[6 * (i + 1) : 6 * (i + 2)]
-        M = M + J_i.T @ body_mass_matrix(robot.mass[i], robot.centroid[i], robot.inertia[i]) @ J_i
+        M = M + J_i.T @ body_mass_matrix(*link_body(robot, i)) @ J_i
     return M

@@ -1,7 +1,8 @@
 """The classic Newton-Euler recursion in 3-vectors, which the paper compares with in section IV-A.
 
-Written from the text-book recursion (Luh, Walker and Paul 1980), not from the paper's 6-vectors: it shares no
-line with :mod:`vdfmu.equations.inverse_dynamics`, so that agreement of the two means something.
+Written from the text-book recursion (Luh, Walker and Paul 1980), not from the paper's 6-vectors: of
+:mod:`vdfmu.equations.inverse_dynamics` it shares only what a link with a payload weighs, so that agreement of the two
+means something.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from vdfmu.equations.generic import zeros
+from vdfmu.equations.rigid_body import link_body
 
 __all__ = ["newton_euler"]
 
@@ -30,7 +32,7 @@ def newton_euler(
     :func:`vdfmu.equations.inverse_dynamics.inverse_dynamics`.
     """
     n = robot.n
-    rotations, arms, forces, moments = [], [], [], []
+    rotations, arms, centres, forces, moments = [], [], [], [], []
 
     # forward: angular velocity w, angular acceleration dw, acceleration a of the frame origin, all in the
     # link frame
@@ -51,12 +53,13 @@ def newton_euler(
         else:
             w = w_parent + _AXIS * q_dot[i]
             dw = dw_parent + _cross(w_parent, _AXIS * q_dot[i]) + _AXIS * q_ddot[i]
-        r = robot.centroid[i]
+        mass, r, inertia = link_body(robot, i)
         a_centre = a + _cross(dw, r) + _cross(w, _cross(w, r))
         rotations.append(R)
         arms.append(p)
-        forces.append(robot.mass[i] * a_centre)
-        moments.append(robot.inertia[i] @ dw + _cross(w, robot.inertia[i] @ w))
+        centres.append(r)
+        forces.append(mass * a_centre)
+        moments.append(inertia @ dw + _cross(w, inertia @ w))
 
     # backward: force f and moment m that link i-1 exerts on link i, about the origin of {B_i}
     tau = zeros((n,), q, q_dot, q_ddot, robot.mass)
@@ -68,7 +71,7 @@ def newton_euler(
         if i < n - 1:
             f = rotations[i + 1] @ f
             m = rotations[i + 1] @ m + _cross(arms[i + 1], f)
-        m = m + moments[i] + _cross(robot.centroid[i], forces[i])
+        m = m + moments[i] + _cross(centres[i], forces[i])
         f = f + forces[i]
         tau[i] = f[2] if robot.joint_types[i] == "prismatic" else m[2]
     return tau

@@ -19,7 +19,7 @@ from vdfmu.equations.friction import joint_friction
 from vdfmu.equations.harmonic_drive import spring_energy
 from vdfmu.equations.inverse_dynamics import inverse_dynamics, joint_torques, link_forces
 from vdfmu.equations.kinematics import end_effector_pose, joint_placements, link_motion
-from vdfmu.equations.rigid_body import mass_matrix
+from vdfmu.equations.rigid_body import link_body, mass_matrix
 
 __all__ = [
     "Outputs",
@@ -111,10 +111,10 @@ def balance(
     return tau_s - xi_l - torques, rotor_acceleration(robot, tau_k, motion if robot.rotor_coupling else None)
 
 
-def equilibrium_torque(robot: Any, q: np.ndarray) -> np.ndarray:
-    """Spring torques that hold the arm at rest at `q` : (n,) [N m or N], link-side."""
+def equilibrium_torque(robot: Any, q: np.ndarray, F_e: np.ndarray | None = None) -> np.ndarray:
+    """Spring torques that hold the arm at rest at `q` under the wrench `F_e` : (n,) [N m or N], link-side."""
     zero = np.zeros(robot.n)
-    return inverse_dynamics(robot, q, zero, zero)
+    return inverse_dynamics(robot, q, zero, zero, F_e)
 
 
 def plant_outputs(robot: Any, x: np.ndarray) -> Outputs:
@@ -135,10 +135,11 @@ def plant_outputs(robot: Any, x: np.ndarray) -> Outputs:
     p, R = np.zeros(3), np.eye(3)
     for i, (R_AB, p_AB) in enumerate(joint_placements(robot, q)):
         V_B = motion.V_B[i]
-        E_kin = E_kin + 0.5 * (V_B @ (mass_matrix(robot.mass[i], robot.centroid[i], robot.inertia[i]) @ V_B))
+        m_B, r_B, I_B = link_body(robot, i)
+        E_kin = E_kin + 0.5 * (V_B @ (mass_matrix(m_B, r_B, I_B) @ V_B))
         p = p + R @ p_AB
         R = R @ R_AB
-        E_pot = E_pot + robot.mass[i] * (robot.gravity @ (p + R @ robot.centroid[i]))
+        E_pot = E_pot + m_B * (robot.gravity @ (p + R @ r_B))
     return Outputs(
         rotor_position(robot, q, tau_s), p_O, R_O, E_kin, E_pot, np.sum(spring_energy(robot, tau_s))
     )

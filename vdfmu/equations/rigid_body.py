@@ -9,7 +9,23 @@ import numpy as np
 from vdfmu.equations.generic import zeros
 from vdfmu.equations.spatial import skew
 
-__all__ = ["coriolis_force", "coriolis_matrix", "gravity_force", "mass_matrix", "net_force"]
+__all__ = ["coriolis_force", "coriolis_matrix", "gravity_force", "link_body", "mass_matrix", "net_force"]
+
+
+def link_body(robot: Any, i: int) -> tuple[Any, np.ndarray, np.ndarray]:
+    """Return mass [kg], centre of mass (3,) [m] and inertia (3, 3) [kg m2] of link `i`, from 0, in {B_i}.
+
+    A payload is one body with the last link: the F_l of (51) is in its net force. With mass and inertia 0 the numbers
+    are those of the link, to the bit.
+    """
+    m_B, r_B, I_B = robot.mass[i], robot.centroid[i], robot.inertia[i]
+    if not robot.payload or i < robot.n - 1:
+        return m_B, r_B, I_B
+    m_l = robot.payload_mass[()]
+    share = m_l / (m_B + m_l)
+    d = robot.tool_offset + robot.payload_centroid - r_B
+    d_cross = skew(d)
+    return m_B + m_l, r_B + share * d, I_B + robot.payload_inertia - (m_B * share) * (d_cross @ d_cross)
 
 
 def mass_matrix(m_B: Any, r_B: np.ndarray, I_B: np.ndarray) -> np.ndarray:

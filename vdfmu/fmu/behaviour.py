@@ -145,10 +145,11 @@ def robot_problems(table: Interface, memory: Floats) -> list[str]:
 
 
 _ROBOT = "robot"
-_FILE_KEY = re.compile(rf"^{_ROBOT}: (?:joints\[(\d+)\]\.)?(?:\w+\.)?(\w+)")
+_FILE_KEY = re.compile(rf"^{_ROBOT}: (?:joints\[(\d+)\]\.)?(?:(payload)\.|\w+\.)?(\w+)")
 
 
 def _fmi_name(key: re.Match[str]) -> str:
     """Turn ``robot: joints[2].friction.f_s`` into ``f_s[2]``."""
-    joint, field = key.groups()
+    joint, payload, field = key.groups()
+    field = f"{payload}_{field}" if payload else field
     return f"{field}[{joint}]" if joint else field

@@ -42,7 +42,7 @@ def build_fmus(
     fmi_version: str = "2.0",
     platforms: Sequence[str] | str | None = None,
 ) -> dict[str, Path]:
-    """Build the FMUs of a robot: Trajectory.fmu, Feedforward.fmu, PDController.fmu and Plant.fmu.
+    """Build the FMUs of a robot: Trajectory, Feedforward, PDController, Plant and TorqueEstimator, each ``.fmu``.
 
     The same sources, robot, start values and options give the same bytes. An FMU that is up to date and has the
     platforms asked for is left alone, with others that it may have; any other is replaced.
@@ -53,7 +53,7 @@ def build_fmus(
     out_dir : path
         Folder, made if it does not exist.
     units : sequence of str, optional
-        Which units; default all four.
+        Which units; default all.
     start_values : mapping of unit to mapping of variable to number, optional
         Start values in place of those of the variable table.
     backend : "python" or "native", optional

@@ -60,7 +60,7 @@ class Content:
 
     Attributes
     ----------
-    unit : "trajectory", "feedforward", "controller" or "plant"
+    unit : one of :data:`vdfmu.fmu.interface.UNIT_NAMES`
     robot : Robot
     start_values : mapping of str to float
         Start values that differ from those of the variable table.

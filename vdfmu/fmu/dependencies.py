@@ -24,14 +24,21 @@ Pattern = npt.NDArray[np.bool_]
 """(N, N): row `i` marks the positions on which position `i` depends."""
 
 
-def dependencies(table: Interface) -> Pattern:
-    """Return what each variable of the table depends on during initialization: inputs and parameters.
+def dependencies(table: Interface) -> tuple[Pattern, Pattern]:
+    """Return what each variable of the table depends on at a communication point, and during initialization.
 
-    At a communication point, where parameters are known, it depends on the inputs among them.
+    Returns
+    -------
+    direct : (len(table), len(table))
+        Inputs; a state that they decided at the start is known.
+    initial : (len(table), len(table))
+        Inputs and parameters.
     """
     N, program = len(table), PROGRAMS[table.unit]
-    found = _Reader(table).run((*program.start, *program.outputs))[:N, :N]
-    return found & np.array([v.causality in ("input", "parameter") for v in table])
+    reader = _Reader(table)
+    direct = reader.run(program.outputs) & reader.positions("input")
+    initial = reader.run((*program.start, *program.outputs)) & reader.positions("input", "parameter")
+    return direct[:N, :N], initial[:N, :N]
 
 
 def patterns(table: Interface) -> tuple[Pattern, Pattern]:

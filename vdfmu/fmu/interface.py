@@ -21,6 +21,7 @@ MODEL_NAMES = {
     "feedforward": "Feedforward",
     "controller": "PDController",
     "plant": "Plant",
+    "estimator": "TorqueEstimator",
 }
 UNIT_NAMES = tuple(MODEL_NAMES)
 DESCRIPTIONS = {
@@ -28,6 +29,7 @@ DESCRIPTIONS = {
     "feedforward": "Feedforward torque by virtual decomposition, Eq. (12)-(28) and (48)-(53)",
     "controller": "Proportional-derivative controller, Eq. (58)",
     "plant": "Serial manipulator with flexible harmonic-drive joints, Eq. (4)-(11), (29)-(47), (54)-(56)",
+    "estimator": "Joint torque from the positions of link and rotor, Eq. (2)-(3)",
 }
 
 
@@ -116,14 +118,14 @@ class Interface:
 
     def direct_dependencies(self, output: Variable) -> list[int]:
         """Value references of the inputs that an output depends on at the same communication point."""
-        return [i for i in self.initial_dependencies(output) if self.variables[i].causality == "input"]
+        return np.flatnonzero(self._dependencies[0][self.reference[output.name]]).tolist()
 
     def initial_dependencies(self, output: Variable) -> list[int]:
         """Value references of the inputs and parameters that an output depends on during initialization."""
-        return np.flatnonzero(self._dependencies[self.reference[output.name]]).tolist()
+        return np.flatnonzero(self._dependencies[1][self.reference[output.name]]).tolist()
 
     @cached_property
-    def _dependencies(self) -> npt.NDArray[np.bool_]:
+    def _dependencies(self) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.bool_]]:
         return dependencies(self)
 
 
@@ -132,7 +134,7 @@ def interface(unit: str, robot: Robot) -> Interface:
 
     Parameters
     ----------
-    unit : "trajectory", "feedforward", "controller" or "plant"
+    unit : one of :data:`UNIT_NAMES`
     """
     if unit not in MODEL_NAMES:
         raise UsageError(f"There is no unit {unit!r}. There are: {', '.join(UNIT_NAMES)}.")

@@ -104,5 +104,6 @@ PROGRAMS = {
         derivatives=(Call("plant_derivative"),),
         step=Call("plant_step"),
     ),
+    "estimator": Program(outputs=(Call("torque_estimates"),)),
 }
 """Unit to its program."""

@@ -1,4 +1,4 @@
-"""The pythonfmu slave that all four units share: phases, values, state, errors.
+"""The pythonfmu slave that all units share: phases, values, state, errors.
 
 pythonfmu's own getters and setters call one Python function a variable; here a whole call is one slice of
 the unit's memory. An exception is the only way in which a Python slave can make a call fail, and its text is
@@ -28,7 +28,14 @@ from vdfmu.fmu.interface import MODEL_NAMES, Variable, start_values
 from vdfmu.fmu.wrapper import hold, hold_all_for_ever, hold_for_ever, loaded_from, plain, refusal
 from vdfmu.kernel import Kernel
 
-__all__ = ["ControllerSlave", "FeedforwardSlave", "PlantSlave", "TrajectorySlave", "UnitSlave"]
+__all__ = [
+    "ControllerSlave",
+    "EstimatorSlave",
+    "FeedforwardSlave",
+    "PlantSlave",
+    "TrajectorySlave",
+    "UnitSlave",
+]
 
 _PHASES = ("instantiated", "initialization", "step", "terminated")
 _WHEN = {
@@ -66,7 +73,7 @@ def _words(error: BaseException) -> str:
 
 
 class UnitSlave(Fmi2Slave):
-    """Base of the four slaves; a subclass names its `unit`."""
+    """Base of the slaves; a subclass names its `unit`."""
 
     unit: ClassVar[str] = ""
     log_categories = LOG_CATEGORIES
@@ -400,3 +407,9 @@ class PlantSlave(UnitSlave):
     """Slave of the unit plant."""
 
     unit = "plant"
+
+
+class EstimatorSlave(UnitSlave):
+    """Slave of the unit estimator."""
+
+    unit = "estimator"

@@ -1,4 +1,4 @@
-"""THE variable table: every variable of the four units, once.
+"""THE variable table: every variable of every unit, once.
 
 The slaves, the model descriptions, the SSP and the documentation are made from it. FMI names are structured
 and count from 1; Python indices count from 0; `Variable.name` is where the two meet.
@@ -8,12 +8,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from vdfmu.fmu.units import UNITS, unit_of
 from vdfmu.kernel.structure import parameters
 from vdfmu.model import Robot
+from vdfmu.model.robot import SPRING_KEYS, WHOLE_FIELDS
 
 __all__ = ["NO_LIMIT", "POSITIVE", "TABLES", "Variable"]
 
@@ -116,6 +117,9 @@ _KAPPA = {"kappa": ("position", "position of the rotor divided by ell")}
 _ROBOT: dict[str, tuple[str, float | None, str]] = {
     "gravity": ("m/s2", None, "Gravity vector of Eq. (62) in {I}, upward, axis"),
     "tool_offset": ("m", None, "Origin of the end-effector frame {O} in the last link frame, axis"),
+    "payload_mass": ("kg", 0.0, "Mass of the payload"),
+    "payload_centroid": ("m", None, "Centre of mass of the payload in {O}, axis"),
+    "payload_inertia": ("kg.m2", None, "Inertia of the payload about its centre of mass, (row, column)"),
     "offset": ("m", None, "Origin of the link frame in the frame of the previous link, (link, axis)"),
     "centroid": ("m", None, "Centre of mass in the link frame, (link, axis)"),
     "mass": ("kg", POSITIVE, "mass of the link"),
@@ -135,8 +139,6 @@ _ROBOT: dict[str, tuple[str, float | None, str]] = {
     "theta_err_amplitude": ("position", 0.0, "amplitude of the kinematic error, link-side, Eq. (3)"),
     "theta_err_phase": ("rad", None, "phase of the kinematic error, Eq. (3)"),
 }
-_OF_ROBOT = ("gravity", "tool_offset")
-"""Fields whose first index is an axis; that of the others is a joint."""
 
 
 def _joints(
@@ -197,15 +199,25 @@ def _output(group: str, index: tuple[int, ...], unit: str, text: str) -> Variabl
     return Variable(group, index, "Real", "output", "continuous", unit, None, None, None, text)
 
 
+def _wrench(group: str, text: str) -> list[Variable]:
+    return [
+        Variable(
+            group, (k,), "Real", "input", "continuous", "N" if k < 3 else "N.m", 0.0, None, None,
+            f"{'Force' if k < 3 else 'Moment'} {text} in {{O}}, axis {k % 3 + 1}",
+        )
+        for k in range(6)
+    ]  # fmt: skip
+
+
 def _robot_parameters(robot: Robot) -> list[Variable]:
     """Parameters of the robot that are not folded, in the order of the kernel's parameter vector."""
     found: list[Variable] = []
     for p in parameters(robot):
         quantity, minimum, text = _ROBOT[p.field]
-        joint_type = "revolute" if p.field in _OF_ROBOT else robot.joint_types[p.index[0]]
+        joint_type = "revolute" if p.field in WHOLE_FIELDS else robot.joint_types[p.index[0]]
         counted = ",".join(str(i + 1) for i in p.index)
-        one_a_joint = p.field not in _OF_ROBOT and len(p.index) == 1
-        text = f"Joint {counted}: {text}" if one_a_joint else f"{text} {counted}"
+        one_a_joint = p.field not in WHOLE_FIELDS and len(p.index) == 1
+        text = f"Joint {counted}: {text}" if one_a_joint else f"{text} {counted}".rstrip()
         unit = unit_of(quantity, joint_type)
         start = float(getattr(robot, p.field)[p.index])
         found.append(
@@ -229,6 +241,7 @@ def _feedforward(robot: Robot) -> list[Variable]:
     K_V = "gain K_B of the link in SI units, times the unit matrix, Eq. (50)"
     return [
         *_inputs(robot, _DESIRED | _MEASURED),
+        *_wrench("F_e_d", "to be exerted on the surroundings"),
         *_outputs(robot, _TAU_M | _TAU_S | _KAPPA_DOT_D),
         _choice("mode", ("inverse", "vdc"), mode),
         *_gain(robot, "Lambda", "1/s", "gain of the required velocity, Eq. (12)", 1.0),
@@ -256,18 +269,37 @@ def _controller(robot: Robot) -> list[Variable]:
     ]
 
 
+def _estimator(robot: Robot) -> list[Variable]:
+    limit = (
+        "largest estimate, link-side; start: 10/c_f, where the flexspline is 100 times as stiff as at rest"
+    )
+    positions = {"q": _MEASURED["q"]} | _KAPPA
+    printed = {
+        "tau_f_hat": ("torque", "spring torque from the motor torque, link-side, Eq. (2)-(3) as printed")
+    }
+    consistent = {"tau_s_hat": ("torque", "spring torque from the positions alone, link-side")}
+    limits = _gain(robot, "tau_hat_max", "torque", limit, 0.0)
+    springs = [
+        Variable(
+            field, (i,), "Real", "parameter", "fixed", unit_of(_ROBOT[field][0], robot.joint_types[i]),
+            float(getattr(robot, field)[i]), _ROBOT[field][1], None, f"Joint {i + 1}: {_ROBOT[field][2]}",
+        )
+        for field in SPRING_KEYS
+        for i in range(robot.n)
+    ]  # fmt: skip
+    return [
+        *_inputs(robot, positions | _TAU),
+        *_outputs(robot, consistent | printed),
+        *[replace(v, start=10.0 / float(robot.c_f[v.index])) for v in limits],
+        *springs,
+    ]
+
+
 def _plant(robot: Robot) -> list[Variable]:
     axes = range(3)
-    wrench = [
-        Variable(
-            "F_e", (k,), "Real", "input", "continuous", "N" if k < 3 else "N.m", 0.0, None, None,
-            f"{'Force' if k < 3 else 'Moment'} of the arm on its surroundings in {{O}}, axis {k % 3 + 1}",
-        )
-        for k in range(6)
-    ]  # fmt: skip
     R_O = "Rotation matrix of the end effector in {I}"
     equilibrium = (
-        "Start the springs with the torque that holds the arm, and the rotors with the velocity of their "
+        "Start the springs with the torque that holds the arm under F_e, and the rotors with the velocity of their "
         "links; otherwise from kappa_dot_0 and tau_s_0"
     )
     tolerance = (
@@ -276,7 +308,7 @@ def _plant(robot: Robot) -> list[Variable]:
     )
     return [
         *_inputs(robot, _TAU),
-        *wrench,
+        *_wrench("F_e", "of the arm on its surroundings"),
         *_outputs(robot, _MEASURED | _TAU_S | _KAPPA),
         *[_output("p_O", (k,), "m", f"Position of the end effector in {{I}}, axis {k + 1}") for k in axes],
         *[_output("R_O", (j, k), "1", f"{R_O}, row {j + 1}, column {k + 1}") for j in axes for k in axes],
@@ -298,5 +330,6 @@ TABLES = {
     "feedforward": _feedforward,
     "controller": _controller,
     "plant": _plant,
+    "estimator": _estimator,
 }
 """Unit to the function that lists its variables for a robot, in the order of their value references."""

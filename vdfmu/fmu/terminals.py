@@ -27,7 +27,7 @@ class Terminal:
     Attributes
     ----------
     name : str
-    side : "left", "right" or "bottom"
+    side : "left", "right", "bottom" or "top"
         Where it is drawn.
     groups : tuple of str
         Groups of the variable table; they are the names of the members too.
@@ -35,7 +35,7 @@ class Terminal:
     """
 
     name: str
-    side: Literal["left", "right", "bottom"]
+    side: Literal["left", "right", "bottom", "top"]
     groups: tuple[str, ...]
     description: str
 
@@ -48,6 +48,7 @@ TERMINALS = {
     "feedforward": (
         Terminal("desired", "left", _MOTION, "Desired motion of the joints"),
         Terminal("joints", "bottom", _MEASURED, "Motion of the joints"),
+        Terminal("end_effector", "top", ("F_e_d",), "Desired wrench of the end effector"),
         Terminal(
             "feedforward",
             "right",
@@ -68,11 +69,20 @@ TERMINALS = {
         ),
         Terminal("end_effector", "right", ("F_e", "p_O", "R_O"), "Wrench and pose of the end effector"),
     ),
+    "estimator": (
+        Terminal("joints", "left", ("tau", "q", "kappa"), "Motor torques and positions of the joints"),
+        Terminal("estimates", "right", ("tau_s_hat", "tau_f_hat"), "Estimated spring torques"),
+    ),
 }
 """Unit to its terminals."""
 
 # Corners of a terminal (x1, y1, x2, y2); the unit fills -100 .. 100.
-_PLACES = {"left": (-110, -10, -90, 10), "right": (90, -10, 110, 10), "bottom": (-10, -110, 10, -90)}
+_PLACES = {
+    "left": (-110, -10, -90, 10),
+    "right": (90, -10, 110, 10),
+    "bottom": (-10, -110, 10, -90),
+    "top": (-10, 90, 10, 110),
+}
 _COLOR = "31 78 121"
 
 

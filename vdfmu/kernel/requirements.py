@@ -41,44 +41,55 @@ class Requirement:
 
 def requirements(robot: Robot) -> list[Requirement]:
     """Return the conditions of a robot, joint by joint."""
-    listed = set(parameters(robot))
+    listed = parameters(robot)
     found: list[Requirement] = []
     for i in range(robot.n):
-        inertia = tuple(
-            p for j in range(3) for k in range(j, 3) if (p := Parameter("inertia", (i, j, k))) in listed
-        )
+        inertia = tuple(p for p in listed if p.field == "inertia" and p.index[0] == i)
         f_c, f_s = Parameter("f_c", (i,)), Parameter("f_s", (i,))
         amplitude, ell = Parameter("theta_err_amplitude", (i,)), Parameter("ell", (i,))
         found.append(Requirement("f_s >= f_c", (f_s, f_c), "friction"))
         if amplitude in listed:
             text = f"2*ell*theta_err_amplitude < {CONTRACTION_LIMIT:g}"
             found.append(Requirement(text, (ell, amplitude), "kinematic error"))
-        found.append(Requirement("a positive definite inertia matrix", inertia, "definite"))
-        text = "no principal moment of inertia above the sum of the other two"
-        found.append(Requirement(text, inertia, "triangle"))
-    return found
+        found += _of_inertia(inertia)
+    payload = tuple(p for p in listed if p.field == "payload_inertia")
+    return found + (_of_inertia(payload) if payload else [])
+
+
+def _of_inertia(inertia: tuple[Parameter, ...]) -> list[Requirement]:
+    text = "no principal moment of inertia above the sum of the other two"
+    return [
+        Requirement("a positive definite inertia matrix", inertia, "definite"),
+        Requirement(text, inertia, "triangle"),
+    ]
 
 
 def margins(robot: Any, found: list[Requirement]) -> list[Any]:
     """Return the margin of each condition, of floats or symbols; a condition holds where its margin is >= 0."""
-    return [_MARGINS[requirement.kind](robot, requirement.parameters[0].index[0]) for requirement in found]
+    return [_MARGINS[requirement.kind](robot, requirement.parameters[0]) for requirement in found]
 
 
-def _friction(robot: Any, i: int) -> Any:
+def _friction(robot: Any, first: Parameter) -> Any:
+    (i,) = first.index
     return robot.f_s[i] - robot.f_c[i]
 
 
-def _kinematic_error(robot: Any, i: int) -> Any:
+def _kinematic_error(robot: Any, first: Parameter) -> Any:
+    (i,) = first.index
     return CONTRACTION_LIMIT - 2.0 * robot.ell[i] * robot.theta_err_amplitude[i] - _STRICT
 
 
-def _definite(robot: Any, i: int) -> Any:
-    return _smallest_minor(robot.inertia[i])
+def _matrix(robot: Any, first: Parameter) -> Any:
+    return getattr(robot, first.field)[first.index[:-2]]
 
 
-def _triangle(robot: Any, i: int) -> Any:
+def _definite(robot: Any, first: Parameter) -> Any:
+    return _smallest_minor(_matrix(robot, first))
+
+
+def _triangle(robot: Any, first: Parameter) -> Any:
     """Margin of ``tr(I)/2 E - I``, the second moments of mass, being semidefinite."""
-    inertia = robot.inertia[i]
+    inertia = _matrix(robot, first)
     half_trace = 0.5 * (inertia[0, 0] + inertia[1, 1] + inertia[2, 2])
     # check_inertia allows INERTIA_TOLERANCE times the largest moment, which is about half the trace where it counts
     return _smallest_minor(half_trace * (1.0 + 0.5 * INERTIA_TOLERANCE) * np.eye(3) - inertia)

@@ -43,7 +43,7 @@ class Parameter:
     @property
     def name(self) -> str:
         """Structured name, counted from 1: ``centroid[1,3]``."""
-        return f"{self.field}[{','.join(str(i + 1) for i in self.index)}]"
+        return self.field + (f"[{','.join(str(i + 1) for i in self.index)}]" if self.index else "")
 
 
 def parameters(robot: Robot) -> list[Parameter]:
@@ -51,17 +51,16 @@ def parameters(robot: Robot) -> list[Parameter]:
     n = robot.n
     found = [Parameter("gravity", (k,)) for k in range(3) if robot.gravity[k] != 0.0]
     found += [Parameter("tool_offset", (k,)) for k in range(3) if robot.tool_offset[k] != 0.0]
+    if robot.payload:
+        found += [Parameter("payload_mass", ()), *(Parameter("payload_centroid", (k,)) for k in range(3))]
+        if robot.payload_inertia.any():
+            found += _inertia("payload_inertia", robot.payload_inertia)
     for field in ("offset", "centroid"):
         array = getattr(robot, field)
         found += [Parameter(field, (i, k)) for i in range(n) for k in range(3) if array[i, k] != 0.0]
     found += [Parameter("mass", (i,)) for i in range(n)]
-    found += [
-        Parameter("inertia", (i, j, k))
-        for i in range(n)
-        for j in range(3)
-        for k in range(j, 3)
-        if j == k or robot.inertia[i, j, k] != 0.0
-    ]
+    for i in range(n):
+        found += _inertia("inertia", robot.inertia[i], i)
     for field in _PER_JOINT:
         found += [Parameter(field, (i,)) for i in range(n)]
     if robot.friction == "split":
@@ -69,6 +68,16 @@ def parameters(robot: Robot) -> list[Parameter]:
     for field in ("theta_err_amplitude", "theta_err_phase"):
         found += [Parameter(field, (i,)) for i in range(n) if robot.theta_err_amplitude[i] != 0.0]
     return found
+
+
+def _inertia(field: str, matrix: np.ndarray, *joint: int) -> list[Parameter]:
+    """Diagonal and upper triangle of an inertia, without its structural zeros."""
+    return [
+        Parameter(field, (*joint, j, k))
+        for j in range(3)
+        for k in range(j, 3)
+        if j == k or matrix[j, k] != 0.0
+    ]
 
 
 def values(robot: Robot) -> np.ndarray:
@@ -106,9 +115,9 @@ def _replace(robot: Robot, listed: Sequence[Parameter], new: Sequence[Any], dtyp
     for parameter, value in zip(listed, new, strict=True):
         array = arrays.setdefault(parameter.field, np.array(getattr(robot, parameter.field), dtype=dtype))
         array[parameter.index] = value
-        if parameter.field == "inertia":
-            i, j, k = parameter.index
-            array[i, k, j] = value
+        if parameter.field in ("inertia", "payload_inertia"):
+            *joint, j, k = parameter.index
+            array[(*joint, k, j)] = value
     for array in arrays.values():
         array.flags.writeable = False
     return dataclasses.replace(robot, **arrays)

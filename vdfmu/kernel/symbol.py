@@ -93,6 +93,10 @@ class Symbol:
         """Cosine."""
         return Symbol(ca.cos(self.sx))
 
+    def tan(self) -> Symbol:
+        """Tangent."""
+        return Symbol(ca.tan(self.sx))
+
     def exp(self) -> Symbol:
         """Exponential."""
         return Symbol(ca.exp(self.sx))

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from types import SimpleNamespace
 from typing import Any
 
 import casadi as ca
 import numpy as np
 
 from vdfmu.equations.elimination import factorize, solve
+from vdfmu.equations.estimator import torque_estimates
 from vdfmu.equations.feedforward import Gains, feedforward_inverse, feedforward_vdc
 from vdfmu.equations.forward_dynamics import forward_dynamics
 from vdfmu.equations.inverse_dynamics import inverse_dynamics
@@ -24,6 +26,7 @@ from vdfmu.kernel.rodas import rodas_step
 from vdfmu.kernel.structure import symbolic_robot
 from vdfmu.kernel.symbol import from_sx, to_sx
 from vdfmu.model import Robot
+from vdfmu.model.robot import SPRING_KEYS
 
 __all__ = ["FUNCTIONS", "is_traceable", "trace"]
 
@@ -219,7 +222,7 @@ def _trace_plant_outputs(robot: Robot) -> ca.Function:
 @_traced
 def _trace_equilibrium_torque(robot: Robot) -> ca.Function:
     symbols, p = symbolic_robot(robot)
-    inputs = _vectors(robot.n, "q")
+    inputs = _vectors(robot.n, "q") | _vectors(6, "F_e")
     tau_s = equilibrium_torque(symbols, *_arrays(inputs))
     return _function("equilibrium_torque", inputs | {"p": p}, {"tau_s": to_sx(tau_s)})
 
@@ -233,8 +236,9 @@ def _trace_margins(robot: Robot) -> ca.Function:
 @_traced
 def _trace_feedforward_inverse(robot: Robot) -> ca.Function:
     symbols, p = symbolic_robot(robot)
-    inputs = _vectors(robot.n, *_DESIRED)
-    torques = feedforward_inverse(symbols, Desired(*_arrays(inputs)))
+    desired, wrench = _vectors(robot.n, *_DESIRED), _vectors(6, "F_e_d")
+    inputs = desired | wrench
+    torques = feedforward_inverse(symbols, Desired(*_arrays(desired)), *_arrays(wrench))
     return _function(
         "feedforward_inverse", inputs | {"p": p}, {k: to_sx(v) for k, v in torques._asdict().items()}
     )
@@ -244,7 +248,7 @@ def _trace_feedforward_inverse(robot: Robot) -> ca.Function:
 def _trace_feedforward_vdc(robot: Robot) -> ca.Function:
     symbols, p = symbolic_robot(robot)
     desired = _vectors(robot.n, *_DESIRED)
-    measured = _vectors(robot.n, "q", "q_dot", "kappa_dot")
+    measured = _vectors(robot.n, "q", "q_dot", "kappa_dot") | _vectors(6, "F_e_d")
     gains = _vectors(robot.n, *Gains._fields)
     torques = feedforward_vdc(symbols, Gains(*_arrays(gains)), Desired(*_arrays(desired)), *_arrays(measured))
     inputs = desired | measured | gains | {"p": p}
@@ -266,3 +270,14 @@ def _trace_pd_control(robot: Robot) -> ca.Function:
     inputs = _vectors(robot.n, "K_p", "K_v", "ell", "tau_max", "q_d", "velocity_d", "q", "velocity", "tau_m")
     command: Any = pd_control(*_arrays(inputs))
     return _function("pd_control", inputs, {k: to_sx(v) for k, v in command._asdict().items()})
+
+
+@_traced
+def _trace_torque_estimates(robot: Robot) -> ca.Function:
+    signals = _vectors(robot.n, "q", "kappa", "tau", "tau_hat_max")
+    springs = _vectors(robot.n, *SPRING_KEYS)
+    drive = SimpleNamespace(**dict(zip(springs, _arrays(springs), strict=True)))
+    estimates = torque_estimates(drive, *_arrays(signals))
+    return _function(
+        "torque_estimates", signals | springs, {k: to_sx(v) for k, v in estimates._asdict().items()}
+    )

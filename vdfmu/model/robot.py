@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -19,11 +19,16 @@ JOINT_TYPES = ("revolute", "prismatic")
 FRICTION_ARRANGEMENTS = ("lumped", "split")
 GEOMETRY_KEYS = ("rotation", "offset")
 LINK_KEYS = ("mass", "centroid", "inertia")
-DRIVE_KEYS = ("ell", "I_m", "K_f0", "c_f", "K_w0", "c_w", "theta_err_amplitude", "theta_err_phase")
+SPRING_KEYS = ("ell", "K_f0", "c_f", "K_w0", "c_w", "theta_err_amplitude", "theta_err_phase")
+"""What the deformation of a drive depends on."""
+DRIVE_KEYS = ("ell", "I_m", *SPRING_KEYS[1:])
 FRICTION_KEYS = ("f_c", "f_s", "f_v", "v_s", "f_ck", "eps")
 JOINT_FIELDS = (*GEOMETRY_KEYS, *LINK_KEYS, *DRIVE_KEYS, *FRICTION_KEYS)
 """Fields of `Robot` with one entry a joint."""
-ARRAY_FIELDS = ("gravity", "tool_offset", *JOINT_FIELDS)
+PAYLOAD_FIELDS = ("payload_mass", "payload_centroid", "payload_inertia")
+WHOLE_FIELDS = ("gravity", "tool_offset", *PAYLOAD_FIELDS)
+"""Fields with one entry for the whole arm."""
+ARRAY_FIELDS = (*WHOLE_FIELDS, *JOINT_FIELDS)
 """Every field of `Robot` that holds numbers."""
 
 
@@ -86,6 +91,13 @@ class Robot:
         rotation about their own axis, Eq. (56).
     sources : mapping of str to str
         Provenance: key of the robot file to where its number is from.
+    payload : bool
+        Whether the last link carries a body of its own; the fields below count only then.
+    payload_mass : () [kg]
+    payload_centroid : (3,) [m]
+        Its centre of mass in {O}.
+    payload_inertia : (3, 3) [kg.m2]
+        About its centre of mass, axes of {O}. Zero is a point mass.
     """
 
     name: str
@@ -115,6 +127,10 @@ class Robot:
     friction: str
     rotor_coupling: bool
     sources: Mapping[str, str]
+    payload: bool = False
+    payload_mass: Array = field(default_factory=lambda: read_only(0.0))
+    payload_centroid: Array = field(default_factory=lambda: read_only(np.zeros(3)))
+    payload_inertia: Array = field(default_factory=lambda: read_only(np.zeros((3, 3))))
 
     @property
     def n(self) -> int:
@@ -133,6 +149,11 @@ class Robot:
             "rotor_coupling": self.rotor_coupling,
             "gravity": self.gravity.tolist(),
             "tool_offset": self.tool_offset.tolist(),
+            **(
+                {"payload": {key: getattr(self, f"payload_{key}").tolist() for key in LINK_KEYS}}
+                if self.payload
+                else {}
+            ),
             "joints": [
                 {
                     "type": self.joint_types[i],
@@ -165,6 +186,10 @@ class Robot:
             if key not in ARRAY_FIELDS:
                 raise UsageError(
                     f"robot {self.name}: no parameter {key!r}. There are: {', '.join(ARRAY_FIELDS)}."
+                )
+            if key in PAYLOAD_FIELDS and not self.payload:
+                raise UsageError(
+                    f"robot {self.name}: {key}: it has no payload. Give its file a table [payload]."
                 )
             shape = getattr(self, key).shape
             try:

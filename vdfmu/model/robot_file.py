@@ -24,12 +24,13 @@ from vdfmu.model.robot import (
 )
 
 ROBOT_KEYS = (
-    "name", "description", "friction", "rotor_coupling", "gravity", "tool_offset", "joints", "sources",
+    "name", "description", "friction", "rotor_coupling", "gravity", "tool_offset", "payload", "joints", "sources",
 )  # fmt: skip
 JOINT_KEYS = ("type", *GEOMETRY_KEYS, "link", "drive", "friction")
 SOURCE_KEYS = (
     "gravity",
     "tool_offset",
+    *(f"payload.{key}" for key in LINK_KEYS),
     *(f"joints.{key}" for key in GEOMETRY_KEYS),
     *(f"joints.link.{key}" for key in LINK_KEYS),
     *(f"joints.drive.{key}" for key in DRIVE_KEYS),
@@ -84,6 +85,7 @@ def robot_from_dict(data: Mapping[str, Any], where: str = "robot") -> Robot:
     rotor_coupling = file.flag("rotor_coupling", True)
     gravity = file.numbers("gravity", (3,), "m/s2", way_out="Write +9.81 along the upward axis.")
     tool_offset = file.numbers("tool_offset", (3,), "m", np.zeros(3).tolist())
+    payload = _payload(file) if "payload" in file.data else {}
     sources = _sources(file)
     joints = file.value("joints", "one table [[joints]] for each joint")
     if joints is not None and (not isinstance(joints, list) or not joints):
@@ -109,6 +111,7 @@ def robot_from_dict(data: Mapping[str, Any], where: str = "robot") -> Robot:
         friction=friction,
         rotor_coupling=rotor_coupling,
         sources=sources,
+        **payload,
     )
 
 
@@ -145,6 +148,24 @@ def _joint(problems: Problems, data: object, path: str) -> dict[str, Any]:
     check_drive(problems, drive.path, joint["ell"], joint["theta_err_amplitude"])
     check_friction(problems, friction.path, joint["f_c"], joint["f_s"])
     return joint
+
+
+def _payload(file: Table) -> dict[str, Any]:
+    """Read [payload]: field of `Robot` to its value; an inertia of 0, the default, is that of a point mass."""
+    table = file.table("payload", LINK_KEYS)
+    mass = table.number("mass", "kg", at_least=0, way_out="Give 0 for none; it can be set at run time.")
+    centroid = table.numbers(
+        "centroid", (3,), "m", np.zeros(3).tolist(), way_out="It is the centre of mass in {O}."
+    )
+    inertia = _inertia(table) if "inertia" in table.data else np.zeros((3, 3))
+    if inertia.any():
+        check_inertia(file.problems, table.key("inertia"), inertia)
+    return {
+        "payload": True,
+        "payload_mass": read_only(mass),
+        "payload_centroid": read_only(centroid),
+        "payload_inertia": read_only(inertia),
+    }
 
 
 def _inertia(link: Table) -> FloatArray:

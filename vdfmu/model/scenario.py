@@ -93,7 +93,9 @@ class Scenario:
     ----------
     name, description : str
     kind : "contrast" or "cosimulation"
-        Torques along the motion by two formulations, or the closed loop of the four units.
+        Torques along the motion by two formulations, or the closed loop of the units.
+    system : str
+        File in ``ssp/`` that has the units and their connections.
     robot : Robot
         The nominal robot, which the feedforward knows, with the friction arrangement of the scenario if its file
         names one.
@@ -118,6 +120,7 @@ class Scenario:
     name: str
     description: str
     kind: str
+    system: str
     robot: Robot
     robot_name: str
     stop: float

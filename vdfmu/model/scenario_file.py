@@ -8,10 +8,11 @@ from typing import Any
 
 import numpy as np
 
+from vdfmu.data import data_path
 from vdfmu.errors import ModelError
 from vdfmu.model.check import check_step
 from vdfmu.model.read import FloatArray, Problems, Table, as_number, shape_of, shown
-from vdfmu.model.robot import FRICTION_ARRANGEMENTS, Array, Robot, read_only
+from vdfmu.model.robot import FRICTION_ARRANGEMENTS, WHOLE_FIELDS, Array, Robot, read_only
 from vdfmu.model.robot_file import check_robot
 from vdfmu.model.scenario import (
     CONTINUOUS,
@@ -31,6 +32,7 @@ SCENARIO_KEYS = (
     "name",
     "description",
     "kind",
+    "system",
     "robot",
     "friction",
     "stop",
@@ -74,6 +76,7 @@ def read_scenario(problems: Problems, data: object, robot: Robot | None) -> Scen
     name = file.name("name")
     description = file.text("description", "")
     kind = file.text("kind", choices=KINDS)
+    system = file.text("system", "system", sorted(path.stem for path in data_path("ssp").glob("*.toml")))
     robot_name = file.text("robot")
     if "friction" in file.data:
         friction = file.text("friction", choices=FRICTION_ARRANGEMENTS)
@@ -103,6 +106,7 @@ def read_scenario(problems: Problems, data: object, robot: Robot | None) -> Scen
         name=name,
         description=description,
         kind=kind,
+        system=system,
         robot=robot,
         robot_name=robot_name,
         stop=stop,
@@ -187,7 +191,7 @@ def _factors(table: Table, n: int | None) -> dict[str, Array | float]:
     for key, value in table.data.items():
         if key not in FACTOR_FIELDS:
             continue  # noted by the table
-        if as_number(value) is not None or key in ("gravity", "tool_offset"):
+        if as_number(value) is not None or key in WHOLE_FIELDS:
             factors[key] = table.number(key, "", above=0, way_out="A factor of 1 changes nothing.")
         else:
             factors[key] = _per_joint(table, key, n, "", above=0)

@@ -9,7 +9,7 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
-__all__ = ["Sheet", "contrast_sheet", "facts", "reference_sheet", "tracking_sheet"]
+__all__ = ["Sheet", "contrast_sheet", "estimation_sheet", "facts", "reference_sheet", "tracking_sheet"]
 
 Summary = Mapping[str, Any]
 
@@ -69,6 +69,27 @@ def tracking_sheet(summary: Summary) -> Sheet:
             f"Errors that change slowly have K_p as this ratio; K_p here: {chosen}.",
         ]
     return Sheet("Tracking and compensation errors", tuple(columns), _rows(cells), notes)
+
+
+_ESTIMATION = {
+    "Torque\nRMS": "rms_spring_torque_nm",
+    "As printed\nRMS error": "rms_tau_f_hat_error_nm",
+    "Consistent\nRMS error": "rms_tau_s_hat_error_nm",
+}
+
+
+def estimation_sheet(summary: Summary) -> Sheet:
+    """Errors of the estimated spring torques of each joint."""
+    n = len(summary["rms_spring_torque_nm"])
+    units = _units(summary, "torque_units", n)
+    labelled = [_with_units(heading, summary[key], units) for heading, key in _ESTIMATION.items()]
+    columns = ("Joint", *(label for label, _ in labelled))
+    cells = [[str(i + 1) for i in range(n)], *(values for _, values in labelled)]
+    notes = [
+        "Estimate minus the plant's spring torque, link side.",
+        "As printed, the wave generator carries the motor's torque.",
+    ]
+    return Sheet("Torque estimates", columns, _rows(cells), notes)
 
 
 def contrast_sheet(summary: Summary) -> Sheet:

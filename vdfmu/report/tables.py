@@ -13,9 +13,23 @@ from rich.panel import Panel
 from rich.table import Table
 from rich.text import Text
 
-from vdfmu.report.sheets import Sheet, contrast_sheet, facts, reference_sheet, tracking_sheet
+from vdfmu.report.sheets import (
+    Sheet,
+    contrast_sheet,
+    estimation_sheet,
+    facts,
+    reference_sheet,
+    tracking_sheet,
+)
 
-__all__ = ["contrast_table", "reference_table", "run_panel", "to_markdown", "tracking_table"]
+__all__ = [
+    "contrast_table",
+    "estimation_table",
+    "reference_table",
+    "run_panel",
+    "to_markdown",
+    "tracking_table",
+]
 
 Summary = Mapping[str, Any]
 
@@ -35,6 +49,11 @@ def tracking_table(summary: Summary) -> Table:
     return _table(tracking_sheet(summary))
 
 
+def estimation_table(summary: Summary) -> Table:
+    """Return the errors of the torque estimates of each joint."""
+    return _table(estimation_sheet(summary))
+
+
 def contrast_table(summary: Summary) -> Table:
     """Return the torque differences of the formulations for each joint beside Table 3."""
     return _table(contrast_sheet(summary))
@@ -52,6 +71,8 @@ def to_markdown(summary: Summary) -> str:
         sheets = [contrast_sheet(summary)]
     else:
         sheets = [tracking_sheet(summary)]
+        if "rms_spring_torque_nm" in summary:
+            sheets.append(estimation_sheet(summary))
         if summary.get("reference"):
             sheets.append(reference_sheet(summary))
     for sheet in sheets:

@@ -1,8 +1,7 @@
-"""The system of a scenario as all formats write it: signals, connections and parameter sets of the four units."""
+"""The system of a scenario as all formats write it: signals, connections and parameter sets of its units."""
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -11,7 +10,6 @@ from typing import Any
 
 import numpy as np
 
-from vdfmu.data import data_path
 from vdfmu.errors import SspError
 from vdfmu.fmu.interface import Interface, interface
 from vdfmu.fmu.layout import Layout, general_description
@@ -19,6 +17,7 @@ from vdfmu.fmu.table import Variable
 from vdfmu.kernel.structure import parameters
 from vdfmu.model import Scenario
 from vdfmu.ssp.parameters import system_values
+from vdfmu.ssp.system_file import read_system
 
 __all__ = ["Binding", "Link", "ParameterSet", "Signal", "SystemDescription", "positions"]
 
@@ -107,7 +106,7 @@ class Binding:
 
 
 class SystemDescription:
-    """``ssp/system.toml`` with the variables of a robot and the values of a scenario.
+    """A system file of ``ssp/`` with the variables of a robot and the values of a scenario.
 
     Parameters
     ----------
@@ -122,7 +121,7 @@ class SystemDescription:
         self.scenario = scenario
         self.version = version
         self.values: Values = system_values(scenario) if values is None else values
-        content = tomllib.loads((data_path("ssp") / "system.toml").read_text(encoding="utf-8"))
+        content = read_system(scenario.system)
         self.name: str = content["name"]
         self.description: str = content["description"]
         self.corners: dict[str, tuple[float, float, float, float]] = {
@@ -191,7 +190,7 @@ class SystemDescription:
                         )
                     )
         if not links:
-            raise SspError(f"ssp/system.toml: {source} -> {target}: the two share no signal.")
+            raise SspError(f"ssp/{self.scenario.system}.toml: {source} -> {target}: the two share no signal.")
         return links
 
     @cached_property
@@ -231,8 +230,9 @@ class SystemDescription:
             }
             robots[unit] = robot
             rest = tuple(entry for name, entry in entries.items() if name not in robot)
-            files[f"{unit}.scenario.ssv"] = ParameterSet("scenario", rest)
-            bindings[unit].append(Binding(f"{unit}.scenario.ssv"))
+            if rest:
+                files[f"{unit}.scenario.ssv"] = ParameterSet("scenario", rest)
+                bindings[unit].append(Binding(f"{unit}.scenario.ssv"))
         for unit, robot in robots.items():
             if robot:
                 # units that know the whole robot share one file

@@ -1,4 +1,4 @@
-"""Parameter values of the four units from a robot and a scenario: what the parameter sets of the SSP hold."""
+"""Parameter values of the units from a robot and a scenario: what the parameter sets of the SSP hold."""
 
 from __future__ import annotations
 
@@ -8,10 +8,11 @@ from typing import Any
 import numpy as np
 
 from vdfmu.errors import UsageError
-from vdfmu.fmu.interface import NO_LIMIT, UNIT_NAMES, Interface, interface
+from vdfmu.fmu.interface import NO_LIMIT, Interface, interface
 from vdfmu.kernel.structure import parameters
 from vdfmu.model import Scenario
 from vdfmu.ssp.structure import spread
+from vdfmu.ssp.system_file import units_of
 
 __all__ = ["override", "robot_parameters", "scenario_parameters", "system_values"]
 
@@ -51,14 +52,14 @@ def scenario_parameters(unit: str, scenario: Scenario) -> Values:
 
 
 def system_values(scenario: Scenario, settings: Mapping[str, Any] | None = None) -> dict[str, Values]:
-    """All values of the four units that robot, scenario and settings decide: unit to variable to value.
+    """All values of the units that robot, scenario and settings decide: unit to variable to value.
 
     Variables that none of them names are not in it: they keep the start values of the variable table.
     """
     changed = override(scenario, settings or {})
     return {
         unit: robot_parameters(unit, scenario) | scenario_parameters(unit, scenario) | changed.get(unit, {})
-        for unit in UNIT_NAMES
+        for unit in units_of(scenario)
     }
 
 
@@ -91,8 +92,9 @@ def override(scenario: Scenario, settings: Mapping[str, Any]) -> dict[str, Value
 def _set(scenario: Scenario, key: str, value: Any) -> tuple[str, Values]:
     """Return the unit of one setting, and the values of its variables."""
     unit, _, name = key.partition(".")
-    if unit not in UNIT_NAMES or not name:
-        raise UsageError(f"{key}: expected unit.parameter=value with a unit of {', '.join(UNIT_NAMES)}.")
+    units = units_of(scenario)
+    if unit not in units or not name:
+        raise UsageError(f"{key}: expected unit.parameter=value with a unit of {', '.join(units)}.")
     table = interface(unit, scenario.robot)
     variables = [v for v in table if name in (v.group, v.name)] or [table.find(name)]
     free = scenario_parameters(unit, scenario)

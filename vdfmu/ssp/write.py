@@ -1,4 +1,4 @@
-"""Writing of the system as a package (SSP 1.0 or 2.0): wiring from ``ssp/system.toml``, values from the scenario."""
+"""Writing of the system as a package (SSP 1.0 or 2.0): wiring from ``ssp/``, values from the scenario."""
 
 from __future__ import annotations
 
@@ -41,7 +41,8 @@ def write_ssp(
     ----------
     scenario : Scenario
     fmus : mapping of unit to path
-        Of :func:`vdfmu.fmu.build_fmus`, for the scenario's robot: of FMI 2.0 for SSP 1.0, of FMI 3.0 for SSP 2.0.
+        Of :func:`vdfmu.fmu.build_fmus`, for the scenario's robot: of FMI 2.0 for SSP 1.0, of FMI 3.0 for SSP 2.0. Those
+        that the scenario's system does not have are left out.
     path : path
         File to write, ``name.ssp``.
     values : mapping of unit to mapping of variable to value, optional
@@ -66,8 +67,9 @@ def write_ssp(
     path = Path(path)
     regular_target(path)
     fmi_version = require_version(version)
-    require_fmi(fmus, fmi_version, f"SSP {version}")
     description = SystemDescription(scenario, values, version)
+    fmus = {unit: fmu for unit, fmu in fmus.items() if unit in description.tables}
+    require_fmi(fmus, fmi_version, f"SSP {version}")
     icons = {
         f"resources/icons/{unit}.svg": (data_path("fmu_src") / "icons" / f"{unit}.svg").read_bytes()
         for unit in description.tables

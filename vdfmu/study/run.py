@@ -22,7 +22,7 @@ from vdfmu.errors import CosimError, UsageError
 from vdfmu.fmu import build_fmus
 from vdfmu.fmu.build import choose_backend
 from vdfmu.fmu.content import Content
-from vdfmu.fmu.interface import MODEL_NAMES, UNIT_NAMES
+from vdfmu.fmu.interface import MODEL_NAMES
 from vdfmu.kernel.cache import cache_folder, load, store
 from vdfmu.model import Robot, Scenario, load_robot, load_scenario
 from vdfmu.model.check import check_step
@@ -31,12 +31,14 @@ from vdfmu.model.scenario import MASTERS
 from vdfmu.report.plots import contrast_figures, run_figures
 from vdfmu.ssp.parameters import system_values
 from vdfmu.ssp.read import load_ssp
+from vdfmu.ssp.system_file import units_of
 from vdfmu.ssp.write import write_ssp
 from vdfmu.study.contrast import contrast
 from vdfmu.study.folder import RUN_OUTPUTS, keep, make_empty, write, write_summary
 from vdfmu.study.summary import (
     compare,
     compare_statistics,
+    estimation_errors,
     implied_gains,
     power_bond,
     sampling_warnings,
@@ -87,19 +89,19 @@ def prepare(
     return scenario
 
 
-def cached_fmus(robot: Robot, folder: str | os.PathLike[str], backend: str | None = None) -> dict[str, Path]:
-    """FMUs of a robot in `folder`: those that the cache has, by their content, and the others built."""
-    backend = choose_backend(backend)
+def cached_fmus(
+    scenario: Scenario, folder: str | os.PathLike[str], backend: str | None = None
+) -> dict[str, Path]:
+    """FMUs of a scenario's system in `folder`: those that the cache has, by their content, and the others built."""
+    robot, units, backend = scenario.robot, units_of(scenario), choose_backend(backend)
     cached: dict[str, bytes | None] = {}
-    places = {
-        u: cache_folder() / "fmus" / Content(u, robot, {}, backend).guid.strip("{}") for u in UNIT_NAMES
-    }
+    places = {u: cache_folder() / "fmus" / Content(u, robot, {}, backend).guid.strip("{}") for u in units}
     for unit, place in places.items():
         cached[unit] = content = load(place)
         if content is not None:
             with suppress(OSError):  # of which the build then says more
                 (Path(folder) / f"{MODEL_NAMES[unit]}.fmu").write_bytes(content)
-    fmus = build_fmus(robot, folder, backend=backend)
+    fmus = build_fmus(robot, folder, units=units, backend=backend)
     for unit, fmu in fmus.items():
         content = fmu.read_bytes()
         if content != cached[unit]:
@@ -195,9 +197,8 @@ def run(
     make_empty(folder, RUN_OUTPUTS)
     report("build", 0, 1)
     with tempfile.TemporaryDirectory(prefix="vdfmu_fmus_") as fmus:
-        package = write_ssp(
-            scenario, cached_fmus(scenario.robot, fmus, backend), folder / "system.ssp", values
-        )
+        built = cached_fmus(scenario, fmus, backend)
+        package = write_ssp(scenario, built, folder / "system.ssp", values)
     if container:
         write_container(package, folder / "container.fmu", step=scenario.step)
     report("build", 1, 1)
@@ -216,6 +217,8 @@ def run(
     summary |= results.summary | {"real_time_factor": scenario.stop / wall}
     summary |= tracking_errors(results, scenario.robot)
     summary |= power_bond(results, scenario.robot)
+    if "estimator" in units_of(scenario):
+        summary |= estimation_errors(results, scenario.master)
     summary["paper"] = dict(scenario.paper)
     summary |= implied_gains(scenario.paper, scenario.robot, values)
     results.summary = summary

@@ -8,13 +8,14 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from vdfmu.cosim.reference import Reference
+from vdfmu.cosim.reference import REFERENCE_OF, Reference
 from vdfmu.cosim.results import Results
 from vdfmu.fmu.units import unit_of
 from vdfmu.model import Robot
 
 __all__ = [
-    "compare", "compare_statistics", "implied_gains", "power_bond", "sampling_warnings", "tracking_errors",
+    "compare", "compare_statistics", "estimation_errors", "implied_gains", "power_bond", "sampling_warnings",
+    "tracking_errors",
 ]  # fmt: skip
 
 Floats = npt.NDArray[np.float64]
@@ -100,6 +101,24 @@ def compare_statistics(results: Results, reference: Reference) -> dict[str, floa
     return {
         "rms_position_difference": difference(q_d - results.array("plant.q"), q_d - reference.q),
         "rms_torque_difference": difference(ours, reference.tau - tau_m),
+    }
+
+
+def estimation_errors(results: Results, master: str) -> dict[str, Any]:
+    """RMS of the spring torque and of the estimates' errors, link-side [N m or N].
+
+    A sampled master gives the estimator the plant's signals of the communication point at which its step began, and
+    the torque that the step that ended there had.
+    """
+    late = int(master in REFERENCE_OF)
+    true = results.array("plant.tau_s")[: len(results.time) - late]
+
+    def rms(values: Any) -> list[float]:
+        return np.sqrt(np.mean(values**2, axis=0)).tolist()
+
+    return {"rms_spring_torque_nm": rms(true)} | {
+        f"rms_{name}_error_nm": rms(results.array(f"estimator.{name}")[late:] - true)
+        for name in ("tau_f_hat", "tau_s_hat")
     }
 
 

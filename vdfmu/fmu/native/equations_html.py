@@ -66,8 +66,9 @@ EQUATIONS = {
     + "<p>Mode 0, <code>inverse</code>: the exact inverse of the plant along the desired motion.</p>"
     + _equations(
         (
-            "τ<sub>s</sub> = ID(q<sub>d</sub>, q̇<sub>d</sub>, q̈<sub>d</sub>) + ξ<sub>l</sub>(q̇<sub>d</sub>)",
-            "torque of the springs",
+            "τ<sub>s</sub> = ID(q<sub>d</sub>, q̇<sub>d</sub>, q̈<sub>d</sub>, F<sub>e,d</sub>) + "
+            "ξ<sub>l</sub>(q̇<sub>d</sub>)",
+            "torque of the springs; the derivatives of the wrench F<sub>e,d</sub> are taken as zero",
         ),
         (
             "κ<sub>d</sub> = q<sub>d</sub> + D(τ<sub>s</sub>) + θ<sub>err</sub>(κ<sub>d</sub>)",
@@ -116,6 +117,18 @@ EQUATIONS = {
         ),
     )
     + "<p>With v = q̇ the derivative acts across the spring, and the loop is unstable at useful gains.</p>",
+    "estimator": _SYMBOLS
+    + _equations(
+        ("δ = κ − q − θ<sub>err</sub>(κ)", "deformation of the drive, as measured"),
+        (
+            "τ̂<sub>f</sub> = tan(c<sub>f</sub> K<sub>f0</sub> [δ − δ<sub>w</sub>(τ)]) / c<sub>f</sub>, &nbsp; "
+            "δ<sub>w</sub>(τ) = sgn(τ) (1 − e<sup>−c<sub>w</sub>|τ|</sup>) / (c<sub>w</sub> ℓ K<sub>w0</sub>)",
+            "as printed, (2)-(3), with the motor's torque τ at the wave generator",
+        ),
+        ("D(τ̂<sub>s</sub>) = δ", "consistent: the wave generator carries τ̂<sub>s</sub>/ℓ"),
+    )
+    + "<p>Both are limited to ± tau_hat_max: a deformation beyond it, or beyond the pole of the tangent, gives the "
+    "limit itself.</p>" + _DRIVE,
     "plant": _SYMBOLS
     + "<p>State: q, q̇, κ̇, τ<sub>s</sub>.</p>"
     + _equations(
@@ -133,8 +146,8 @@ EQUATIONS = {
     + "<p>The links are solved by the articulated-body recursion on</p>"
     + _BODY
     + "<p>F<sub>e</sub> is the wrench that the arm exerts on its surroundings, in the frame of the end effector. The "
-    "plant starts in static equilibrium unless <code>equilibrium</code> is false. Its outputs depend on the state "
-    "alone.</p>"
+    "plant starts in static equilibrium under F<sub>e</sub> unless <code>equilibrium</code> is false. Its outputs "
+    "depend on the state alone.</p>"
     + _equations(
         (
             "E<sub>kin</sub> = ½ Σ V<sub>B</sub><sup>T</sup> M<sub>B</sub> V<sub>B</sub> + ½ Σ I<sub>m</sub> ℓ κ̇²",

@@ -16,6 +16,7 @@ from xml.etree.ElementTree import Element, SubElement, register_namespace
 import numpy as np
 import numpy.typing as npt
 
+from vdfmu.equations.estimator import torque_estimates
 from vdfmu.equations.feedforward import Gains, feedforward_inverse, feedforward_vdc
 from vdfmu.equations.pd import pd_control
 from vdfmu.equations.plant import equilibrium_torque, plant_outputs, split_state
@@ -28,6 +29,7 @@ from vdfmu.kernel import Kernel
 from vdfmu.kernel.cache import cache_folder, load, store
 from vdfmu.kernel.structure import set_parameters
 from vdfmu.model import Robot
+from vdfmu.model.robot import SPRING_KEYS
 
 __all__ = ["FOLDER", "reference_files", "reference_results", "stop_time"]
 
@@ -88,12 +90,19 @@ def _stimuli(table: Interface) -> dict[str, list[list[float]]]:
         row["q"] = row["q_d"] - 1e-4 * np.cos(t + phase)
         row["q_dot"] = row["q_d_dot"] + 1e-3 * np.sin(t + phase)
         row["kappa_dot"] = row["q_d_dot"] + 1e-3 * np.cos(t + phase)
+        row["F_e_d"] = _wrench(t)
         row["kappa_dot_d"] = row["q_d_dot"] + 2e-3 * np.sin(2.0 * t + phase)
+        row["kappa"] = row["q"] + 1e-3 * np.sin(2.0 * t + phase)
+        row["tau"] = 0.1 * np.sin(3.0 * t + phase)
         row["tau_m"] = 0.05 * np.sin(3.0 * t + phase)
         rows.append(row)
     groups = [g for g, where in table.groups.items() if table.variables[where.start].causality == "input"]
     # what the table says to the last digit
     return {group: [[float(_DIGITS % v) for v in row[group]] for row in rows] for group in groups}
+
+
+def _wrench(t: float) -> Floats:
+    return 0.1 * np.sin(2.0 * t + np.arange(6.0))
 
 
 def _plant_inputs(table: Interface, values: Values, t: float) -> Values:
@@ -102,7 +111,7 @@ def _plant_inputs(table: Interface, values: Values, t: float) -> Values:
     hold = equilibrium_torque(robot, values["q_0"])
     ramp = np.sin(np.pi * t / stop_time("plant")) ** 2
     push = 1.5 * robot.f_s * ramp * (-1.0) ** np.arange(robot.n)
-    return {"tau": (hold + push) / robot.ell, "F_e": 0.1 * np.sin(2.0 * t + np.arange(6.0))}
+    return {"tau": (hold + push) / robot.ell, "F_e": _wrench(t)}
 
 
 def _stored(content: Content, table: Interface) -> dict[str, Any]:
@@ -141,7 +150,9 @@ def _results(
         stop = stop_time(table.unit)
         rows = [_trajectory(values, stop * k / INTERVALS) for k in range(INTERVALS + 1)]
     else:
-        calculate = _feedforward if table.unit == "feedforward" else _controller
+        calculate = {"feedforward": _feedforward, "controller": _controller, "estimator": _estimator}[
+            table.unit
+        ]
         rows = [calculate(table, values | row) for row in (held[0], *held)]
     groups = [g for g, where in table.groups.items() if table.variables[where.start].causality == "output"]
     return {group: [np.ravel(row[group]).tolist() for row in rows] for group in groups}
@@ -156,9 +167,9 @@ def _feedforward(table: Interface, values: Values) -> Values:
     robot = _robot(table)
     desired = Desired(*(values[group] for group in _DESIRED))
     if values["mode"][0] == 0.0:
-        return feedforward_inverse(robot, desired)._asdict()
+        return feedforward_inverse(robot, desired, values["F_e_d"])._asdict()
     gains = Gains(*(values[group] for group in Gains._fields))
-    measured = (values[group] for group in ("q", "q_dot", "kappa_dot"))
+    measured = (values[group] for group in ("q", "q_dot", "kappa_dot", "F_e_d"))
     return feedforward_vdc(robot, gains, desired, *measured)._asdict()
 
 
@@ -172,7 +183,14 @@ def _controller(table: Interface, values: Values) -> Values:
     return pd_control(**given, velocity_d=values[velocity_d], velocity=values[velocity])._asdict()
 
 
-def _plant(table: Interface, values: Values, held: Iterable[Values]) -> Iterable[Values]:
+def _estimator(table: Interface, values: Values) -> Values:
+    drive = table.robot.with_parameters(**{key: values[key] for key in SPRING_KEYS})
+    return torque_estimates(
+        drive, *(values[group] for group in ("q", "kappa", "tau", "tau_hat_max"))
+    )._asdict()
+
+
+def _plant(table: Interface, values: Values, held: Sequence[Values]) -> Iterable[Values]:
     from scipy.integrate import solve_ivp  # half a second, and only where nothing is cached
 
     robot = _robot(table)
@@ -192,7 +210,7 @@ def _plant(table: Interface, values: Values, held: Iterable[Values]) -> Iterable
         return x_dot.copy()
 
     if values["equilibrium"][0]:
-        rotor, springs = values["q_dot_0"], equilibrium_torque(robot, values["q_0"])
+        rotor, springs = values["q_dot_0"], equilibrium_torque(robot, values["q_0"], held[0]["F_e"])
     else:
         rotor, springs = values["kappa_dot_0"], values["tau_s_0"]
     x = np.concatenate([values["q_0"], values["q_dot_0"], rotor, springs])
