@@ -131,10 +131,10 @@ def test_stick_slip_amplifies_the_tolerance(tmp_path):
         for tolerance in (1e-6, 1e-7, 1e-9, 1e-11)
     ]  # fmt: skip
     coarse, usual, fine = (np.abs(other - q[-1]).max() for other in q[:-1])
-    # At the gains of the scenario 1e-7 is good for 4.5e-10 rad, as the page says. Here each change of sticking and
-    # slipping amplifies, so the numbers have only their order: seen 9e-4, 6e-6 and 5e-8 rad.
+    # At the gains of the scenario 1e-7 is good for 4.6e-10 rad, as the page says. Here each change of sticking and
+    # slipping amplifies, so the numbers have only their order: seen 4e-4, 6e-6 and 4e-8 rad.
     assert coarse > 1e-5
-    assert usual > 1e-7 and usual > 1000.0 * 4.5e-10
+    assert usual > 1e-7 and usual > 1000.0 * 4.6e-10
     assert fine < 0.1 * usual
 
 
