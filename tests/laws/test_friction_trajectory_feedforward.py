@@ -205,7 +205,7 @@ def test_vdc_is_the_required_motion_in_joint_space(chain, draw):
     desired = inside(chain)
     g = gains(chain)
     zero = np.zeros(chain.n)
-    drive = desired_drive_motion(chain, desired)
+    drive = desired_drive_motion(chain, desired, F_E)
     for state in draw(chain, 5, seed=29):
         q, q_dot = state.q, state.q_dot
         q_dot_r = desired.q_d_dot + g.Lambda * (desired.q_d - q)

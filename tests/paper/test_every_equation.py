@@ -87,7 +87,7 @@ class Path:
         self.desired = self.other.run(desired_motion, self.t, np.zeros(N), self.q_end, self.T)
         self.gains = Gains(*(random.uniform(0.5, 2.0, N) for _ in range(4)))
         measured = (self.q, self.q_dot, self.kappa_dot)
-        self.tau_m = self.vdc.run(feedforward_vdc, robot, self.gains, self.desired, *measured).tau_m
+        self.tau_m = self.vdc.run(feedforward_vdc, robot, self.gains, self.desired, *measured, self.F_e).tau_m
         self.inverse.run(feedforward_inverse, robot, self.desired)
 
 
@@ -325,7 +325,7 @@ def virtual_decomposition_control(path):
         robot, path.q, (path.q_dot, path.kappa_dot), (q_dot_r, kappa_dot_r, q_ddot_r, kappa_ddot_r)
     )
     parts.add_gains(gains.K_V)  # (15), (17), (50)
-    F_qr, F_kr = parts.forces(np.zeros(6))  # (18)-(20), (23)-(25)
+    F_qr, F_kr = parts.forces(path.F_e)  # (18)-(20), (23)-(25); F_l of (51)
     close(np.array(path.vdc["required_forces"][0][1]), np.array(F_qr), 1e3)  # (51)-(53), with (25)'s rotor
     xi_l, xi_m = stribeck(robot, desired.q_d_dot), robot.f_ck * np.tanh(drive.kappa_dot / robot.eps)
     tau_q, tau_kr = (np.array([Z @ F for F in forces]) for forces in (F_qr, F_kr))

@@ -39,7 +39,8 @@ def scenario_parameters(unit: str, scenario: Scenario) -> Values:
         groups = {"q_start": motion.q_start, "q_end": motion.q_end, "T": motion.T, "t_start": motion.t_start}
     elif unit == "feedforward":
         gains = scenario.feedforward
-        groups = {"mode": gains.mode, **{k: getattr(gains, k) for k in ("Lambda", "K_V", "k_vq", "k_vkappa")}}
+        groups = {k: getattr(gains, k) for k in ("mode", "Lambda", "K_V", "k_vq", "k_vkappa")}
+        groups |= {"F_e_d": np.zeros(6)}
     elif unit == "controller":
         gains = scenario.controller
         limit = np.minimum(gains.tau_max, NO_LIMIT)
