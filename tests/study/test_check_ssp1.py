@@ -14,8 +14,8 @@ SPACES = " ".join(
         "ssb": "SignalDictionary",
     }.items()
 )  # fmt: skip
-DESCRIPTION = """<fmiModelDescription fmiVersion="2.0" modelName="m" guid="1"><CoSimulation modelIdentifier="m"/>
-{before}<ModelVariables>
+DESCRIPTION = """<fmiModelDescription fmiVersion="2.0" modelName="m" guid="1">\
+<CoSimulation modelIdentifier="m"/>{before}<ModelVariables>
 <ScalarVariable name="u" valueReference="1" causality="input"><Real start="{start}"/></ScalarVariable>
 <ScalarVariable name="y" valueReference="2" causality="output"><Real/></ScalarVariable>
 <ScalarVariable name="k" valueReference="3" causality="parameter" variability="fixed">
