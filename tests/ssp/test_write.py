@@ -12,6 +12,7 @@ from vdfmu.model import load_scenario
 from vdfmu.ssp import load_ssp
 from vdfmu.ssp.archive import parse_ssp_xml
 from vdfmu.ssp.parameters import override, system_values
+from vdfmu.ssp.system_file import units_of
 from vdfmu.ssp.write import write_ssp
 
 
@@ -22,7 +23,7 @@ def scenario():
 
 @pytest.fixture(scope="module")
 def fmus(scenario, tmp_path_factory):
-    return build_fmus(scenario.robot, tmp_path_factory.mktemp("fmus"))
+    return build_fmus(scenario.robot, tmp_path_factory.mktemp("fmus"), units=units_of(scenario))
 
 
 def test_every_xml_of_the_package_is_valid(scenario, fmus, tmp_path):
@@ -65,8 +66,10 @@ def test_the_system_passes_the_check_before_a_run(scenario, fmus, tmp_path):
     )
     order = list(checked.schedule.units)
     assert order.index("feedforward") < order.index("controller") < order.index("plant")
-    # the only inputs left open are the components of the external wrench
-    assert sorted(note.split(":")[0] for note in checked.notes) == [f"plant.F_e[{k}]" for k in range(1, 7)]
+    # the only inputs left open are the components of the wrenches, the one that is wanted and the one that acts
+    assert sorted(note.split(":")[0] for note in checked.notes) == [
+        f"{name}[{k}]" for name in ("feedforward.F_e_d", "plant.F_e") for k in range(1, 7)
+    ]
 
 
 def test_every_signal_of_a_connected_group_is_connected(fmus, tmp_path):
@@ -77,7 +80,7 @@ def test_every_signal_of_a_connected_group_is_connected(fmus, tmp_path):
         (unit, v.name)
         for unit in fmus
         for v in interface(unit, scenario.robot)
-        if v.causality == "input" and v.group != "F_e"
+        if v.causality == "input" and v.group not in ("F_e", "F_e_d")
     }
     assert fed == expected
 

@@ -12,6 +12,7 @@ from vdfmu.equations.friction import joint_friction
 from vdfmu.equations.harmonic_drive import spring_energy
 from vdfmu.equations.inverse_dynamics import inverse_dynamics
 from vdfmu.equations.kinematics import end_effector_pose, joint_placements, link_motion
+from vdfmu.equations.limits import motor_torque, stop_energy, stop_torque
 from vdfmu.equations.rigid_body import link_body, mass_matrix
 
 __all__ = ["Outputs", "State", "equilibrium_torque", "plant_derivative", "plant_outputs", "split_state"]
@@ -57,6 +58,8 @@ def plant_derivative(robot: Any, x: np.ndarray, tau: np.ndarray, F_e: np.ndarray
     """
     q, q_dot, kappa_dot, tau_s = split_state(x)
     xi_l, xi_m = joint_friction(robot, q_dot, kappa_dot)
+    if robot.limits:
+        xi_l, tau = xi_l - stop_torque(robot, q, q_dot), motor_torque(robot, tau, kappa_dot)
     kappa = rotor_position(robot, q, tau_s)
     q_ddot = forward_dynamics(robot, q, q_dot, tau_s - xi_l, F_e)  # links: (9), (44)-(47)
     kappa_ddot = rotor_acceleration(robot, tau, tau_s, xi_m)  # rotors: (10), (56)
@@ -89,6 +92,7 @@ def plant_outputs(robot: Any, x: np.ndarray) -> Outputs:
         p = p + R @ p_AB
         R = R @ R_AB
         E_pot = E_pot + m_B * (robot.gravity @ (p + R @ r_B))
-    return Outputs(
-        rotor_position(robot, q, tau_s), p_O, R_O, E_kin, E_pot, np.sum(spring_energy(robot, tau_s))
-    )
+    E_spring = np.sum(spring_energy(robot, tau_s))
+    if robot.limits:
+        E_spring = E_spring + np.sum(stop_energy(robot, q))
+    return Outputs(rotor_position(robot, q, tau_s), p_O, R_O, E_kin, E_pot, E_spring)

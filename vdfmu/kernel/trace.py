@@ -15,6 +15,7 @@ from vdfmu.equations.feedforward import Gains, feedforward_inverse, feedforward_
 from vdfmu.equations.forward_dynamics import forward_dynamics
 from vdfmu.equations.friction import joint_friction
 from vdfmu.equations.inverse_dynamics import inverse_dynamics
+from vdfmu.equations.limits import stop_torque
 from vdfmu.equations.newton_euler import newton_euler
 from vdfmu.equations.pd import pd_control
 from vdfmu.equations.plant import equilibrium_torque, plant_derivative, plant_outputs, split_state
@@ -117,6 +118,8 @@ class _Plant:
         q_ddot = ca.SX.sym("q_ddot", n)
         state = split_state(arrays[0])
         xi_l, _ = joint_friction(symbols, state.q_dot, state.kappa_dot)
+        if robot.limits:
+            xi_l = xi_l - stop_torque(symbols, state.q, state.q_dot)
         torque = inverse_dynamics(symbols, state.q, state.q_dot, from_sx(q_ddot), arrays[2])
         residual = to_sx(state.tau_s - xi_l - torque)
         rates = self.rates = _vectors(n, "tau_dot") | _vectors(6, "F_e_dot")
