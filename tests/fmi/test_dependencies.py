@@ -32,7 +32,8 @@ POINTS: dict[str, list[dict[str, Any]]] = {
     "feedforward": [{"mode": 0}, {"mode": 1}],
     "controller": [{"velocity": 0}, {"velocity": 1}, {"velocity": 2}, {"tau_max": 1e-3}],
     "plant": [{"equilibrium": True}, {"equilibrium": False}],
-    "estimator": [{}],
+    # below and at the limit
+    "estimator": [{"K_f0": 0.3, "K_w0": 2.0, "tau_hat_max": 1e3}, {"tau_hat_max": 1e-3}],
 }
 
 

@@ -23,6 +23,7 @@ from vdfmu.ssp.drawing import draw_system
 from vdfmu.ssp.parameter_files import mapping_file, parameter_file
 from vdfmu.ssp.parameters import system_values
 from vdfmu.ssp.structure_file import structure_file
+from vdfmu.ssp.system_file import units_of
 from vdfmu.ssp.versions import fmi_of_format
 from vdfmu.ssp.write import write_osp, write_ssp
 from vdfmu.ssp.xml import to_bytes
@@ -36,12 +37,14 @@ def scenario():
 @pytest.fixture(scope="module")
 def fmus(scenario, tmp_path_factory):
     """FMUs without the scenario's values."""
-    return build_fmus(scenario.robot, tmp_path_factory.mktemp("fmus"))
+    return build_fmus(scenario.robot, tmp_path_factory.mktemp("fmus"), units=units_of(scenario))
 
 
 @pytest.fixture(scope="module")
 def fmus_3(scenario, tmp_path_factory):
-    return build_fmus(scenario.robot, tmp_path_factory.mktemp("fmus"), fmi_version="3.0")
+    return build_fmus(
+        scenario.robot, tmp_path_factory.mktemp("fmus"), units=units_of(scenario), fmi_version="3.0"
+    )
 
 
 @pytest.mark.parametrize("version", ["1.0", "2.0"])

@@ -19,6 +19,7 @@ from vdfmu.equations.friction import joint_friction
 from vdfmu.equations.harmonic_drive import spring_energy
 from vdfmu.equations.inverse_dynamics import inverse_dynamics, joint_torques, link_forces
 from vdfmu.equations.kinematics import end_effector_pose, joint_placements, link_motion
+from vdfmu.equations.limits import motor_torque, stop_energy, stop_torque
 from vdfmu.equations.rigid_body import link_body, mass_matrix
 
 __all__ = [
@@ -57,6 +58,16 @@ def split_state(x: np.ndarray) -> State:
     return State(*np.split(x, 4))
 
 
+def _torques(robot: Any, state: State, tau: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Torques on the links, ``tau_s - xi_l`` and what end stops add, and on the rotors about their axes, each (n,)."""
+    xi_l, xi_m = joint_friction(robot, state.q_dot, state.kappa_dot)
+    tau_l = state.tau_s - xi_l
+    if robot.limits:
+        tau_l = tau_l + stop_torque(robot, state.q, state.q_dot)
+        tau = motor_torque(robot, tau, state.kappa_dot)
+    return tau_l, rotor_torque(robot, tau, state.tau_s, xi_m)  # after (11)
+
+
 def plant_derivative(robot: Any, x: np.ndarray, tau: np.ndarray, F_e: np.ndarray) -> np.ndarray:
     """Right-hand side of the plant.
 
@@ -70,15 +81,14 @@ def plant_derivative(robot: Any, x: np.ndarray, tau: np.ndarray, F_e: np.ndarray
     -------
     x_dot : (4 n,)
     """
-    q, q_dot, kappa_dot, tau_s = split_state(x)
-    xi_l, xi_m = joint_friction(robot, q_dot, kappa_dot)
+    q, q_dot, kappa_dot, tau_s = state = split_state(x)
+    tau_l, tau_k = _torques(robot, state, tau)
     kappa = rotor_position(robot, q, tau_s)
-    tau_k = rotor_torque(robot, tau, tau_s, xi_m)  # after (11)
     if robot.rotor_coupling:  # links and rotors as bodies: (4), (7), (9)-(11), (44)-(47)
-        q_ddot = forward_dynamics(robot, q, q_dot, tau_s - xi_l, F_e, Rotors(kappa_dot, tau_k))
+        q_ddot = forward_dynamics(robot, q, q_dot, tau_l, F_e, Rotors(kappa_dot, tau_k))
         kappa_ddot = rotor_acceleration(robot, tau_k, link_motion(robot, q, q_dot, q_ddot))
     else:  # rotors in pure rotation: (56), and (46) without their reaction
-        q_ddot = forward_dynamics(robot, q, q_dot, tau_s - xi_l, F_e)
+        q_ddot = forward_dynamics(robot, q, q_dot, tau_l, F_e)
         kappa_ddot = rotor_acceleration(robot, tau_k)
     tau_s_dot = spring_rate(robot, kappa, kappa_dot, q_dot, tau_s)  # springs: (2)-(3)
     return np.concatenate([q_dot, q_ddot, kappa_ddot, tau_s_dot])
@@ -96,19 +106,18 @@ def balance(
 
     Returns
     -------
-    links : (n,) [N m or N] ``tau_s - xi_l - ID(q, q_dot, q_ddot)``, 0 for the plant's own q_ddot
+    links : (n,) [N m or N] ``tau_s - xi_l - ID(q, q_dot, q_ddot)``, with end stops, 0 for the plant's own q_ddot
     rotors : (n,) [rad/s2 or m/s2] kappa_ddot while the links accelerate by q_ddot
     """
-    q, q_dot, kappa_dot, tau_s = split_state(x)
-    xi_l, xi_m = joint_friction(robot, q_dot, kappa_dot)
-    tau_k = rotor_torque(robot, tau, tau_s, xi_m)
-    motion = link_motion(robot, q, q_dot, q_ddot)
+    state = split_state(x)
+    tau_l, tau_k = _torques(robot, state, tau)
+    motion = link_motion(robot, state.q, state.q_dot, q_ddot)
     F_Dk = None
     if robot.rotor_coupling:
-        V_D = rotor_velocities(robot, motion.V_B, kappa_dot)
+        V_D = rotor_velocities(robot, motion.V_B, state.kappa_dot)
         F_Dk = [rotor_force(robot, i, V_D[i], tau_k[i]) for i in range(robot.n)]
     torques = joint_torques(robot, link_forces(robot, motion, F_e, F_Dk))
-    return tau_s - xi_l - torques, rotor_acceleration(robot, tau_k, motion if robot.rotor_coupling else None)
+    return tau_l - torques, rotor_acceleration(robot, tau_k, motion if robot.rotor_coupling else None)
 
 
 def equilibrium_torque(robot: Any, q: np.ndarray, F_e: np.ndarray | None = None) -> np.ndarray:
@@ -140,6 +149,7 @@ def plant_outputs(robot: Any, x: np.ndarray) -> Outputs:
         p = p + R @ p_AB
         R = R @ R_AB
         E_pot = E_pot + m_B * (robot.gravity @ (p + R @ r_B))
-    return Outputs(
-        rotor_position(robot, q, tau_s), p_O, R_O, E_kin, E_pot, np.sum(spring_energy(robot, tau_s))
-    )
+    E_spring = np.sum(spring_energy(robot, tau_s))
+    if robot.limits:
+        E_spring = E_spring + np.sum(stop_energy(robot, q))
+    return Outputs(rotor_position(robot, q, tau_s), p_O, R_O, E_kin, E_pot, E_spring)

@@ -33,6 +33,8 @@ UNITS = {
         Unit("1", {}),
         Unit("s", {"s": 1}, {"ms": 1e3}),
         Unit("1/s", {"s": -1}),
+        Unit("s/rad", {"s": 1, "rad": -1}),
+        Unit("s/m", {"s": 1, "m": -1}),
         Unit("kg", {"kg": 1}, {"g": 1e3}),
         Unit("kg.m", {"kg": 1, "m": 1}),
         Unit("kg.m2", {"kg": 1, "m": 2}),
@@ -79,6 +81,7 @@ _QUANTITIES = {
     "damping": ("N.m.s/rad", "N.s/m"),
     "per torque": ("1/(N.m)", "1/N"),
     "ratio": ("1", "rad/m"),
+    "per velocity": ("s/rad", "s/m"),
     "rotor inertia": ("kg.m2", "kg.m"),
     "damping_m": ("N.m.s/rad", "N.m.s/m"),
 }

@@ -48,6 +48,9 @@ def requirements(robot: Robot) -> list[Requirement]:
         f_c, f_s = Parameter("f_c", (i,)), Parameter("f_s", (i,))
         amplitude, ell = Parameter("theta_err_amplitude", (i,)), Parameter("ell", (i,))
         found.append(Requirement("f_s >= f_c", (f_s, f_c), "friction"))
+        if robot.limits:
+            stops = Parameter("q_min", (i,)), Parameter("q_max", (i,))
+            found.append(Requirement("q_max > q_min", stops, "stops"))
         if amplitude in listed:
             text = f"2*ell*theta_err_amplitude < {CONTRACTION_LIMIT:g}"
             found.append(Requirement(text, (ell, amplitude), "kinematic error"))
@@ -72,6 +75,11 @@ def margins(robot: Any, found: list[Requirement]) -> list[Any]:
 def _friction(robot: Any, first: Parameter) -> Any:
     (i,) = first.index
     return robot.f_s[i] - robot.f_c[i]
+
+
+def _stops(robot: Any, first: Parameter) -> Any:
+    (i,) = first.index
+    return robot.q_max[i] - robot.q_min[i] - _STRICT
 
 
 def _kinematic_error(robot: Any, first: Parameter) -> Any:
@@ -110,6 +118,7 @@ def _minimum(a: Any, b: Any) -> Any:
 
 _MARGINS = {
     "friction": _friction,
+    "stops": _stops,
     "kinematic error": _kinematic_error,
     "definite": _definite,
     "triangle": _triangle,

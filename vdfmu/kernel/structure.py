@@ -19,6 +19,7 @@ import numpy as np
 
 from vdfmu.kernel.symbol import Symbol
 from vdfmu.model import Robot
+from vdfmu.model.robot import LIMIT_KEYS
 
 __all__ = [
     "Parameter",
@@ -65,6 +66,8 @@ def parameters(robot: Robot) -> list[Parameter]:
         found += [Parameter(field, (i,)) for i in range(n)]
     if robot.friction == "split":
         found += [Parameter("f_ck", (i,)) for i in range(n)]
+    if robot.limits:
+        found += [Parameter(field, (i,)) for field in LIMIT_KEYS for i in range(n)]
     for field in ("theta_err_amplitude", "theta_err_phase"):
         found += [Parameter(field, (i,)) for i in range(n) if robot.theta_err_amplitude[i] != 0.0]
     return found

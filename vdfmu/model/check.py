@@ -80,6 +80,14 @@ def check_friction(problems: Problems, key: str, f_c: float, f_s: float) -> None
         )
 
 
+def check_stops(problems: Problems, key: str, q_min: float, q_max: float) -> None:
+    """Note a lower end stop that is not below the upper one."""
+    if q_min >= q_max:
+        problems.add(
+            f"{key}.q_max", f"q_max > q_min = {q_min:g}", f"{q_max:g}", "The joint moves between them."
+        )
+
+
 def check_step(problems: Problems, stop: float, step: float) -> None:
     """Note a stop time that is not a whole number of communication steps."""
     if not (stop > 0 and step > 0):

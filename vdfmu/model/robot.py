@@ -23,12 +23,13 @@ SPRING_KEYS = ("ell", "K_f0", "c_f", "K_w0", "c_w", "theta_err_amplitude", "thet
 """What the deformation of a drive depends on."""
 DRIVE_KEYS = ("ell", "I_m", *SPRING_KEYS[1:])
 FRICTION_KEYS = ("f_c", "f_s", "f_v", "v_s", "f_ck", "eps")
+LIMIT_KEYS = ("q_min", "q_max", "stop_stiffness", "stop_damping", "tau_stall", "kappa_dot_max")
 JOINT_FIELDS = (*GEOMETRY_KEYS, *LINK_KEYS, *DRIVE_KEYS, *FRICTION_KEYS)
 """Fields of `Robot` with one entry a joint."""
 PAYLOAD_FIELDS = ("payload_mass", "payload_centroid", "payload_inertia")
 WHOLE_FIELDS = ("gravity", "tool_offset", *PAYLOAD_FIELDS)
 """Fields with one entry for the whole arm."""
-ARRAY_FIELDS = (*WHOLE_FIELDS, *JOINT_FIELDS)
+ARRAY_FIELDS = (*WHOLE_FIELDS, *JOINT_FIELDS, *LIMIT_KEYS)
 """Every field of `Robot` that holds numbers."""
 
 
@@ -98,6 +99,17 @@ class Robot:
         Its centre of mass in {O}.
     payload_inertia : (3, 3) [kg.m2]
         About its centre of mass, axes of {O}. Zero is a point mass.
+    limits : bool
+        Whether joints have end stops and motors a torque-speed line; the fields below count only then.
+    q_min, q_max : (n,) [rad]
+        Where the end stops begin.
+    stop_stiffness : (n,) [N.m/rad]
+    stop_damping : (n,) [s/rad]
+        Damping of the stops over their stiffness and depth.
+    tau_stall : (n,) [N.m], motor side
+        Largest torque of the motor.
+    kappa_dot_max : (n,) [rad/s]
+        Speed at which the motor has no torque left, divided by ell.
     """
 
     name: str
@@ -131,6 +143,13 @@ class Robot:
     payload_mass: Array = field(default_factory=lambda: read_only(0.0))
     payload_centroid: Array = field(default_factory=lambda: read_only(np.zeros(3)))
     payload_inertia: Array = field(default_factory=lambda: read_only(np.zeros((3, 3))))
+    limits: bool = False
+    q_min: Array = field(default_factory=lambda: read_only([]))
+    q_max: Array = field(default_factory=lambda: read_only([]))
+    stop_stiffness: Array = field(default_factory=lambda: read_only([]))
+    stop_damping: Array = field(default_factory=lambda: read_only([]))
+    tau_stall: Array = field(default_factory=lambda: read_only([]))
+    kappa_dot_max: Array = field(default_factory=lambda: read_only([]))
 
     @property
     def n(self) -> int:
@@ -161,6 +180,11 @@ class Robot:
                     "link": {key: getattr(self, key)[i].tolist() for key in LINK_KEYS},
                     "drive": {key: float(getattr(self, key)[i]) for key in DRIVE_KEYS},
                     "friction": {key: float(getattr(self, key)[i]) for key in FRICTION_KEYS},
+                    **(
+                        {"limits": {key: float(getattr(self, key)[i]) for key in LIMIT_KEYS}}
+                        if self.limits
+                        else {}
+                    ),
                 }
                 for i in range(self.n)
             ],
@@ -190,6 +214,10 @@ class Robot:
             if key in PAYLOAD_FIELDS and not self.payload:
                 raise UsageError(
                     f"robot {self.name}: {key}: it has no payload. Give its file a table [payload]."
+                )
+            if key in LIMIT_KEYS and not self.limits:
+                raise UsageError(
+                    f"robot {self.name}: {key}: it has no limits. Give its joints tables [joints.limits]."
                 )
             shape = getattr(self, key).shape
             try:

@@ -7,7 +7,7 @@ from typing import Any, cast
 
 import numpy as np
 
-from vdfmu.model.check import check_drive, check_friction, check_inertia, check_rotation
+from vdfmu.model.check import check_drive, check_friction, check_inertia, check_rotation, check_stops
 from vdfmu.model.read import FloatArray, Problems, Table, nearest, shape_of, shown
 from vdfmu.model.robot import (
     DRIVE_KEYS,
@@ -16,6 +16,7 @@ from vdfmu.model.robot import (
     GEOMETRY_KEYS,
     JOINT_FIELDS,
     JOINT_TYPES,
+    LIMIT_KEYS,
     LINK_KEYS,
     Robot,
     joint_free,
@@ -26,7 +27,7 @@ from vdfmu.model.robot import (
 ROBOT_KEYS = (
     "name", "description", "friction", "rotor_coupling", "gravity", "tool_offset", "payload", "joints", "sources",
 )  # fmt: skip
-JOINT_KEYS = ("type", *GEOMETRY_KEYS, "link", "drive", "friction")
+JOINT_KEYS = ("type", *GEOMETRY_KEYS, "link", "drive", "friction", "limits")
 SOURCE_KEYS = (
     "gravity",
     "tool_offset",
@@ -35,6 +36,7 @@ SOURCE_KEYS = (
     *(f"joints.link.{key}" for key in LINK_KEYS),
     *(f"joints.drive.{key}" for key in DRIVE_KEYS),
     *(f"joints.friction.{key}" for key in FRICTION_KEYS),
+    *(f"joints.limits.{key}" for key in LIMIT_KEYS),
 )
 # Key: (unit for a revolute joint, unit for a prismatic joint, bound, default, what is meant).
 _NUMBERS: dict[str, tuple[str, str, dict[str, float], float | None, str]] = {
@@ -59,6 +61,14 @@ _NUMBERS: dict[str, tuple[str, str, dict[str, float], float | None, str]] = {
     "v_s": ("rad/s", "m/s", {"above": 0}, None, "For friction without the Stribeck effect set f_s = f_c."),
     "f_ck": ("N.m", "N.m", {"at_least": 0}, None, "Friction coefficients are not negative."),
     "eps": ("rad/s", "m/s", {"above": 0}, 1e-3, "It is the width of tanh(v/eps), which stands for sgn(v)."),
+}
+_LIMITS: dict[str, tuple[str, str, dict[str, float], str]] = {
+    "q_min": ("rad", "m", {}, "Give the position of the lower end stop."),
+    "q_max": ("rad", "m", {}, "Give the position of the upper end stop."),
+    "stop_stiffness": ("N.m/rad", "N/m", {"above": 0}, "Give the stiffness of the end stops, link side."),
+    "stop_damping": ("s/rad", "s/m", {"at_least": 0}, "Give 0 for stops without loss."),
+    "tau_stall": ("N.m", "N.m", {"above": 0}, "Give the largest torque of the motor, motor side."),
+    "kappa_dot_max": ("rad/s", "m/s", {"above": 0}, "Give the no-load speed of the motor divided by ell."),
 }
 
 
@@ -100,7 +110,17 @@ def robot_from_dict(data: Mapping[str, Any], where: str = "robot") -> Robot:
     read = [
         _joint(problems, joint, f"joints[{i}]") for i, joint in enumerate(cast("list[Any]", joints or []), 1)
     ]
+    limits = any("limits" in joint for joint in read)
+    for i, joint in enumerate(read, 1):
+        if limits and "limits" not in joint:
+            problems.add(
+                f"joints[{i}].limits", "a table, as other joints have", "nothing", "Give it to all or none."
+            )
     problems.raise_any()
+    optional: dict[str, Any] = payload | {"limits": limits}
+    optional |= {
+        key: read_only([joint["limits"][key] if limits else 0.0 for joint in read]) for key in LIMIT_KEYS
+    }
     return Robot(
         name=name,
         description=description,
@@ -111,7 +131,7 @@ def robot_from_dict(data: Mapping[str, Any], where: str = "robot") -> Robot:
         friction=friction,
         rotor_coupling=rotor_coupling,
         sources=sources,
-        **payload,
+        **optional,
     )
 
 
@@ -145,9 +165,21 @@ def _joint(problems: Problems, data: object, path: str) -> dict[str, Any]:
     for key, (*units, bound, default, way_out) in _NUMBERS.items():
         group = link if key in LINK_KEYS else drive if key in DRIVE_KEYS else friction
         joint[key] = group.number(key, units[linear], default, **bound, way_out=way_out)
+    if "limits" in table.data:
+        joint["limits"] = _limits(table.table("limits", LIMIT_KEYS), linear)
     check_drive(problems, drive.path, joint["ell"], joint["theta_err_amplitude"])
     check_friction(problems, friction.path, joint["f_c"], joint["f_s"])
     return joint
+
+
+def _limits(table: Table, linear: int) -> dict[str, float]:
+    """Read [joints.limits] of one joint; its numbers are given together."""
+    found = {
+        key: table.number(key, units[linear], **bound, way_out=way_out)
+        for key, (*units, bound, way_out) in _LIMITS.items()
+    }
+    check_stops(table.problems, table.path, found["q_min"], found["q_max"])
+    return found
 
 
 def _payload(file: Table) -> dict[str, Any]:

@@ -95,6 +95,12 @@ def read_scenario(problems: Problems, data: object, robot: Robot | None) -> Scen
     controller = _controller(file, n, open_loop)
     factors = _factors(file.optional_table("plant_factors", FACTOR_FIELDS), n)
     paper = _paper(file.optional_table("paper", ("source", *PAPER_LISTS)), n)
+    if robot is not None and robot.limits:
+        for key in ("q_start", "q_end"):
+            q = getattr(trajectory, key)
+            for i in np.flatnonzero((q < robot.q_min) | (q > robot.q_max)):
+                expected = f"a position of joint {i + 1} from {robot.q_min[i]:g} to {robot.q_max[i]:g}"
+                problems.add(f"trajectory.{key}", expected, f"{q[i]:g}", "The robot has end stops there.")
     if robot is not None and not problems.lines:
         try:
             check_robot(apply_factors(robot, factors), f"{problems.where}: plant_factors: the plant")
