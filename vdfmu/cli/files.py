@@ -15,6 +15,7 @@ from vdfmu.cli.terminal import (
     RobotOption,
     ScenarioArgument,
     SetOption,
+    errors,
     fail,
     parse_settings,
     say,
@@ -132,9 +133,17 @@ def check(
     no_run: Annotated[bool, typer.Option("--no-run", help="Read only; do not run the units' code.")] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print the findings as JSON.")] = False,
 ) -> None:
-    """Check an FMU or a system: schema, rules, binaries for this platform, ten steps, reference results."""
+    """Check an FMU or a system: schema, rules, binaries for this platform, ten steps, reference results.
+
+    Steps run code of the file, in a process of its own that is limited in time and memory; not with --no-run.
+    """
     from vdfmu.study.check import inspect_file
 
+    if not no_run:
+        errors.print(
+            f"note: runs code of {file}, in a process of its own; --no-run reads only",
+            markup=False, soft_wrap=True,
+        )  # fmt: skip
     try:
         report = inspect_file(file, run=not no_run)
     except StorageError as error:

@@ -3,25 +3,39 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from functools import wraps
 from typing import Annotated, Any, NoReturn
 
 import typer
-from rich.console import Console
+from rich.console import Console, ConsoleOptions, RenderableType
 from rich.markup import escape
 from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.segment import Segment
 
 from vdfmu.cosim import Interrupted, LogMessage
 from vdfmu.errors import UsageError
+from vdfmu.text import shown
 
 __all__ = [
-    "BackendOption", "Bars", "RobotOption", "ScenarioArgument", "SetOption", "console", "fail", "parse_settings",
-    "say", "stoppable",
+    "BackendOption", "Bars", "RobotOption", "ScenarioArgument", "SetOption", "console", "errors", "fail",
+    "parse_settings", "say", "stoppable",
 ]  # fmt: skip
 
-console = Console(highlight=False)
-errors = Console(stderr=True, highlight=False)
+
+class _Terminal(Console):
+    """The one place through which text goes to the terminal: what it would act on is shown, but for rich's own."""
+
+    def print(self, *objects: Any, **options: Any) -> None:
+        super().print(*(shown(item) if isinstance(item, str) else item for item in objects), **options)
+
+    def render(self, renderable: RenderableType, options: ConsoleOptions | None = None) -> Iterable[Segment]:
+        for segment in super().render(renderable, options):
+            yield segment if segment.control else segment._replace(text=shown(segment.text))
+
+
+console = _Terminal(highlight=False)
+errors = _Terminal(stderr=True, highlight=False)
 
 ScenarioArgument = Annotated[str, typer.Argument(help="Name of a shipped scenario, or path of a TOML file.")]
 RobotOption = Annotated[
