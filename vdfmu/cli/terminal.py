@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import sys
 from collections.abc import Callable, Iterable
 from functools import wraps
@@ -18,8 +19,8 @@ from vdfmu.errors import UsageError
 from vdfmu.text import shown
 
 __all__ = [
-    "BackendOption", "Bars", "RobotOption", "ScenarioArgument", "SetOption", "console", "errors", "fail",
-    "parse_settings", "say", "stoppable",
+    "BackendOption", "Bars", "RobotOption", "ScenarioArgument", "SetOption", "UnpackOption", "console", "errors",
+    "fail", "parse_settings", "say", "stoppable",
 ]  # fmt: skip
 
 
@@ -54,6 +55,26 @@ SetOption = Annotated[
         "--set",
         metavar="UNIT.PARAMETER=VALUE",
         help="Set a parameter or free input; without an index, all elements. Repeatable.",
+    ),
+]
+
+
+def _bytes(text: str) -> int:
+    """Read a size such as ``500M`` or ``4G``."""
+    found = re.fullmatch(r"([1-9]\d{0,11})([KMGT]?)(i?B)?", text.strip(), re.IGNORECASE)
+    if not found:
+        raise typer.BadParameter(f"expected a size such as 500M or 4G, got {text!r}")
+    return int(found[1]) * 1024 ** " KMGT".index(found[2].upper() or " ")
+
+
+UnpackOption = Annotated[
+    int | None,
+    typer.Option(
+        "--unpack-limit",
+        metavar="SIZE",
+        parser=_bytes,
+        help="Most bytes that the package may unpack to, packages inside it included, such as 4G; default 2G.",
+        show_default=False,
     ),
 ]
 

@@ -21,6 +21,7 @@ import numpy.typing as npt
 
 from vdfmu.cosim.master import simulate
 from vdfmu.errors import StorageError, VdfmuError
+from vdfmu.ssp.archive import package_limit, unpack_limit
 from vdfmu.ssp.read import load_ssp
 from vdfmu.ssp.structure import System
 from vdfmu.study.check_reference import compare
@@ -68,7 +69,16 @@ def run_apart(path: Path, kind: str = "FMU") -> Findings:
     with tempfile.TemporaryDirectory(prefix="vdfmu_check_") as folder:
         try:
             code, words = _contained(
-                [sys.executable, "-P", "-m", "vdfmu.study.check_run", kind, str(path.resolve()), folder]
+                [
+                    sys.executable,
+                    "-P",
+                    "-m",
+                    "vdfmu.study.check_run",
+                    kind,
+                    str(path.resolve()),
+                    folder,
+                    str(unpack_limit()),
+                ]
             )
         except OSError as error:
             return Findings([f"{STEPS} steps could not be tried: {error}"])
@@ -207,7 +217,7 @@ def _run_unit(path: Path, phase: Callable[[str], None]) -> Findings:
         return Findings([f"{STEPS} steps of {step:g} s gave: {message}" for message in messages])
     findings = Findings()
     kind = description.coSimulation or description.modelExchange
-    if kind.canBeInstantiatedOnlyOncePerProcess:
+    if kind is not None and kind.canBeInstantiatedOnlyOncePerProcess:
         findings.notes.append(
             "reference results not compared: the unit can be instantiated only once per process"
         )
@@ -257,7 +267,7 @@ def _run_system(path: Path) -> Findings:
     return Findings()
 
 
-def _main(kind: str, path: str, folder: str) -> None:
+def _main(kind: str, path: str, folder: str, unpacked: str) -> None:
     tempfile.tempdir = folder  # what a crash leaves there goes with the folder
 
     def phase(what: str) -> None:
@@ -266,7 +276,8 @@ def _main(kind: str, path: str, folder: str) -> None:
     try:
         _limit()
         phase(f"a run of {STEPS} steps")
-        findings = _run_system(Path(path)) if kind == "SSP" else _run_unit(Path(path), phase)
+        with package_limit(int(unpacked)):
+            findings = _run_system(Path(path)) if kind == "SSP" else _run_unit(Path(path), phase)
         Path(folder, _ANSWER).write_text(json.dumps(asdict(findings)), encoding="utf-8")
     except OSError as error:
         if error.errno not in _FULL:
