@@ -120,7 +120,9 @@ def test_the_command_prints_json_and_ends_with_code_1_for_problems(package, tmp_
         "compared": [], "problems": [], "notes": [],
     }  # fmt: skip
     assert said["notes"] == [
-        f"plant.F_e[{i}]: input is not connected and keeps its start value" for i in range(1, 7)
+        f"{name}[{i}]: input is not connected and keeps its start value"
+        for name in ("feedforward.F_e_d", "plant.F_e")
+        for i in range(1, 7)
     ]
     (tmp_path / "no.ssp").write_bytes(b"no zip")
     bad = run(tmp_path / "no.ssp")
