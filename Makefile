@@ -4,13 +4,16 @@ VENV := .venv
 BIN := $(VENV)/bin
 PIP_INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt
 
-.PHONY: demo test bench docs lint clean
+.PHONY: demo test test-all bench docs lint clean
 
 demo: $(VENV)/demo  ## run the paper's tracking simulation (Section IV-B)
 	$(BIN)/vdfmu run tracking
 
-test: $(VENV)/test  ## run all tests
-	$(BIN)/python -m pytest -n 2 $(PYTEST_ARGS)
+test: $(VENV)/test  ## run the tests, but for the heavy ones: some minutes
+	$(BIN)/python -m pytest -n 2 -m "not heavy" $(PYTEST_ARGS)
+
+test-all: test $(VENV)/platforms  ## run the heavy ones too: all platforms, emulators, sanitizers, C++ templates, installs
+	$(BIN)/python -m pytest -n 2 -m heavy $(PYTEST_ARGS)
 
 bench: $(VENV)/bench  ## measure times and growth exponents
 	$(BIN)/python -m benchmarks
@@ -39,6 +42,9 @@ $(VENV)/demo: $(VENV)/python pyproject.toml constraints.txt
 
 $(VENV)/test $(VENV)/bench $(VENV)/docs $(VENV)/dev: $(VENV)/%: $(VENV)/python pyproject.toml constraints.txt
 	$(PIP_INSTALL) -e ".[$*]"
-	$(if $(filter test,$*),@echo "preparing the compiler for all platforms: minutes the first time")
-	$(if $(filter test,$*),$(BIN)/python tests/prepare.py)
+	touch $@
+
+$(VENV)/platforms: $(VENV)/test
+	@echo "preparing the compiler for all platforms: minutes the first time"
+	$(BIN)/python tests/prepare.py
 	touch $@

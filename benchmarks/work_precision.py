@@ -196,6 +196,7 @@ class _Unpacked:
 
     def initialize(self, tolerance: float) -> None:
         self.unit.reset()
+        self.unit.setReal([self.references["tolerance"]], [tolerance])  # the loosest of the two
         self.unit.setupExperiment(startTime=0.0, tolerance=tolerance)
         self.unit.enterInitializationMode()
         self.unit.exitInitializationMode()

@@ -88,6 +88,7 @@ def make_general_chain() -> Robot:
             f_ck=per_joint(0.03, 0.02),
             eps=per_joint(1e-2, 1e-2),
             friction="split",
+            rotor_coupling=True,
             sources={},
             payload=True,
             payload_mass=np.array(1.7),

@@ -4,7 +4,7 @@ Python API
 ----------
 ``load_robot``, ``load_scenario``
     A shipped robot or scenario by name, or a file by path.
-``inverse_dynamics``, ``forward_dynamics``
+``inverse_dynamics``, ``forward_dynamics``, ``gravity_torque``, ``mass_matrix``, ``jacobian``, ``forward_kinematics``
     Rigid links, link-side torques, one state or a batch.
 ``build_fmus``, ``write_ssp``, ``write_osp``, ``write_container``
     The four units as FMUs, the system that wires them as a package or for libcosim, and the system as one FMU.
@@ -22,13 +22,20 @@ __version__ = "0.1.0"
 if TYPE_CHECKING:
     from vdfmu.cosim import Results, simulate
     from vdfmu.cosim.container import write_container
-    from vdfmu.dynamics import forward_dynamics, inverse_dynamics
+    from vdfmu.dynamics import (
+        forward_dynamics,
+        forward_kinematics,
+        gravity_torque,
+        inverse_dynamics,
+        jacobian,
+        mass_matrix,
+    )
     from vdfmu.errors import VdfmuError
     from vdfmu.fmu import build_fmus
     from vdfmu.model import Robot, Scenario, load_robot, load_scenario, robot_names, scenario_names
     from vdfmu.ssp import load_ssp
     from vdfmu.ssp.write import write_osp, write_ssp
-    from vdfmu.study import run
+    from vdfmu.study.run import run
 
 _WHERE = {
     "Results": "vdfmu.cosim",
@@ -37,12 +44,16 @@ _WHERE = {
     "VdfmuError": "vdfmu.errors",
     "build_fmus": "vdfmu.fmu",
     "forward_dynamics": "vdfmu.dynamics",
+    "forward_kinematics": "vdfmu.dynamics",
+    "gravity_torque": "vdfmu.dynamics",
     "inverse_dynamics": "vdfmu.dynamics",
+    "jacobian": "vdfmu.dynamics",
     "load_robot": "vdfmu.model",
     "load_scenario": "vdfmu.model",
     "load_ssp": "vdfmu.ssp",
+    "mass_matrix": "vdfmu.dynamics",
     "robot_names": "vdfmu.model",
-    "run": "vdfmu.study",
+    "run": "vdfmu.study.run",
     "scenario_names": "vdfmu.model",
     "simulate": "vdfmu.cosim",
     "write_container": "vdfmu.cosim.container",
@@ -58,10 +69,14 @@ __all__ = [
     "__version__",
     "build_fmus",
     "forward_dynamics",
+    "forward_kinematics",
+    "gravity_torque",
     "inverse_dynamics",
+    "jacobian",
     "load_robot",
     "load_scenario",
     "load_ssp",
+    "mass_matrix",
     "robot_names",
     "run",
     "scenario_names",

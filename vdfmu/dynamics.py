@@ -1,4 +1,4 @@
-"""Inverse and forward dynamics of the rigid links, by the generated functions: the Python face of the equations."""
+"""Kinematics and dynamics of the rigid links, by the generated functions: the Python face of the equations."""
 
 from __future__ import annotations
 
@@ -11,7 +11,9 @@ from vdfmu.kernel import Kernel
 from vdfmu.model import Robot
 from vdfmu.model.robot import robot_argument
 
-__all__ = ["forward_dynamics", "inverse_dynamics"]
+__all__ = [
+    "forward_dynamics", "forward_kinematics", "gravity_torque", "inverse_dynamics", "jacobian", "mass_matrix",
+]  # fmt: skip
 
 
 @lru_cache(maxsize=32)
@@ -87,3 +89,106 @@ def forward_dynamics(
     n = kernel.robot.n
     wrench = np.zeros(6) if F_e is None else F_e
     return kernel.rows("forward_dynamics", (q, q_dot, tau, wrench), (n, n, n, 6))
+
+
+def gravity_torque(robot: Robot, q: npt.ArrayLike) -> npt.NDArray[np.float64]:
+    """Joint torques that hold the rigid arm at rest against gravity, Eq. (44)-(47) with (62).
+
+    Parameters
+    ----------
+    robot : Robot
+    q : (n,) or (m, n) [rad or m]
+        One position or a batch of m.
+
+    Returns
+    -------
+    G : (n,) or (m, n) [N m or N], link-side
+
+    Raises
+    ------
+    KernelError
+        For a wrong shape or a number that is not finite.
+    """
+    rest = np.zeros(robot_argument(robot).n)
+    return inverse_dynamics(robot, q, rest, rest)
+
+
+def mass_matrix(robot: Robot, q: npt.ArrayLike) -> npt.NDArray[np.float64]:
+    """Mass matrix of the rigid arm by the mapping matrices (37)-(43), without the rotors.
+
+    Parameters
+    ----------
+    robot : Robot
+    q : (n,) or (m, n) [rad or m]
+        One position or a batch of m.
+
+    Returns
+    -------
+    M : (n, n) or (m, n, n) [kg m2, kg m, kg]
+        Symmetric positive definite; ``M @ q_ddot`` are link-side torques.
+
+    Raises
+    ------
+    KernelError
+        For a wrong shape or a number that is not finite.
+    """
+    n = robot_argument(robot).n
+    return _at_position(robot, "mass_matrix", q, (n, n))
+
+
+def jacobian(robot: Robot, q: npt.ArrayLike) -> npt.NDArray[np.float64]:
+    """Jacobian of the end effector, Eq. (37)-(38): ``V_O = J_q @ q_dot``.
+
+    Parameters
+    ----------
+    robot : Robot
+    q : (n,) or (m, n) [rad or m]
+        One position or a batch of m.
+
+    Returns
+    -------
+    J_q : (6, n) or (m, 6, n) [m, rad, and per rad or m]
+        Linear part first, in the end-effector frame {O}; ``J_q.T @ F_e`` are the torques for a wrench in {O}.
+
+    Raises
+    ------
+    KernelError
+        For a wrong shape or a number that is not finite.
+    """
+    return _at_position(robot, "jacobian", q, (6, robot_argument(robot).n))
+
+
+def forward_kinematics(
+    robot: Robot, q: npt.ArrayLike
+) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+    """Pose of the end-effector frame {O} in {I}, by the product of (34)-(36).
+
+    Parameters
+    ----------
+    robot : Robot
+    q : (n,) or (m, n) [rad or m]
+        One position or a batch of m.
+
+    Returns
+    -------
+    p_O : (3,) or (m, 3) [m]
+        Position of the origin of {O} in {I}.
+    R_O : (3, 3) or (m, 3, 3)
+        Rotation of {O} in {I}: ``R_O @ v`` turns a vector in {O} into {I}.
+
+    Raises
+    ------
+    KernelError
+        For a wrong shape or a number that is not finite.
+    """
+    pose = _at_position(robot, "forward_kinematics", q, (12,))
+    return pose[..., :3], pose[..., 3:].reshape(*pose.shape[:-1], 3, 3)
+
+
+def _at_position(
+    robot: Robot, name: str, q: npt.ArrayLike, shape: tuple[int, ...]
+) -> npt.NDArray[np.float64]:
+    """Return the result of a traced function of `q` alone, (..., *shape)."""
+    kernel = _kernel(robot)
+    flat = kernel.rows(name, (q,), (kernel.robot.n,))
+    return flat.reshape(*flat.shape[:-1], *shape)

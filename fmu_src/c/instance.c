@@ -263,9 +263,8 @@ void text_add_requirements(Text *t, const double *m)
 
 double tolerance_of(const Instance *I)
 {
-    if (I->core->tolerance_defined)
-        return I->core->tolerance;
-    return unit.tolerance < unit.n ? I->m[unit.tolerance] : 0.0;
+    const double own = I->m[unit.tolerance];
+    return I->core->tolerance_defined ? fmin(own, I->core->tolerance) : own;
 }
 
 static Status start(Instance *I)

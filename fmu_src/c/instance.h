@@ -34,7 +34,7 @@ enum { STALE_START = 1, STALE_OUTPUTS = 2, STALE_DERIVATIVES = 4, STALE_ALL = 7 
 /* Everything that decides the future of an instance: a copy of it is a saved state. */
 typedef struct {
     unsigned phase, stale;
-    bool tolerance_defined; /* by the experiment: `tolerance` goes before the parameter */
+    bool tolerance_defined; /* by the experiment */
     bool rates;             /* some rate is not zero */
     double start_time, stop_time, tolerance; /* stop_time: INFINITY if it is not defined */
     double h;        /* [s] internal step that the solver tries next */

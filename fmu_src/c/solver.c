@@ -20,7 +20,7 @@ static void move_inputs(const Solver *s, double done)
 
 static SolverFailure failure_of(const Solver *s, double time, double error)
 {
-    SolverFailure failure = {.time = time, .component = 0, .finite = false, .error = error};
+    SolverFailure failure = {.time = time, .error = error};
     for (size_t i = 0; i < unit.n_x; i++)
         if (!isfinite(s->x_new[i])) {
             failure.component = i;
@@ -36,7 +36,7 @@ static SolverFailure failure_of(const Solver *s, double time, double error)
 bool solver_advance(const Solver *s, double t, double duration, SolverFailure *failure)
 {
     double done = 0.0;
-    while (done < duration) {
+    for (long tried = 1; done < duration; tried++) {
         const double rest = duration - done;
         double h = *s->h;
         const bool last = h >= rest * (1.0 - 1e-10);
@@ -65,6 +65,10 @@ bool solver_advance(const Solver *s, double t, double duration, SolverFailure *f
                 *failure = failure_of(s, t + done, error);
                 return false;
             }
+        }
+        if (tried == MAXIMUM_STEPS && done < duration) {
+            *failure = (SolverFailure){.time = t + done, .last = h};
+            return false;
         }
     }
     return true;

@@ -7,6 +7,7 @@
 
 #define FIRST_STEP 1e-4    /* [s] internal step tried first after the start */
 #define MINIMUM_STEP 1e-12 /* [s] 1e4 times rounding of a time of about 1 s */
+#define MAXIMUM_STEPS 1000000 /* in one communication step; 10 s of the six-joint arm at 150 rad/s take 300,000 */
 
 typedef struct {
     double *m;            /* memory of the unit: states, inputs and time are moved */
@@ -25,7 +26,8 @@ typedef struct {
 
 /* Why a communication step failed. */
 typedef struct {
-    double time;      /* [s] start of the internal step that failed */
+    double time;      /* [s] that was reached */
+    double last;      /* [s] the last internal step, if the end was not reached in MAXIMUM_STEPS; else 0, and what follows holds */
     size_t component; /* of the state */
     bool finite;      /* false: the component is not finite; true: its error is above the tolerance */
     double error;     /* local error over the tolerance, root mean square over all components */

@@ -90,8 +90,12 @@ static void calculate(Instance *I, Step *s)
     I->core->stale = 0;
 }
 
-static Status fail_solver(const Instance *I, const SolverFailure *f)
+static Status fail_solver(const Instance *I, const SolverFailure *f, double size)
 {
+    if (f->last > 0.0)
+        return fail(I, "at t = %s s the communication step of %s s is not done after %d internal steps, the last of %s s. Take "
+                       "shorter communication steps, lower the input torque, loosen the tolerance, or check the parameters.",
+                    G9(f->time), G6(size), MAXIMUM_STEPS, number((char[NUMBER_SIZE]){0}, 3, f->last));
     const char *name = unit.variables[unit.x + f->component].name;
     Text t = {0};
     if (f->finite)
@@ -122,7 +126,7 @@ static Status integrate(Instance *I, Step *s)
         memcpy(I->m, I->before, bytes);
         c->h = h;
         c->stale = stale;
-        return fail_solver(I, &failure);
+        return fail_solver(I, &failure, s->size);
     }
     clear_rates(I);
     I->m[unit.time] = s->end;

@@ -387,7 +387,7 @@ def test_time_at_an_error_is_interpolated() -> None:
     assert found.time_at("B", 1e-6) is None
 
 
-@pytest.mark.slow
+@pytest.mark.heavy
 def test_c_loops(report: Report) -> None:
     lacking = c_loops.missing()
     if lacking:

@@ -2,10 +2,12 @@
 
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
 import time
+import tomllib
 import zipfile
 
 import pytest
@@ -86,6 +88,25 @@ def test_models_are_listed_and_shown(tmp_path):
     shown = vdfmu("models", "show", "manipulator_6dof", cwd=tmp_path, env={**os.environ, "COLUMNS": "200"})
     assert "28433" in shown.stdout
     assert "Table 1" in shown.stdout
+
+
+@pytest.mark.parametrize("name", ["manipulator_6dof", "planar_2dof", "slider_3dof"])
+def test_a_robot_is_shown_whole_in_80_columns(tmp_path, name):
+    """No word is cut: every number, heading and word of a source is there as it is in a wide terminal."""
+    narrow, wide = (
+        vdfmu("models", "show", name, cwd=tmp_path, env={**os.environ, "COLUMNS": columns}).stdout
+        for columns in ("80", "400")
+    )
+    assert max(len(line) for line in narrow.splitlines()) <= 80
+    assert "…" not in narrow
+    words = re.compile(r"[^\s┃│━╇┼─]+")
+    assert words.findall(narrow) == words.findall(wide)
+    assert "theta_err_amplitude" in narrow
+
+
+def test_a_scenario_is_shown_as_its_file(tmp_path):
+    shown = vdfmu("models", "show", "tracking", cwd=tmp_path, env={**os.environ, "COLUMNS": "40"})
+    assert tomllib.loads(shown.stdout)["name"] == "tracking"
 
 
 def test_check_lists_the_problems_of_a_broken_fmu(tmp_path):

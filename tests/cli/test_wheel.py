@@ -13,7 +13,7 @@ import vdfmu
 ROOT = Path(vdfmu.__file__).resolve().parents[1]
 
 
-@pytest.mark.slow
+@pytest.mark.heavy
 def test_the_wheel_alone_gives_the_same_tracking_run(tmp_path):
     pip = [sys.executable, "-m", "pip", "--quiet", "--disable-pip-version-check"]
     build = [*pip, "wheel", "--no-deps", "--wheel-dir", tmp_path / "dist", ROOT]

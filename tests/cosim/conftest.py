@@ -216,7 +216,7 @@ def fmus(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
         [variable("u", "input"), variable("y", "output"), variable("n", "output", "Integer", 0)],
         "def calc(self):\n    pass\n"
         "def do_step(self, t, h):\n    self._y = self._y + h * (1.0 + self._u)\n"
-        "    self._n = int(t + h + 1e-9)\n    return not 0.01 < h < 0.9\n",
+        "    self._n = int(t + h + 1e-12)\n    return not 0.01 < h < 0.9\n",
         {},
     )
     add(
@@ -274,6 +274,51 @@ def fmus(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
         "def do_step(self, t, h):\n"
         "    self._y = self._u + (self._y - self._u) * 2.718281828459045 ** -h\n    return True\n",
         {},
+    )
+    add(
+        "Sprung",  # x'' = f = 4 (p - x), exact for a constant p
+        [variable("p", "input"), variable("f", "output"), variable("x", "output"), variable("v", "output")],
+        "def calc(self):\n    self._f = 4.0 * (self._p - self._x)\n"
+        "def do_step(self, t, h):\n"
+        "    from math import cos, sin\n"
+        "    a, v = self._x - self._p, self._v\n"
+        "    self._x = self._p + a * cos(2 * h) + 0.5 * v * sin(2 * h)\n"
+        "    self._v = v * cos(2 * h) - 2 * a * sin(2 * h)\n"
+        "    self.calc()\n    return True\n",
+        {"f": ["p"]},
+    )
+    add(
+        "Carrier",  # p' = cos(t) - f / 4, exact for a constant f
+        [variable("f", "input"), variable("p", "output")],
+        "def calc(self):\n    pass\n"
+        "def do_step(self, t, h):\n"
+        "    from math import sin\n"
+        "    self._p += sin(t + h) - sin(t) - 0.25 * h * self._f\n    return True\n",
+        {},
+    )
+    add(
+        "Dividing",
+        [variable("u", "input"), variable("y", "output")],
+        "def calc(self):\n    self._y = 1.0 / self._u if self._u else float('inf')\n" + step,
+        {"y": ["u"]},
+    )
+    add(
+        "Speaker",
+        [variable("word", "output", "String", "")],
+        "def calc(self):\n    pass\ndef do_step(self, t, h):\n    self._word += '\u00fc'\n    return True\n",
+        {},
+    )
+    add(
+        "Echo",
+        [variable("word", "input", "String", ""), variable("again", "output", "String", "")],
+        "def calc(self):\n    self._again = self._word\n" + step,
+        {"again": ["word"]},
+    )
+    add(
+        "Listener",
+        [variable("word", "input", "String", ""), variable("n", "output", "Integer", 0)],
+        "def calc(self):\n    self._n = self._word.count('\u00fc')\n" + step,
+        {"n": ["word"]},
     )
     wide = range(40)
     add(

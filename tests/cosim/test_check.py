@@ -86,8 +86,14 @@ def test_a_loop_of_units_without_declared_dependencies_says_so(pack, xml):
         [c("a", "Stock", "u:input y:output"), c("b", "Stock", "u:input y:output")],
         ["a.y -> b.u", "b.y -> a.u"],
     )
-    expect(
-        problems(path), r"a\.y -> b\.u -> b\.y -> a\.u -> a\.y\. Note: no dependencies are declared by a, b"
+    loop = r"a\.y -> b\.u -> b\.y -> a\.u -> a\.y\. Note: no dependencies are declared by a, b"
+    expect(problems(path, algorithm="gauss-seidel"), loop)
+    # the default runs them, and says how
+    results = simulate(path, stop=1.0, step=0.25)
+    assert results.summary["algorithm"] == "jacobi"
+    (note,) = [n for n in results.summary["notes"] if "jacobi" in n]
+    assert re.match(
+        rf"the master is jacobi: gauss-seidel, the default, has no order for this system\. .*{loop}", note
     )
 
 

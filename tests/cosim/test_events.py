@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import io
+import zipfile
+
 import numpy as np
 import pytest
 
@@ -52,7 +55,8 @@ def test_a_discrete_controller_holds_its_output(pack, xml):
             )  # fmt: skip
             expected = (1 - 3 * 0.125) ** np.arange(9)
             np.testing.assert_allclose(results["plant.y"], expected, rtol=0, atol=ROUNDING)
-        assert results.summary["communication"]["unit_steps"] == 16  # nothing to repeat
+        # nothing to repeat; the controller, which passes x on, steps in halves
+        assert results.summary["communication"]["unit_steps"] == 8 + 2 * 8
 
 
 @pytest.mark.parametrize("motor", ["Motor", "DirectMotor"])
@@ -181,23 +185,52 @@ def test_an_output_that_nobody_reads_does_not_decide_how_the_others_are_coupled(
         errors.append(np.abs(results["mass.y"] - np.exp(-0.5 * results.time)).max())
     assert errors[0] / errors[1] == pytest.approx(4.0, rel=0.1)  # second order
     assert not any("first order" in note for note in results.summary["notes"])
-    # where it is read, it decides, and that is said
+    # where it is read, it decides, and the unit steps in halves
     path = pack(
         [c("mass", "Telling", "u:input y:output told:output"), c("spring", "Gain", "u:input y:output"),
          c("end", "Gain", "u:input")],
         ["mass.y -> spring.u", "spring.y -> mass.u", "mass.told -> end.u"],
     )  # fmt: skip
-    results = simulate(path, stop=0.25, step=0.125, algorithm="iterative")
-    assert any(
-        note.startswith("mass: takes no derivatives of its inputs; u are held") and "If y integrates" in note
-        for note in results.summary["notes"]
-    )
+    errors = []
+    for step in (0.125, 0.0625):
+        results = simulate(
+            path, stop=2.0, step=step, algorithm="iterative", parameters={"mass.x0": 1.0, "spring.k": -0.5}
+        )
+        np.testing.assert_array_equal(results["mass.told"], results["mass.u"])  # of the end of the step
+        errors.append(np.abs(results["mass.y"] - np.exp(-0.5 * results.time)).max())
+    assert errors[0] / errors[1] == pytest.approx(4.0, rel=0.1)
 
 
-def test_a_unit_that_may_integrate_what_it_passes_through_is_noted(pack, xml):
+def test_a_unit_of_one_step_length_that_may_integrate_what_it_passes_through_is_noted(pack, xml, fmus):
     c = xml.component
-    path = pack([c("r", "Ramp", "y:output"), c("a", "Stock", "u:input y:output")], ["r.y -> a.u"])
+    rigid = io.BytesIO()
+    with zipfile.ZipFile(fmus["Stock"]) as old, zipfile.ZipFile(rigid, "w") as new:
+        for name in old.namelist():
+            key = b'canHandleVariableCommunicationStepSize="'
+            new.writestr(name, old.read(name).replace(key + b"true", key + b"false"))
+    path = pack(
+        [c("r", "Ramp", "y:output"), c("a", "Rigid", "u:input y:output")], ["r.y -> a.u"],
+        extra={"resources/Rigid.fmu": rigid.getvalue()},
+    )  # fmt: skip
     notes = simulate(path, stop=1.0, step=0.25, algorithm="extrapolated").summary["notes"]
-    assert any("a: declares no dependencies" in note and "first order" in note for note in notes)
+    assert any(
+        note.startswith("a: takes no derivatives of its inputs") and "first order" in note for note in notes
+    )
     notes = simulate(path, stop=1.0, step=0.25).summary["notes"]
     assert not any("first order" in note for note in notes)
+
+
+@pytest.mark.parametrize("algorithm", ["gauss-seidel", "jacobi", "extrapolated", "iterative"])
+def test_texts_are_passed_on(pack, xml, algorithm):
+    """As other discrete signals are: what passes them through passes fresh ones, but for jacobi."""
+    c = xml.component
+    path = pack(
+        [c("speaker", "Speaker", "word:output:String"), c("echo", "Echo", "word:input:String again:output:String"),
+         c("listener", "Listener", "word:input:String n:output:Integer")],
+        ["speaker.word -> echo.word", "echo.again -> listener.word"],
+    )  # fmt: skip
+    results = simulate(path, stop=4.0, step=1.0, algorithm=algorithm)
+    # the speaker says one letter more each second, of two bytes each; the listener counts them
+    late = {"gauss-seidel": [0, 0, 1, 2, 3], "jacobi": [0, 0, 0, 1, 2]}
+    assert results["listener.n"].tolist() == late.get(algorithm, [0, 1, 2, 3, 4])
+    assert "speaker.word" not in results  # tables hold numbers

@@ -49,10 +49,13 @@ def test_the_rows_before_the_failure_are_kept(fragile):
     assert results.summary["wall_s"] > 0.0
 
 
-def test_a_refused_step_is_an_error_too(fragile):
-    with pytest.raises(CosimError, match=r"the load is 50 %s of nominal \(status discard\)") as info:
-        run(fragile, 1)
-    assert len(info.value.results) == 6
+def test_a_step_that_pythonfmu_refuses_ends_the_simulation(fragile):
+    """Whatever its reason: it answers fmi2Discard, and that the unit wants to end the simulation."""
+    results = run(fragile, 1)
+    assert results.summary["ended"] == {"component": "arm", "time": 0.5}
+    assert len(results) == 6
+    assert str(results.messages[-2]) == "arm: the load is 50 %s of nominal"
+    assert str(results.messages[-1]) == "arm ended the simulation at t = 0.5 s"
 
 
 def test_a_warning_is_logged_with_unit_and_time_and_the_run_goes_on(fragile):
@@ -152,7 +155,7 @@ def test_text_is_read_as_a_value(fragile):
 def test_messages_of_plain_fmpy_are_still_printed_after_a_run(tmp_path, capfd):
     """Fmpy's proxy for messages of native units has one receiver in a process, and our runs take it."""
     scenario = load_scenario("planar_tracking")
-    fmus = cached_fmus(scenario, "native")
+    fmus = cached_fmus(scenario, tmp_path, "native")
     simulate(write_ssp(scenario, fmus, tmp_path / "x.ssp"), stop=0.002)
     with pytest.raises(FMICallException):
         fmpy.simulate_fmu(str(fmus["plant"]), stop_time=0.1, start_values={"mass[1]": -1.0})

@@ -59,6 +59,21 @@ def test_array_stacks_by_index(results):
     assert results["a.on"].dtype == bool
 
 
+def test_array_of_two_indices_has_two_axes():
+    names = [f"a.R[{j},{k}]" for k in (2, 10, 1) for j in (2, 1)]  # in no order
+    values = np.arange(24.0).reshape(4, 6)
+    signals = [Signal(name, "real", "", i) for i, name in enumerate(names)]
+    R = Results(np.arange(4.0), signals, {"real": values}).array("a.R")
+    assert R.shape == (4, 2, 3)
+    for (j, k), column in {(0, 0): 5, (1, 0): 4, (0, 1): 1, (1, 1): 0, (0, 2): 3, (1, 2): 2}.items():
+        np.testing.assert_array_equal(R[:, j, k], values[:, column])
+    triangle = Results(np.arange(4.0), signals[:5], {"real": values})
+    with pytest.raises(UsageError, match=r"a\.R\[2,2\], .* are not all elements of an array; take them one"):
+        triangle.array("a.R")
+    empty = Results(np.empty(0), signals, {"real": np.empty((0, 6))})
+    assert empty.array("a.R").shape == (0, 2, 3)
+
+
 def test_unknown_names(results):
     with pytest.raises(UsageError, match=r"no signal 'a\.q\[3\]'; did you mean a\.q\["):
         results["a.q[3]"]

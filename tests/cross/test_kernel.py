@@ -1,9 +1,12 @@
 """The kernel's cache, its calls and their errors, and the symbols that trace."""
 
 import os
+import subprocess
+import sys
 
 import casadi as ca
 import numpy as np
+import platformdirs
 import pytest
 
 from vdfmu.equations.generic import clip, piecewise_hold, sgn, zeros
@@ -49,9 +52,7 @@ def test_cache_folder_is_taken_from_the_environment(planar, tmp_path, monkeypatc
     torque(Kernel(planar))
     assert [path.name for path in tmp_path.rglob("*") if path.is_file()] == ["inverse_dynamics.casadi"]
     monkeypatch.delenv("VDFMU_CACHE_DIR")
-    monkeypatch.setattr(cache.sys, "platform", "linux")
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "xdg"))
-    assert cache_folder() == tmp_path / "xdg" / "vdfmu"
+    assert cache_folder() == platformdirs.user_cache_path("vdfmu", appauthor=False)
 
 
 @pytest.mark.parametrize("content", [b"", b"not a function", "truncated"])
@@ -111,6 +112,66 @@ def test_full_disk_leaves_no_half_file(planar, tmp_path, monkeypatch):
     monkeypatch.setattr(cache.os, "replace", full)
     torque(Kernel(planar, tmp_path))
     assert [path for path in tmp_path.rglob("*") if path.is_file()] == []
+
+
+def fill(folder, names, size):
+    """Store files of `size` bytes, the first used longest ago."""
+    for age, name in enumerate(reversed(names)):
+        cache.store(folder / name, name.encode().ljust(size))
+        os.utime(folder / name, (1e9 - age, 1e9 - age))
+
+
+def stored(folder):
+    return sorted(path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file())
+
+
+def test_beyond_its_size_the_cache_forgets_what_was_not_used_for_longest(tmp_path, monkeypatch):
+    monkeypatch.setattr(cache, "_LIMIT", 10_000)
+    (tmp_path / cache.COMPILER).mkdir()
+    (tmp_path / cache.COMPILER / "huge").write_bytes(bytes(50_000))  # is not ours
+    fill(
+        tmp_path, ["a/1", "a/2", "b/3", "b/4", "b/5"], 1_900
+    )  # and 65 bytes each for the digest: below the limit
+    assert stored(tmp_path) == ["a/1", "a/2", "b/3", "b/4", "b/5", f"{cache.COMPILER}/huge"]
+    assert cache.load(tmp_path / "a/1") is not None  # used now
+    cache.store(tmp_path / "c/6", bytes(1_900))
+    # 6 times 1965 bytes are too many: three quarters of the limit hold 3 files
+    assert stored(tmp_path) == ["a/1", "b/5", "c/6", f"{cache.COMPILER}/huge"]
+    cache.store(tmp_path / "c/7", bytes(9_000))  # one that fills the cache stays alone; empty folders go
+    assert stored(tmp_path) == ["c/7", f"{cache.COMPILER}/huge"]
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["c", cache.COMPILER]
+
+
+CROWD = """
+import sys
+from pathlib import Path
+from vdfmu.kernel import cache
+cache._LIMIT = 20_000
+folder, seed = Path(sys.argv[1]), int(sys.argv[2])
+for k in range(300):
+    name = f"{(seed * k) % 3}/{(7 * k + seed) % 40}"
+    expected = name.encode().ljust(1_000)
+    found = cache.load(folder / name)
+    assert found in (None, expected), name
+    if found is None:
+        cache.store(folder / name, expected)
+"""
+
+
+def test_processes_share_a_cache_that_each_of_them_empties(tmp_path):
+    crowd = [
+        subprocess.Popen(
+            [sys.executable, "-c", CROWD, tmp_path, str(seed)], stderr=subprocess.PIPE, text=True
+        )
+        for seed in (1, 2, 5)
+    ]
+    for process in crowd:
+        _, errors = process.communicate(timeout=120)
+        assert process.returncode == 0, errors
+    files = stored(tmp_path)
+    assert files and not [name for name in files if name.endswith(".tmp")]
+    # the last file of each process may come after the last look of the others
+    assert sum((tmp_path / name).stat().st_size for name in files) <= 20_000 + 3 * 1_065
 
 
 def test_unknown_function_lists_the_known_ones(planar):

@@ -11,6 +11,8 @@ from vdfmu.equations.flexible_joint import rotor_position
 from vdfmu.equations.forward_dynamics import forward_dynamics
 from vdfmu.equations.inverse_dynamics import inverse_dynamics
 from vdfmu.equations.jet import derivative, jets
+from vdfmu.equations.kinematics import end_effector_pose
+from vdfmu.equations.mapping import jacobian, joint_space_mass_matrix
 from vdfmu.equations.newton_euler import newton_euler
 from vdfmu.equations.pd import pd_control
 from vdfmu.equations.plant import equilibrium_torque, plant_derivative, plant_outputs
@@ -85,6 +87,13 @@ def case(name, robot, state):
             return dict(q=q, q_dot=q_dot, tau=state.tau_s, F_e=F_e), dict(
                 q_ddot=forward_dynamics(robot, q, q_dot, state.tau_s, F_e)
             )
+        case "forward_kinematics":
+            p_O, R_O = end_effector_pose(robot, q)
+            return dict(q=q), dict(pose=np.concatenate([p_O, R_O.ravel()]))
+        case "jacobian":
+            return dict(q=q), dict(J_q=jacobian(robot, q))
+        case "mass_matrix":
+            return dict(q=q), dict(M=joint_space_mass_matrix(robot, q))
         case "plant_derivative":
             return dict(x=x, tau=tau, F_e=F_e), dict(x_dot=plant_derivative(robot, x, tau, F_e))
         case "plant_jacobian":

@@ -1,16 +1,21 @@
-"""What the documentation states: names of tests, pivots of the solver, stability of the derivative term."""
+"""What the documentation states: names of tests, pivots, frequencies and tolerances of the solver, stability."""
 
+import dataclasses
 import re
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+import vdfmu
 from vdfmu.equations.elimination import factorize, solve
 from vdfmu.equations.mapping import joint_space_mass_matrix
 from vdfmu.equations.plant import equilibrium_torque
 from vdfmu.kernel.rodas import ALPHA, GAMMA, GAMMA_I
 from vdfmu.model import load_scenario
+from vdfmu.ssp.parameters import system_values
+from vdfmu.ssp.write import write_ssp
+from vdfmu.study.run import cached_fmus
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
@@ -79,6 +84,58 @@ def test_coefficients_of_time_on_the_page_are_those_of_the_step():
     for letter, values in ((r"\alpha_i", ALPHA), (r"\gamma_i", GAMMA_I)):
         cells = " | ".join(f"{value:.4g}".replace("-", "−") for value in values)
         assert f"| ${letter}$ | {cells} |" in page
+
+
+def elastic_modes(arm, kernel, gravity_holds, locked):
+    """Return the lowest and highest elastic frequency [Hz] over the poses of (57), at rest, without friction."""
+    found = []
+    for s in np.linspace(0.0, 1.0, 101):
+        q = s * np.radians([90.0, 60.0, 60.0, 90.0, 60.0, 90.0])
+        tau_s = equilibrium_torque(arm, q) if gravity_holds else np.zeros(N)
+        J = plant_jacobian(kernel, np.concatenate([q, np.zeros(2 * N), tau_s]))
+        if locked:
+            keep = np.delete(np.arange(4 * N), np.s_[2 * N : 3 * N])
+            J = J[np.ix_(keep, keep)]
+        modes = np.sort(np.abs(np.linalg.eigvals(J).imag) / (2.0 * np.pi))
+        modes = modes[modes > 2.0][::2]  # below is the pendulum, not the springs
+        assert len(modes) == N  # one for each joint
+        found += [modes[0], modes[-1]]
+    return [round(min(found)), round(max(found))]
+
+
+def test_elastic_frequencies_on_the_page_are_those_of_the_poses_of_the_motion(arm, kernel_of):
+    # docs/solver.md, in whole Hz
+    bare = arm.with_parameters(f_c=0.0, f_s=0.0, f_v=0.0)
+    kernel = kernel_of(bare)
+    page = (ROOT / "docs/solver.md").read_text(encoding="utf-8")
+    for row, gravity_holds in (("loaded by gravity", True), ("without load", False)):
+        free, locked = (elastic_modes(bare, kernel, gravity_holds, locked) for locked in (False, True))
+        assert f"| {row} | {free[0]} to {free[1]} | {locked[0]} to {locked[1]} |" in page
+    # what the text above the table says of it
+    low, high = elastic_modes(bare, kernel, True, False)
+    assert f"elastic modes at {low} to {high} Hz" in page
+
+
+@pytest.mark.slow
+def test_stick_slip_amplifies_the_tolerance(tmp_path):
+    # docs/solver.md: tracking without gravity, K_p = 100 and K_v = 5: below the falling branch of the friction
+    scenario = load_scenario("tracking")
+    scenario = dataclasses.replace(scenario, robot=scenario.robot.with_parameters(gravity=0.0))
+    values = system_values(scenario, {"controller.K_p": "100", "controller.K_v": "5"})
+    package = write_ssp(scenario, cached_fmus(scenario, tmp_path), tmp_path / "system.ssp", values)
+    q = [
+        vdfmu.simulate(
+            package, stop=10.0, step=1e-3, algorithm="gauss-seidel", record=["plant.q[*]"],
+            parameters={"plant.tolerance": tolerance},
+        ).array("plant.q")
+        for tolerance in (1e-6, 1e-7, 1e-9, 1e-11)
+    ]  # fmt: skip
+    coarse, usual, fine = (np.abs(other - q[-1]).max() for other in q[:-1])
+    # At the gains of the scenario 1e-7 is good for 4.6e-10 rad, as the page says. Here each change of sticking and
+    # slipping amplifies, so the numbers have only their order: seen 4e-4, 6e-6 and 4e-8 rad.
+    assert coarse > 1e-5
+    assert usual > 1e-7 and usual > 1000.0 * 4.6e-10
+    assert fine < 0.1 * usual
 
 
 def growth(arm, kernel, K_p, K_v, source):

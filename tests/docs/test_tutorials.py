@@ -1,8 +1,9 @@
-"""The code of the README and of the tutorials, run as a reader would: in order, in an empty folder.
+"""The code of the README and of the documentation, run as a reader would.
 
-A ``python`` block runs in the namespace of the blocks before it. A ``toml`` block with a title is written to
-that file. A ``sh`` block runs its lines that start with ``vdfmu``. A ``text`` block right after a ``python`` or
-``sh`` block is its output; a line ``...`` in it stands for any lines.
+Of the README each block runs by itself, in a fresh folder and process; of the other pages the blocks run in order, in
+one folder, the ``python`` blocks in the namespace of those before. A ``sh`` block runs whole in bash. A ``toml`` block
+with a title is written to that file. A ``text`` block right after a ``python`` or ``sh`` block is its output; a line
+``...`` in it stands for any lines.
 """
 
 import contextlib
@@ -10,6 +11,7 @@ import io
 import os
 import platform
 import re
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -17,10 +19,13 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
+README = ROOT / "README.md"
 PAGES = sorted((ROOT / "docs" / "tutorials").glob("*.md"))
 GUIDES = sorted((ROOT / "docs" / "guides").glob("*.md"))
 BLOCK = re.compile(r"^```(?P<kind>\w+)(?P<options>[^\n]*)\n(?P<body>.*?)^```", re.DOTALL | re.MULTILINE)
 SKIP = "<!-- not run -->\n"  # before a block that the test leaves out
+VARIES = re.compile(r"^│ (Wall time|Real-time factor) .*$", re.MULTILINE)
+INSTALLS = re.compile(r"^make |pip install", re.MULTILINE)  # what is done in a clone
 
 
 def read_blocks(path):
@@ -41,22 +46,28 @@ def run_python(body, namespace):
     return stream.getvalue()
 
 
-def run_shell(body):
-    output = ""
-    for line in body.replace("\\\n", " ").splitlines():
-        if line.startswith("vdfmu "):
-            command = line.replace("vdfmu", f'"{sys.executable}" -m vdfmu.cli', 1)
-            done = subprocess.run(
-                command, shell=True, text=True, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, check=False,
-                env={**os.environ, "COLUMNS": "100", "TERM": "dumb"},
-            )  # fmt: skip
-            assert done.returncode in (0, 1, 2) and "Traceback" not in done.stdout, done.stdout
-            output += done.stdout
-    return output
+def run_process(kind, body, cwd=None, **further):
+    """Run a block in a process of its own; return what it ends with and what it prints."""
+    command = [sys.executable, "-c"] if kind == "python" else ["bash", "-c"]
+    path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
+    environment = os.environ | {"PATH": path, "PYTHONPATH": str(ROOT), "COLUMNS": "80", "TERM": "dumb"}
+    return subprocess.run(
+        [*command, body], text=True, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, check=False, cwd=cwd,
+        env=environment | further,
+    )  # fmt: skip
+
+
+def run_shell(body, fails=False):
+    """Run a block of commands, which all succeed unless they show how something fails."""
+    done = run_process("sh", body if fails else f"set -e\n{body}")
+    assert done.returncode == 0 or (fails and done.returncode in (1, 2)), done.stdout
+    assert "Traceback" not in done.stdout, done.stdout
+    return done.stdout
 
 
 def same(shown, output):
-    """Compare line by line, without trailing blanks; ``...`` stands for any lines."""
+    """Compare line by line, without trailing blanks and times of the clock; ``...`` stands for any lines."""
+    shown, output = VARIES.sub("", shown), VARIES.sub("", output)
     parts = [re.escape("\n".join(line.rstrip() for line in part.strip("\n").splitlines())) for part in
              re.split(r"^\s*\.\.\.$", shown, flags=re.MULTILINE)]  # fmt: skip
     pattern = r"(?:.*?)".join(parts)
@@ -67,14 +78,15 @@ def same(shown, output):
 def run_page(path):
     namespace = {"__name__": "__main__"}
     output, checked = None, 0
-    for kind, options, body, follows, skipped in read_blocks(path):
+    blocks = read_blocks(path)
+    for (kind, options, body, follows, skipped), after in zip(blocks, [*blocks[1:], None], strict=True):
         if skipped:
             output = None
         elif kind == "python":
             output = run_python(body, namespace)
             checked += 1
         elif kind == "sh":
-            output = run_shell(body)
+            output = run_shell(body, fails=after is not None and "error:" in after[2])
             checked += 1
         elif kind == "toml":
             title = re.search(r'title="([^"]+)"', options)
@@ -88,16 +100,64 @@ def run_page(path):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+@pytest.mark.parametrize("page", [*PAGES, ROOT / "docs" / "systems.md"], ids=lambda page: page.stem)
 def test_tutorial_runs_and_shows_its_output(page, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    assert run_page(page) >= 3
+    assert run_page(page) >= 2  # blocks run or compared
+
+
+def readme_blocks():
+    """Return kind, text and expected output, or None, of the blocks of the README that can be run."""
+    blocks = read_blocks(README)
+    found = []
+    for (kind, _, body, _, _), after in zip(blocks, [*blocks[1:], None], strict=True):
+        if kind in ("python", "sh"):
+            found.append((kind, body, after[2] if after and after[0] == "text" and after[3] else None))
+    return found
 
 
 @pytest.mark.slow
-def test_readme_example_runs(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    assert run_page(ROOT / "README.md") >= 2
+@pytest.mark.parametrize(
+    ("kind", "body", "output"),
+    [
+        pytest.param(*block, marks=[pytest.mark.heavy] * bool(INSTALLS.search(block[1])), id=str(number))
+        for number, block in enumerate(readme_blocks())
+    ],
+)
+def test_block_of_the_readme_runs_by_itself_as_printed(tmp_path, kind, body, output):
+    folder, further = tmp_path / "here", {}
+    if INSTALLS.search(body):  # in a clone; its tests are listed, not run, its versions those tested together
+        left = shutil.ignore_patterns(
+            ".venv", ".git", ".*_cache", ".hypothesis", "results", "site", "__pycache__"
+        )
+        shutil.copytree(ROOT, folder, ignore=left)
+        further = {"PYTEST_ARGS": "--collect-only -q", "PIP_CONSTRAINT": str(ROOT / "constraints.txt"),
+                   "PYTHONPATH": ""}  # fmt: skip
+    else:
+        folder.mkdir()
+    done = run_process(kind, f"set -e\n{body}" if kind == "sh" else body, folder, **further)
+    assert done.returncode == 0, done.stdout
+    assert output is None or same(output, done.stdout), f"expected\n{output}\ngot\n{done.stdout}"
+
+
+def test_the_start_page_installs_as_the_readme():
+    commands = [re.sub(r" +#.*", "", body) for kind, body, _ in readme_blocks() if INSTALLS.search(body)]
+    page = (ROOT / "docs" / "index.md").read_text(encoding="utf-8")
+    assert commands and all(f"```sh\n{body}```" in page for body in commands)
+
+
+@pytest.mark.slow
+def test_each_format_of_a_system_has_a_name_of_its_own(tmp_path):
+    (block,) = (body for kind, body, _ in readme_blocks() if "--format" in body)
+    lines = [line for line in block.splitlines() if line.startswith("vdfmu ssp")]
+    names = [re.search(r"# ([\w.]+)", line)[1] for line in lines]
+    said = [run_process("sh", line, tmp_path).stdout.split("/")[0].strip() for line in lines]
+    assert said == names and len(set(names)) == 3
+
+
+def test_git_ignores_what_the_commands_of_the_readme_write():
+    patterns = (ROOT / ".gitignore").read_text().split()
+    assert {"/results/", "/fmus/", "/*_osp/", "*.ssp", "*.fmu"} <= set(patterns)
 
 
 @pytest.mark.slow

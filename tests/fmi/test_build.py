@@ -16,8 +16,9 @@ import pytest
 from lxml import html
 
 from vdfmu.errors import FmuError, ModelError, UsageError
-from vdfmu.fmu import UNIT_NAMES, build_fmus, interface
+from vdfmu.fmu import UNIT_NAMES, build_fmus
 from vdfmu.fmu.content import Content
+from vdfmu.fmu.interface import interface
 from vdfmu.model import Robot
 
 BUILD = """

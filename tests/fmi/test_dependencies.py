@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from vdfmu.fmu import Interface, Variable, interface
+from vdfmu.fmu import Interface, Variable
+from vdfmu.fmu.interface import interface
 from vdfmu.model import Robot
 
 Opener = Callable[..., Any]

@@ -12,7 +12,7 @@ import pytest
 from fmpy.validation import validate_fmu
 from lxml import etree
 
-from vdfmu.fmu import interface
+from vdfmu.fmu.interface import interface
 from vdfmu.fmu.table import NO_LIMIT
 from vdfmu.fmu.units import UNITS
 from vdfmu.model import Robot
@@ -163,10 +163,14 @@ def test_log_categories_are_those_of_the_standard_and_what_units_send(root: etre
     assert found == standard | {"logAll", "logEvents"}
 
 
-def test_the_default_experiment_leaves_the_tolerance_to_the_plant(root: etree._Element) -> None:
-    """A default that importers hand to every run would silently replace the plant's parameter."""
+def test_the_default_experiment_has_the_tolerance_of_the_plant(root: etree._Element, unit_name: str) -> None:
+    """Where there is none, importers hand the unit one of their own, of 1e-4."""
     experiment = root.find("DefaultExperiment")
-    assert set(experiment.attrib) == {"startTime", "stopTime", "stepSize"}
+    solver = {"tolerance"} if unit_name == "plant" else set()
+    assert set(experiment.attrib) == {"startTime", "stopTime", "stepSize"} | solver
+    if solver:
+        own = root.find("ModelVariables/ScalarVariable[@name='tolerance']/Real")
+        assert experiment.get("tolerance") == own.get("start") == "1e-07"
     assert float(experiment.get("startTime")) == 0.0
     stop, step = float(experiment.get("stopTime")), float(experiment.get("stepSize"))
     assert stop / step == pytest.approx(round(stop / step), rel=1e-12)

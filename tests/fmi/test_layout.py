@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from vdfmu.fmu import interface
+from vdfmu.fmu.interface import interface
 from vdfmu.fmu.layout import Derivative, Layout
 from vdfmu.fmu.units import UNITS
 from vdfmu.model import Robot, check_robot

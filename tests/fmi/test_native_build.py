@@ -56,7 +56,10 @@ def test_a_cold_build_in_another_process_and_folder_has_the_same_bytes(
         assert (folder / "out" / path.name).read_bytes() == path.read_bytes(), path.name
 
 
-@pytest.mark.parametrize("platform", PLATFORMS)
+@pytest.mark.parametrize(
+    "platform",
+    [pytest.param(p, marks=[pytest.mark.heavy] * (p != this_platform())) for p in PLATFORMS],
+)
 def test_a_library_depends_on_its_sources_alone(platform: str, cold: Path, tmp_path: Path) -> None:
     """Neither on folder nor time nor what is compiled beside it. Windows counts time in seconds."""
     first = compile_library(SMALL, platform, name="Small")
@@ -72,6 +75,7 @@ def test_a_library_depends_on_its_sources_alone(platform: str, cold: Path, tmp_p
     assert b"vdfmu_native_" not in first
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize("version", ["2.0", "3.0"])
 def test_the_compiler_says_nothing_about_any_file(planar: Robot, version: str) -> None:
     """With warnings as errors, those of the platforms that differ most: 32-bit long, and a C library of its own."""
@@ -99,6 +103,7 @@ def test_guids_tell_apart_what_differs_and_nothing_else(planar: Robot) -> None:
 # ------------------------------------------------------------------ what is up to date
 
 
+@pytest.mark.heavy
 def test_an_fmu_that_is_up_to_date_is_left_alone(planar: Robot, tmp_path: Path) -> None:
     def build(platforms: list[str] | None = None) -> os.stat_result:
         built = build_fmus(planar, tmp_path, units=FAST, backend="native", platforms=platforms)

@@ -18,13 +18,15 @@ from fmpy.util import read_csv
 from fmpy.validation import validate_fmu
 from lxml import etree, html
 
-from vdfmu.fmu import build_fmus, interface
+from vdfmu.fmu import build_fmus
+from vdfmu.fmu.interface import interface
 from vdfmu.fmu.layout import Layout
 from vdfmu.fmu.native import PLATFORMS, platforms
 from vdfmu.fmu.native.package import fmi_headers
 from vdfmu.model import Robot
 
 VERSIONS = ("2.0", "3.0")
+pytestmark = pytest.mark.heavy  # FMUs for all platforms
 
 
 class Lazy(dict[str, dict[str, Path]]):
@@ -271,7 +273,6 @@ def test_reference_results_end_where_an_arm_runs_away(planar: Robot, tmp_path: P
     assert not {"nan", "inf"} & set(",".join(rows[1:]).split(","))
 
 
-@pytest.mark.slow
 def test_fmpy_compiles_the_sources(
     native: Mapping[str, Mapping[str, Path]], version: str, tmp_path: Path
 ) -> None:

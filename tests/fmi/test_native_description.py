@@ -12,9 +12,10 @@ import numpy as np
 import pytest
 from fmpy.model_description import ModelDescription, ModelVariable
 
-from vdfmu.fmu import UNIT_NAMES, interface
+from vdfmu.fmu import UNIT_NAMES
 from vdfmu.fmu.description import document, model_description, native_model_description
 from vdfmu.fmu.description3 import build_description, model_description_3
+from vdfmu.fmu.interface import interface
 from vdfmu.fmu.layout import Layout
 from vdfmu.model import Robot
 
@@ -238,8 +239,9 @@ def test_log_categories_and_experiment(layout: Layout, version: int) -> None:
     assert all(f"fmi{5 - version}" not in text for text in categories.values())
     experiment = root.find("DefaultExperiment")
     assert experiment is not None
-    # a tolerance would replace that of the unit
-    assert set(experiment.attrib) == {"startTime", "stopTime", "stepSize"}
+    own = [str(v.start) for v in layout.table if v.name == "tolerance"]
+    assert set(experiment.attrib) == {"startTime", "stopTime", "stepSize", *(["tolerance"] if own else [])}
+    assert [experiment.get("tolerance")] == (own or [None])
 
 
 @pytest.mark.parametrize("version", VERSIONS)

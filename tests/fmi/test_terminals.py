@@ -10,8 +10,9 @@ import fmpy
 import pytest
 from lxml import etree
 
-from vdfmu.fmu import UNIT_NAMES, interface
+from vdfmu.fmu import UNIT_NAMES
 from vdfmu.fmu.description import document
+from vdfmu.fmu.interface import interface
 from vdfmu.fmu.layout import Layout
 from vdfmu.fmu.terminals import icon_files, terminals_and_icons
 from vdfmu.model import Robot

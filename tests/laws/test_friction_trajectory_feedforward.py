@@ -113,6 +113,8 @@ def inside(robot, t=4.0):
 
 
 def test_plant_driven_by_the_inverse_feedforward_follows_the_desired_motion(chain):
+    # With coupled rotors: tests/laws/test_rotor_coupling.py.
+    chain = dataclasses.replace(chain, rotor_coupling=False)
     for t in (0.3, 2.0, 4.9, 7.7):
         desired = inside(chain, t)
         drive = desired_drive_motion(chain, desired, F_E)
@@ -184,12 +186,26 @@ def test_vdc_pushes_against_velocity_errors(chain):
     np.testing.assert_allclose(behind.tau_m - exact.tau_m, 0.05 * lag, rtol=0, atol=1e-11)
 
 
+def rotor_moment(robot, i, drive, desired, w, w_r, w_r_dot, q_dot_r, q_ddot_r):
+    """Return the moment that turns rotor i as required, in the axes of the link that carries it, by 3-vectors."""
+    a = robot.rotation[i][:, 2]
+    J = robot.I_m[i] / robot.ell[i]
+    kappa_dot_r = q_dot_r + drive.kappa_dot[i] - desired.q_d_dot[i]
+    kappa_ddot_r = q_ddot_r + drive.kappa_ddot[i] - desired.q_d_ddot[i]
+    spin_r = robot.ell[i] * kappa_dot_r + a @ w_r
+    spin_r_dot = robot.ell[i] * kappa_ddot_r + a @ w_r_dot
+    # (61) of the inertia J a a.T: w x J a spin_r + J a (a . (w x w_r))
+    return J * (a * spin_r_dot + np.cross(w, a) * spin_r + a * (a @ np.cross(w, w_r)))
+
+
 def test_vdc_is_the_required_motion_in_joint_space(chain, draw):
     # (48)-(53) link by link equal M q_ddot_r + C q_dot_r + G + J.T K_V J (q_dot_r - q_dot), with C of the
     # measured velocity, J of (40)-(41) and its derivative by jets; (26) adds k_vq and the link's friction.
+    # A coupled rotor adds s.T (J_r sigma_dot_r + gyroscopic terms) by the row s of J about its axis.
     desired = inside(chain)
     g = gains(chain)
     zero = np.zeros(chain.n)
+    drive = desired_drive_motion(chain, desired, F_E)
     for state in draw(chain, 5, seed=29):
         q, q_dot = state.q, state.q_dot
         q_dot_r = desired.q_d_dot + g.Lambda * (desired.q_d - q)
@@ -203,6 +219,11 @@ def test_vdc_is_the_required_motion_in_joint_space(chain, draw):
             net = mass_matrix(*body) @ (J_i @ q_ddot_r + J_i_dot @ q_dot_r)
             net = net + coriolis_matrix(*body, J_i[3:] @ q_dot) @ (J_i @ q_dot_r)
             tau = tau + J_i.T @ (net + g.K_V[i] * (J_i @ (q_dot_r - q_dot)))
+            if chain.rotor_coupling and i + 1 < chain.n:
+                tau = tau + J_i[3:].T @ rotor_moment(
+                    chain, i + 1, drive, desired, J_i[3:] @ q_dot, J_i[3:] @ q_dot_r,
+                    J_i[3:] @ q_ddot_r + J_i_dot[3:] @ q_dot_r, q_dot_r[i + 1], q_ddot_r[i + 1],
+                )  # fmt: skip
         xi_l, _ = joint_friction(chain, desired.q_d_dot, desired.q_d_dot)
         tau = tau + xi_l + chain.ell * g.k_vq * (q_dot_r - q_dot)
         torques = feedforward_vdc(chain, g, desired, q, q_dot, state.kappa_dot, F_E)

@@ -19,8 +19,15 @@ Writer = Callable[[str, dict[str, Any]], Path]
 def test_shipped_names() -> None:
     assert robot_names() == ["manipulator_6dof", "planar_2dof", "slider_3dof"]
     assert scenario_names() == [
-        "contrast", "estimation", "planar_tracking", "slider_tracking", "tracking", "two_joint",
-    ]  # fmt: skip
+        "contrast",
+        "estimation",
+        "planar_tracking",
+        "slider_tracking",
+        "tracking",
+        "tracking_split",
+        "two_joint",
+        "two_joint_table5",
+    ]
 
 
 @pytest.mark.parametrize("name", robot_names())

@@ -120,7 +120,16 @@ def test_table_5() -> None:
 
 
 @pytest.mark.parametrize(
-    "name", ["estimation", "tracking", "two_joint", "planar_tracking", "slider_tracking"]
+    "name",
+    [
+        "estimation",
+        "tracking",
+        "tracking_split",
+        "two_joint",
+        "two_joint_table5",
+        "planar_tracking",
+        "slider_tracking",
+    ],  # fmt: skip
 )
 def test_gains_keep_the_sampled_loop_stable(name: str) -> None:
     scenario = load_scenario(name)

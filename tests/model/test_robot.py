@@ -79,12 +79,13 @@ def joints(draw: st.DrawFn) -> dict[str, Any]:
 
 
 @settings(max_examples=25, deadline=None)
-@given(st.lists(joints(), min_size=1, max_size=3), st.sampled_from(["lumped", "split"]))
-def test_round_trip_of_random_robots(chain: list[dict[str, Any]], friction: str) -> None:
+@given(st.lists(joints(), min_size=1, max_size=3), st.sampled_from(["lumped", "split"]), st.booleans())
+def test_round_trip_of_random_robots(chain: list[dict[str, Any]], friction: str, coupling: bool) -> None:
     data = {
         "name": "random",
         "description": "",
         "friction": friction,
+        "rotor_coupling": coupling,
         "gravity": [0.0, 0.0, 9.81],
         "tool_offset": [0.1, 0.0, 0.0],
         "joints": chain,

@@ -2,6 +2,7 @@
 
 import json
 import math
+import tomllib
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -9,14 +10,17 @@ from typing import Any
 import numpy as np
 import pytest
 
+from vdfmu.data import data_path
+from vdfmu.equations.mapping import joint_space_mass_matrix
 from vdfmu.errors import ModelError
-from vdfmu.model import load_scenario
+from vdfmu.model import load_robot, load_scenario
 
 Writer = Callable[[str, dict[str, Any]], Path]
 
 # (path to the entry, its new value, what the message says)
 FAULTS: list[tuple[tuple[str, ...], Any, str]] = [
     (("kind",), "cosim", r'kind: expected "contrast" or "cosimulation", got "cosim"'),
+    (("friction",), "splt", r'friction: expected "lumped" or "split", got "splt"\. Did you mean "split"\?'),
     (("master",), "gauss", r'master: expected "gauss-seidel" or "jacobi" or .*, got "gauss"'),
     (("adaptive",), 1e-6, r"adaptive: expected master = 'extrapolated' or 'iterative', got 'gauss-seidel'"),
     (("adaptive",), 2, "adaptive: expected a relative error < 1, got 2"),
@@ -142,6 +146,51 @@ def test_defaults(write: Writer, scenario_data: dict[str, Any]) -> None:
     assert np.isposinf(scenario.controller.tau_max).all()
     assert scenario.paper == {} and scenario.plant_factors == {}
     assert scenario.plant_robot is scenario.robot
+
+
+def test_friction_of_a_scenario_goes_before_that_of_its_robot(
+    write: Writer, scenario_data: dict[str, Any]
+) -> None:
+    scenario_data["friction"] = "split"
+    scenario_data["plant_factors"] = {"mass": 2.0}
+    path = write("own.toml", scenario_data)
+    robot = load_robot("planar_2dof")
+    assert robot.friction == "lumped"
+    for scenario in (load_scenario(path), load_scenario(path, robot)):
+        assert (scenario.robot.friction, scenario.plant_robot.friction) == ("split", "split")
+        np.testing.assert_array_equal(scenario.robot.f_s, robot.f_s)
+    del scenario_data["friction"]
+    assert load_scenario(write("own.toml", scenario_data), robot).robot is robot
+
+
+def test_variants_differ_from_their_scenarios_by_what_they_are_for() -> None:
+    def content(name: str) -> dict[str, Any]:
+        data = tomllib.loads((data_path("models") / "scenarios" / f"{name}.toml").read_text(encoding="utf-8"))
+        return {key: value for key, value in data.items() if key not in ("name", "description")}
+
+    split = content("tracking_split")
+    assert split.pop("friction") == "split"
+    assert split == content("tracking")
+    nominal, implied = content("two_joint"), content("two_joint_table5")
+    gains, others = implied.pop("controller"), nominal.pop("controller")
+    assert implied == nominal
+    assert [gains[key][2:] for key in ("K_p", "K_v")] == [others[key][2:] for key in ("K_p", "K_v")]
+
+
+def test_gains_of_the_variant_of_two_joint_are_those_of_table_5() -> None:
+    scenario = load_scenario("two_joint_table5")
+    torque, position = (
+        np.array(scenario.paper[key])
+        for key in ("rms_torque_compensation_error_nm", "rms_position_error_deg")
+    )
+    # written in whole N.m/rad
+    np.testing.assert_allclose(scenario.controller.K_p[:2], torque / np.radians(position), rtol=0, atol=0.5)
+    robot, q = scenario.robot, scenario.trajectory.q_start
+    inertia = np.diag(joint_space_mass_matrix(robot, q)) + robot.ell * robot.I_m
+    critical = 2.0 * np.sqrt(scenario.controller.K_p * inertia)[:2]
+    # written in whole N.m.s/rad, and at most the 50 of two_joint
+    np.testing.assert_allclose(scenario.controller.K_v[:2], np.minimum(critical, 50.0), rtol=0, atol=0.5)
+    assert critical[1] > 50.0
 
 
 def test_plant_factors_scale_scalars_vectors_and_matrices(

@@ -17,6 +17,8 @@ import pytest
 from .binding import Model
 from .conftest import GCC, HERE, SANITIZERS, program, run
 
+pytestmark = pytest.mark.heavy
+
 SECONDS = float(os.environ.get("VDFMU_FUZZ_SECONDS", "12"))
 
 
@@ -47,7 +49,6 @@ def fuzzer(tmp_path: Path) -> str:
     return clang
 
 
-@pytest.mark.slow
 def test_calls_that_reach_new_code_find_nothing(model: Callable[..., Model], tmp_path: Path) -> None:
     """LibFuzzer changes inputs towards code that none has reached; VDFMU_FUZZ_CORPUS keeps them."""
     folder, target = model("plant").folder / "sources", tmp_path / "fuzz"

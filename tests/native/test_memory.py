@@ -14,6 +14,8 @@ import pytest
 from .binding import Model
 from .conftest import GCC, HERE, SANITIZERS, bits, driver_arguments, program, run, version_flags
 
+pytestmark = pytest.mark.heavy
+
 UNITS = [("plant", "2.0"), ("plant", "3.0"), ("feedforward", "2.0"), ("trajectory", "3.0")]
 
 
@@ -42,7 +44,6 @@ def test_the_sources_are_clean_under_the_sanitizers(
     assert close(bits(checked), bits(shipped), 1e-9)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(("unit", "version"), UNITS)
 def test_the_shipped_library_is_clean_under_valgrind(
     model: Callable[..., Model], driver: Callable[[str], Path], unit: str, version: str

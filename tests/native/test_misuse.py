@@ -12,6 +12,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from vdfmu.kernel.integrator import MAXIMUM_STEPS
+
 from .binding import DISCARD, ERROR, OK, Instance, doubles, references, same_bits
 from .fmi_types import LOG_2, Callbacks
 from .test_every_call import CASES, PHASES, bring
@@ -391,6 +393,20 @@ def test_a_step_that_the_solver_cannot_make_is_told_with_time_and_state(
         assert unit.complete() == before
     unit.set(tau=0.0)
     assert same_bits(unit.step().outputs(), twin.step().outputs())
+
+
+def test_a_step_of_too_many_internal_steps_ends_with_an_error(native: Native, version: str) -> None:
+    """Seconds instead of for ever, with torques that turn the arm; 10 s as one step take a tenth of the limit."""
+    unit = native("plant", version).start(tau=0.05).step(10.0)
+    before = unit.complete()
+    words = (
+        r"^unit: doStep at t = 10 s failed: at t = \S+ s the communication step of 1e\+300 s is not done after "
+        rf"{MAXIMUM_STEPS} internal steps, the last of \S+ s\. Take shorter communication steps, lower the input "
+        r"torque, loosen the tolerance, or check the parameters\.$"
+    )
+    with unit.refuses(words) as no:
+        no("DoStep", *unit.step_arguments(10.0, 1e300))
+    assert unit.complete() == before
 
 
 # ------------------------------------------------------------------ instantiation, messages

@@ -19,6 +19,8 @@ from .binding import Model
 from .conftest import HERE, alone, bits, driver_arguments, program, run, version_flags
 from .fmi_types import HEADERS, signatures
 
+pytestmark = pytest.mark.heavy
+
 UNITS = [("plant", "2.0"), ("feedforward", "2.0"), ("plant", "3.0")]
 
 
@@ -88,7 +90,6 @@ def assert_same_motion(found: str, expected: str) -> None:
             np.testing.assert_allclose(one, other, rtol=tolerance, atol=tolerance, err_msg=name)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(("unit", "version"), UNITS)
 def test_the_library_for_linux_on_arm_computes_the_same(
     everywhere: Callable[[str], dict[str, Path]], cross_driver: Callable[[str, str], Path],
@@ -120,7 +121,6 @@ def wine(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[str, dict[s
     yield found, environment
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(("unit", "version"), UNITS)
 def test_the_library_for_windows_computes_the_same(
     everywhere: Callable[[str], dict[str, Path]], cross_driver: Callable[[str, str], Path],
@@ -169,7 +169,6 @@ def exported(data: bytes) -> set[str]:
     return found
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(("unit", "version"), UNITS)
 @pytest.mark.parametrize("platform", _CPU)
 def test_the_libraries_for_macos_are_of_their_processor_and_export_fmi(
@@ -184,7 +183,6 @@ def test_the_libraries_for_macos_are_of_their_processor_and_export_fmi(
     assert names == {f"_fmi{version[0]}{name}" for name in signatures(version)}
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("version", ["2.0", "3.0"])
 def test_the_folders_of_the_platforms_are_those_of_the_standard(
     everywhere: Callable[[str], dict[str, Path]], version: str

@@ -7,7 +7,8 @@ from scipy.integrate import solve_ivp
 from vdfmu.equations.plant import equilibrium_torque
 from vdfmu.errors import KernelError
 from vdfmu.kernel import Integrator
-from vdfmu.kernel.integrator import MINIMUM_STEP, state_name
+from vdfmu.kernel import integrator as module
+from vdfmu.kernel.integrator import MAXIMUM_STEPS, MINIMUM_STEP, state_name
 
 
 def start_of(robot):
@@ -180,3 +181,33 @@ def test_state_names_are_those_of_the_interface():
     names = [state_name(i, 3) for i in range(12)]
     assert names == [f"{kind}[{i}]" for kind in ("q", "q_dot", "kappa_dot", "tau_s") for i in (1, 2, 3)]
     assert MINIMUM_STEP == 1e-12
+
+
+def test_a_call_that_takes_too_many_internal_steps_is_ended_and_changes_nothing(
+    planar, kernel_of, monkeypatch
+):
+    """The limit counts rejected steps too; a call that needs just as many is made."""
+    kernel = kernel_of(planar)
+    counted, limited = integrator_of(kernel), integrator_of(kernel)
+    before = limited.x.copy(), limited.h
+    counted.advance(0.0, DURATION)
+    needed = counted.steps + counted.rejected
+    monkeypatch.setattr(module, "MAXIMUM_STEPS", needed - 1)
+    words = (
+        rf"^at t = 2\.0\d* s the communication step of {DURATION} s is not done after {needed - 1} internal steps, "
+        r"the last of \S+ s\. Take shorter communication steps, lower the input torque, loosen the tolerance, or check "
+        r"the parameters\.$"
+    )
+    with pytest.raises(KernelError, match=words):
+        limited.advance(2.0, DURATION)
+    assert np.array_equal(limited.x, before[0]) and limited.h == before[1]
+    monkeypatch.setattr(module, "MAXIMUM_STEPS", needed)
+    limited.advance(0.0, DURATION)
+    assert np.array_equal(limited.x, counted.x)
+
+
+def test_the_limit_of_internal_steps_is_far_from_use(arm, kernel_of):
+    """0.1 s as one step at 1e-9, under a torque and a wrench: below a hundredth of the limit, which 10 s then keep."""
+    integrator = integrator_of(kernel_of(arm), 1e-9)
+    integrator.advance(0.0, 0.1)
+    assert integrator.steps + integrator.rejected < MAXIMUM_STEPS / 100

@@ -67,7 +67,12 @@ def make_contrast(types: tuple[str, ...]) -> SimpleNamespace:
     tau = 1.0 + np.outer(np.sin(time), np.arange(len(types)) + 1.0)
     noise = 1e-12 * np.where(np.arange(len(time)) % 2, 1.0, -1.0)[:, None]
     return SimpleNamespace(
-        robot=make_robot(types), time=time, tau_vd=tau, tau_ne=tau + noise, tau_g980=0.999 * tau
+        robot=make_robot(types),
+        time=time,
+        tau_vd=tau,
+        tau_ne=tau + noise,
+        tau_low_g=0.999 * tau,
+        gravities=(9.81, 9.80),
     )
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import re
 import struct
 import subprocess
 import sys
@@ -117,7 +118,7 @@ def test_two_joint_figures_show_the_joints_that_move(made):
     assert [len(axes.lines) for axes in (angle_errors, length_errors)] == [1, 1]
 
     *torques, torque_errors, force_errors = plots.draw_moving_torques(results, scenario).axes
-    assert [axes.get_title(loc="left") for axes in torques] == ["(a) Joint 1", "(a) Joint 2"]
+    assert [axes.get_title(loc="left") for axes in torques] == ["(a) Joint 1", "(b) Joint 2"]
     ell = scenario.robot.ell
     np.testing.assert_array_equal(curves(torques[1])[0], ell[1] * results["controller.tau[2]"])
     expected = ell[0] * results["controller.tau[1]"] - ell[0] * results["controller.tau_m[1]"]
@@ -130,6 +131,22 @@ def test_all_joints_are_shown_if_none_moves(made):
     rest = dataclasses.replace(scenario.trajectory, q_end=scenario.trajectory.q_start)
     figure = plots.draw_moving_torques(made.results(2), dataclasses.replace(scenario, trajectory=rest))
     assert len(figure.axes) == 3
+
+
+@pytest.mark.parametrize("kinds", [SIX, TWO, MIXED])
+def test_no_letter_is_on_two_panels_of_a_figure(made, kinds):
+    results, scenario = made.results(len(kinds)), made.scenario(kinds)
+    draws = (plots.draw_torques, plots.draw_errors, plots.draw_moving_positions, plots.draw_moving_torques)
+    figures = [draw(results, scenario) for draw in draws]
+    contrast = made.contrast(kinds)
+    figures += [plots.draw_contrast_torques(contrast), plots.draw_contrast_differences(contrast)]
+    for figure in figures:
+        titles = [axes.get_title(loc="left") for axes in figure.axes]
+        assert [title[:4] for title in titles] == [f"({'abcdefghi'[k]}) " for k in range(len(titles))]
+        for title in titles:  # a panel that speaks of another one speaks of one of its own unit
+            for letter in re.findall(r"of (\([a-z]\))", title):
+                (other,) = (t for t in titles if t.startswith(letter))
+                assert other.partition(",")[2] == title.partition(",")[2]
 
 
 def test_contrast_torques_lie_on_each_other(made, types):
@@ -150,9 +167,11 @@ def test_contrast_differences_and_table_3(made):
         # 1e-12 N.m is 1e-9 N.mm; it is added to torques up to 7 N.m, whose last place is 9e-16
         np.testing.assert_allclose(curves(rounding)[i], 1e-9, rtol=1e-3)
         np.testing.assert_allclose(curves(gravity)[i], contrast.tau_vd[:, i], rtol=1e-12)
-    ours, table_3 = ([bar.get_height() for bar in bars] for bars in rms.containers)
+    ours, table_3, thousandth = ([bar.get_height() for bar in bars] for bars in rms.containers)
     np.testing.assert_allclose(ours, np.sqrt(np.mean(contrast.tau_vd**2, axis=0)), rtol=1e-12)
     assert table_3 == [0.2, 22.7, 8.9, 0.6, 2.3, 0.0]
+    np.testing.assert_allclose(thousandth, ours, rtol=1e-12)  # the made difference is 1e-3 of the torque
+    assert gravity.get_title(loc="left").startswith("(b) g = 9.810 minus g = 9.800")
     assert "N.mm" in rounding.get_ylabel()
 
 
@@ -310,7 +329,8 @@ def test_names_follow_from_the_table_compared_with(made, tmp_path: Path, source,
 
 
 @pytest.mark.parametrize(
-    ("name", "tables"), [("contrast", 3), ("tracking", 4), ("two_joint", 5), ("slider_tracking", 0)]
+    ("name", "tables"),
+    [("contrast", 3), ("tracking", 4), ("tracking_split", 4), ("two_joint", 5), ("slider_tracking", 0)],
 )
 def test_shipped_scenarios_say_which_table(name, tables):
     assert plots.paper_table(load_scenario(name)) == tables

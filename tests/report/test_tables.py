@@ -15,6 +15,7 @@ TRACKING: dict[str, Any] = {
     "scenario": "two_joint",
     "robot": "manipulator_6dof",
     "kind": "cosimulation",
+    "friction": "lumped",
     "backend": "python",
     "master": "gauss-seidel",
     "step": 0.001,
@@ -53,12 +54,14 @@ CONTRAST: dict[str, Any] = {
     "scenario": "contrast",
     "robot": "manipulator_6dof",
     "kind": "contrast",
+    "friction": "lumped",
     "master": "gauss-seidel",
     "step": 0.001,
     "stop": 10.0,
     "rms_torque_nm": [0.0989357, 22.5791, 0.000482769],
     "rms_torque_difference_nmm": [8.20452e-13, 5.03691e-12, 3.05426e-17],
-    "rms_torque_difference_nmm_g_980": [7.34592e-13, 22.9483, 0.0],
+    "rms_torque_difference_nmm_low_g": [7.34592e-13, 22.9483, 0.0],
+    "gravities_m_s2": [9.81, 9.80],
     "paper": {"source": "Table 3", "rms_torque_difference_nmm": [0.2, 22.7, 0.0]},
 }
 
@@ -108,10 +111,57 @@ def test_units_stand_behind_the_numbers_where_joints_differ():
 
 def test_contrast_rows():
     sheet = contrast_sheet(CONTRAST)
-    assert sheet.rows[0] == ("1", "0.0989", "8.2e-13", "7.35e-13", "0.2", "<0.01")
-    assert sheet.rows[1] == ("2", "22.6", "5.04e-12", "22.9", "22.7", "101")
-    assert sheet.rows[2] == ("3", "0.000483", "3.05e-17", "0", "0", "-")  # no ratio to a printed 0
+    assert sheet.rows[0] == ("1", "0.0989", "8.2e-13", "7.35e-13", "0.2", "<0.01", "49")
+    assert sheet.rows[1] == ("2", "22.6", "5.04e-12", "22.9", "22.7", "101", "99")
+    assert sheet.rows[2] == ("3", "0.000483", "3.05e-17", "0", "0", "-", "-")  # no ratio to a printed 0
     assert sheet.columns[2] == "VD minus\nNewton-Euler\n[N.mm]"
+    assert "a thousandth of the torque" in sheet.notes[-1]
+
+
+def test_the_heading_names_the_gravities_that_were_compared():
+    moon = {**CONTRAST, "gravities_m_s2": [1.62, 1.62 * 9.80 / 9.81]}
+    assert contrast_sheet(CONTRAST).columns[3] == "g = 9.810\nminus 9.800\n[N.mm]"
+    assert contrast_sheet(moon).columns[3] == "g = 1.620\nminus 1.618\n[N.mm]"
+
+
+def test_the_gains_that_the_paper_implies_stand_below_its_errors():
+    summary = {**TRACKING, "implied_gains": {"K_p_paper": [147.386, 752.4], "K_p": [2000.0, 1500.0]}}
+    said = " ".join(tracking_sheet(summary).notes)
+    assert "Torque RMS over position RMS of the paper: 147.4, 752.4 N.m/rad." in said
+    assert "K_p here: 2000, 1500." in said
+    assert "K_p" not in " ".join(tracking_sheet(TRACKING).notes)
+
+
+def test_where_solutions_separate_the_statistics_are_compared():
+    summary = copy.deepcopy(TRACKING) | {
+        "separation": {"change": 1e-9, "max_position_difference_rad": 5.9e-4}
+    }
+    for entry, k in zip(summary["reference"].values(), (1.0, 2.0), strict=True):
+        entry |= {"rms_position_difference": 0.0123 * k, "rms_torque_difference": 0.0345 * k}
+    sheet = reference_sheet(summary)
+    assert sheet.columns == ("Reference", "Position RMS\n[%]", "Torque RMS\n[%]")
+    assert sheet.rows == [("sampled-delayed", "1.23", "3.45"), ("continuous", "2.46", "6.9")]
+    said = " ".join(sheet.notes)
+    assert "up to 3.2e-06 rad, which shows no error: the loop is chaotic" in said
+    assert "a change of 1e-09 moves the run by 0.00059 rad" in said
+    assert (
+        "Chaotic loop",
+        "rotor inertias larger by 1e-09 of themselves move the run by 0.00059 rad or m",
+    ) in facts(summary)
+    assert "Chaotic loop" not in [name for name, _ in facts(TRACKING)]
+
+
+def test_the_energy_residual_says_that_it_is_a_sum_of_absolute_values():
+    bond = {
+        "residual_energy_j": [3e-3, -1e-3],
+        "residual_energy_abs_j": [4e-3, 4e-3],
+        "exchanged_energy_j": [30.0, 10.0],
+    }
+    said = dict(facts({**TRACKING, "power_bond": bond}))["Energy residual"]
+    assert said.startswith(
+        "0.008 J, the sum of absolute values, at tau and kappa_dot, where 40 J are exchanged"
+    )
+    assert said.endswith("; net 0.002 J")
 
 
 def test_reference_rows():
@@ -163,6 +213,7 @@ def test_facts_of_a_run():
     assert facts(TRACKING) == [
         ("Scenario", "two_joint"),
         ("Robot", "manipulator_6dof"),
+        ("Friction", "lumped"),
         ("Units", "python FMUs"),
         ("Master", "gauss-seidel"),
         ("Step", "0.001 s"),

@@ -75,12 +75,28 @@ def test_entries_that_are_one_file_on_other_systems_are_refused(tmp_path):
     assert found == "y.ssp: entry 'resources' is a file and the folder of 'resources/a.fmu'"
 
 
-def test_an_entry_that_occurs_twice_is_refused(tmp_path):
-    path = write(tmp_path / "x.ssp")
-    with zipfile.ZipFile(path, "a") as file, warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        file.writestr("SystemStructure.ssd", "other")
-    assert problems(path) == ["x.ssp: entry 'SystemStructure.ssd' occurs twice"]
+def test_an_entry_that_occurs_twice_has_one_content(tmp_path):
+    def doubled(path: Path, content: bytes) -> Path:
+        write(path, members={"a.txt": b"text"})
+        with zipfile.ZipFile(path, "a") as file, warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            file.writestr("a.txt", content)
+        return path
+
+    assert problems(doubled(tmp_path / "x.ssp", b"same")) == [
+        "x.ssp: entry 'a.txt' occurs twice, with different contents"
+    ]
+    path = doubled(tmp_path / "y.ssp", b"text")
+    with Archive(path, path.name) as archive:
+        assert (archive.names.count("a.txt"), archive.doubled, archive.read("a.txt")) == (
+            1,
+            ["a.txt"],
+            b"text",
+        )
+    data = bytearray(path.read_bytes())
+    data[data.index(b"text")] ^= 1  # the first of two entries of one check sum is damaged
+    path.write_bytes(data)
+    assert problems(path) == ["y.ssp: entry 'a.txt' occurs twice, with different contents"]
 
 
 def test_other_packing_methods_are_refused(tmp_path):

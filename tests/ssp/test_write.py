@@ -7,7 +7,8 @@ import pytest
 
 from vdfmu.cosim import check_system
 from vdfmu.errors import UsageError, VdfmuError
-from vdfmu.fmu import build_fmus, interface
+from vdfmu.fmu import build_fmus
+from vdfmu.fmu.interface import interface
 from vdfmu.model import load_scenario
 from vdfmu.ssp import load_ssp
 from vdfmu.ssp.archive import parse_ssp_xml
@@ -66,10 +67,8 @@ def test_the_system_passes_the_check_before_a_run(scenario, fmus, tmp_path):
     )
     order = list(checked.schedule.units)
     assert order.index("feedforward") < order.index("controller") < order.index("plant")
-    # the only inputs left open are the components of the wrenches, the one that is wanted and the one that acts
-    assert sorted(note.split(":")[0] for note in checked.notes) == [
-        f"{name}[{k}]" for name in ("feedforward.F_e_d", "plant.F_e") for k in range(1, 7)
-    ]
+    # the only inputs left open are the components of the wrenches, and these have values
+    assert checked.notes == ()
 
 
 def test_every_signal_of_a_connected_group_is_connected(fmus, tmp_path):
@@ -120,7 +119,11 @@ def test_a_setting_without_an_index_sets_all_joints(scenario):
         ),
         ("controller.K_q", "1", r"controller has no variable 'K_q'\. There are: .*K_p"),
         ("controller.K_p[3]", "1", r"controller has no variable 'K_p\[3\]'\. There are: K_p\[1\], K_p\[2\]"),
-        ("plant.q", "1", r"plant\.q: q\[1\] is an output of plant; only parameters can be set"),
+        (
+            "plant.q",
+            "1",
+            r"plant\.q: q\[1\] is an output of plant; only parameters and free inputs can be set",
+        ),
         ("controller.K_p", "high", r"controller\.K_p\[1\]: expected a number in N\.m/rad, got 'high'"),
         ("controller.K_p", "nan", r"expected a finite number from 0 to inf N\.m/rad, got nan"),
         ("controller.K_p", "-1", r"expected a finite number from 0 to inf N\.m/rad, got -1"),
@@ -132,6 +135,26 @@ def test_a_setting_without_an_index_sets_all_joints(scenario):
 def test_a_wrong_setting_says_what_is_expected(scenario, key, value, words):
     with pytest.raises(UsageError, match=words):
         override(scenario, {key: value})
+
+
+def test_a_list_has_a_value_for_each_element(scenario):
+    assert override(scenario, {"plant.K_f0": [1e4, 2e4]}) == {"plant": {"K_f0[1]": 1e4, "K_f0[2]": 2e4}}
+    assert override(scenario, {"controller.K_p": np.array([300, 400])})["controller"]["K_p[2]"] == 400.0
+    with pytest.raises(
+        UsageError, match=r"plant\.K_f0: expected one value, or 2 for K_f0\[1\] to K_f0\[2\], got 3"
+    ):
+        override(scenario, {"plant.K_f0": [1e4, 2e4, 3e4]})
+    with pytest.raises(UsageError, match=r"plant\.K_f0\[2\]: expected a number in N\.m/rad, got 'None'"):
+        override(scenario, {"plant.K_f0": [1e4, None]})
+
+
+def test_an_input_that_nothing_feeds_is_set_as_a_parameter(scenario, fmus, tmp_path):
+    values = system_values(scenario, {"plant.F_e[3]": 30.0})
+    assert [values["plant"][f"F_e[{k}]"] for k in range(1, 7)] == [0.0, 0.0, 30.0, 0.0, 0.0, 0.0]
+    with pytest.raises(UsageError, match=r"plant\.tau: tau\[1\] is a connected input of plant; only para"):
+        override(scenario, {"plant.tau": 1.0})
+    checked = check_system(load_ssp(write_ssp(scenario, fmus, tmp_path / "system.ssp", values)))
+    assert {v.name: value for v, value in checked.starts["plant"]}["F_e[3]"] == 30.0
 
 
 def test_all_wrong_settings_are_reported_at_once(scenario):

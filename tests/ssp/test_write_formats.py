@@ -14,7 +14,8 @@ from pyssp_standard.ssm import SSM
 from pyssp_standard.ssv import SSV
 
 from vdfmu.errors import StorageError, UsageError
-from vdfmu.fmu import build_fmus, interface
+from vdfmu.fmu import build_fmus
+from vdfmu.fmu.interface import interface
 from vdfmu.model import load_scenario
 from vdfmu.ssp.description import SystemDescription
 from vdfmu.ssp.documentation import system_page

@@ -4,6 +4,7 @@ import os
 import re
 import subprocess
 import sys
+import warnings
 import zipfile
 
 import pytest
@@ -41,6 +42,16 @@ SCRIPT = "resources/vdfmu_plant_slave.py"
 def test_a_good_fmu_has_no_problems(fmus):
     for path in fmus.values():
         assert check_file(path) == []
+
+
+def test_an_entry_that_is_there_twice_with_one_content_is_a_note(changed):
+    path = changed("nothing")
+    with zipfile.ZipFile(path, "a") as file, warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        file.writestr(SCRIPT, file.read(SCRIPT))
+    report = inspect_file(path)
+    assert (report.problems, report.ran) == ([], True)
+    assert report.notes == [f"entry {SCRIPT!r} occurs more than once, with the same content"]
 
 
 def test_what_the_process_leaves_is_removed(fmus, tmp_path, monkeypatch):

@@ -76,11 +76,11 @@ def test_other_inputs_give_other_results(fmus, tmp_path):
 
 def test_tables_that_cannot_be_compared_are_problems_in_words(fmus, tmp_path):
     def rename(head, rows):
-        head[head.index("q")] = "quality"
+        head[head.index("tau")] = "torque"
 
-    (problem,) = tampered(fmus, tmp_path / "a.fmu", "out", rename).problems
+    (problem,) = tampered(fmus, tmp_path / "a.fmu", "in", rename).problems
     assert problem == (
-        "Plant_out.csv: the reference results cannot be compared: the unit has no variable 'quality'"
+        "Plant_out.csv: the reference results cannot be compared: the unit has no variable 'torque'"
     )
 
     def cut(head, rows):
@@ -88,6 +88,22 @@ def test_tables_that_cannot_be_compared_are_problems_in_words(fmus, tmp_path):
 
     (problem,) = tampered(fmus, tmp_path / "b.fmu", "out", cut).problems
     assert "cannot be compared: line 5: expected" in problem
+
+
+def test_a_column_that_this_unit_has_not_is_a_note_and_the_others_are_compared(fmus, tmp_path):
+    """The official Feedthrough FMU of FMI 2.0 carries the table of that of FMI 3.0, which has more variables."""
+
+    def change(head, rows):
+        head[head.index("q")] = "quality"
+        for row in rows:
+            row[head.index("quality")] = "Set me!"
+        rows[6][head.index("E_kin")] = "99"
+
+    report = tampered(fmus, tmp_path / "off.fmu", "out", change)
+    assert report.notes == ["Plant_out.csv: quality: not compared: the unit has no such variable"]
+    (problem,) = report.problems
+    assert problem.startswith("Plant_out.csv: E_kin at t = 0.06 s: expected 99")
+    assert report.compared == ["Plant_out.csv"]
 
 
 def test_types_that_a_table_does_not_hold_are_a_note(fmus, tmp_path):
@@ -98,14 +114,14 @@ def test_types_that_a_table_does_not_hold_are_a_note(fmus, tmp_path):
     content["modelDescription.xml"] = description.replace(
         "</ModelVariables>", extra + "</ModelVariables>"
     ).encode()
-    content[f"{FOLDER}Plant_out.csv"] = b"time,word\n0,1\n0.1,1\n"
+    content[f"{FOLDER}Plant_out.csv"] = b"time,word\n0,Set me!\n0.1,Set me!\n"
     pack_zip(tmp_path / "word.fmu", content)
     report = compare(tmp_path / "word.fmu")
-    assert report.compared == []
-    assert (
-        "Plant_out.csv: not compared: 'word' is of type String, which a table of numbers does not hold"
-        in (report.notes)
-    )
+    assert (report.problems, report.compared) == ([], [])
+    assert report.notes == [
+        "Plant_out.csv: word: not compared: of type String, which a table of numbers does not hold",
+        "Plant_out.csv: not compared: it has no column that can be",
+    ]
 
 
 def test_results_that_only_the_manifest_names_are_compared(fmus, tmp_path):

@@ -14,19 +14,21 @@ SPACES = " ".join(
         "ssb": "SignalDictionary",
     }.items()
 )  # fmt: skip
-DESCRIPTION = """<fmiModelDescription fmiVersion="2.0" modelName="m" guid="1"><CoSimulation modelIdentifier="m"/>
-<ModelVariables><ScalarVariable name="u" valueReference="1" causality="input"><Real start="{start}"/></ScalarVariable>
+DESCRIPTION = """<fmiModelDescription fmiVersion="2.0" modelName="m" guid="1">\
+<CoSimulation modelIdentifier="m"/>{before}<ModelVariables>
+<ScalarVariable name="u" valueReference="1" causality="input"><Real start="{start}"/></ScalarVariable>
 <ScalarVariable name="y" valueReference="2" causality="output"><Real/></ScalarVariable>
-<ScalarVariable name="k" valueReference="3" causality="parameter" variability="fixed"><Real start="1"/></ScalarVariable>
+<ScalarVariable name="k" valueReference="3" causality="parameter" variability="fixed">
+<Real start="1"{limits}/></ScalarVariable>
 </ModelVariables><ModelStructure><Outputs><Unknown index="2"/></Outputs><InitialUnknowns><Unknown index="2"/>
 </InitialUnknowns></ModelStructure></fmiModelDescription>"""
 
 
-def fmu(start="0"):
+def fmu(start="0", limits="", before=""):
     """Return an FMU without binaries, which no platform can run."""
     box = io.BytesIO()
     with zipfile.ZipFile(box, "w") as file:
-        file.writestr("modelDescription.xml", DESCRIPTION.format(start=start))
+        file.writestr("modelDescription.xml", DESCRIPTION.format(start=start, limits=limits, before=before))
     return box.getvalue()
 
 
@@ -105,6 +107,27 @@ def test_faults_of_all_layers_come_at_once(package):
     ]
     assert binary.startswith("resources/m.fmu: no binary for this platform")
     assert last.startswith("resources/text.fmu: text.fmu is no FMU that can be read: cannot be read as")
+
+
+@pytest.mark.parametrize(
+    ("limits", "fault"),
+    [
+        (' min="1" max="1"', ""),
+        (' max="0.5"', "expected at most 0.5, the limit of the FMU, got 1"),
+        (' min="1.5"', "expected at least 1.5, the limit of the FMU, got 1"),
+        (' min="0" max="50" unit="cm"', "expected at most 50, the limit of the FMU, got 100"),
+    ],
+)
+def test_values_lie_within_the_limits_of_the_fmu(package, limits, fault):
+    """The last in its unit: 1 m is 100 cm."""
+    base = '<{0}Unit name="{1}"><{0}BaseUnit m="1" factor="{2}"/></{0}Unit>'
+    inside = f"<UnitDefinitions>{base.format('', 'cm', 0.01)}</UnitDefinitions>"
+    units = f"</ssd:System><ssd:Units>{base.format('ssc:', 'm', 1)}</ssd:Units>"
+    text = ssd(component("c", inner=binding({"k": ' unit="m"' if "cm" in limits else ""})))
+    path = package(
+        text.replace("</ssd:System>", units), {"resources/m.fmu": fmu(limits=limits, before=inside)}
+    )
+    assert [p.partition("): ")[2] for p in problems(path) if p[:3] == "c: "] == ([fault] if fault else [])
 
 
 def test_fmus_are_checked_where_the_system_cannot_be_read(package):

@@ -192,6 +192,32 @@ def test_values_are_held_against_the_variables_that_their_names_lead_to(package)
     ]
 
 
+@pytest.mark.parametrize(
+    ("name", "value", "unit", "fault"),
+    [
+        ("tolerance", "0.1", "", ""),
+        ("tolerance", "1", "", "expected at most 0.1, the limit of the FMU, got 1"),
+        ("tolerance", "20", "percent", "expected at most 0.1, the limit of the FMU, got 0.2"),
+        ("tolerance", "5", "percent", ""),
+        ("q_dot_0", "1e300 -1e300", "", ""),  # no limits
+        ("mass", "1 -1", "", "expected at least 1e-12, the limit of the FMU, got -1"),
+    ],
+)
+def test_values_lie_within_the_limits_of_the_fmu(package, name, value, unit, fault):
+    unit = f' unit="{unit}"' if unit else ""
+    size = f'<ssc:Dimension size="{len(value.split())}"/>' if " " in value else ""
+    inner = (
+        '<ssd:ParameterBindings><ssd:ParameterBinding><ssd:ParameterValues><ssv:ParameterSet version="2.0" name="p">'
+        f'<ssv:Parameters><ssv:Parameter name="{name}"><ssv:Float64 value="{value}"{unit}/>'
+        f"{size}</ssv:Parameter></ssv:Parameters></ssv:ParameterSet></ssd:ParameterValues></ssd:ParameterBinding>"
+        "</ssd:ParameterBindings>"
+    )
+    units = '<ssd:Units><ssc:Unit name="percent"><ssc:BaseUnit factor="0.01"/></ssc:Unit></ssd:Units>'
+    text = system(component("Plant", inner=inner)).replace("</ssd:System>", f"</ssd:System>{units}")
+    where = f"x.ssp: parameter binding of Plant: parameter {name!r}: "
+    assert inspect_file(package(text), run=False).problems == ([where + fault] if fault else [])
+
+
 def test_kinds_of_connectors_that_only_ssp_2_has_can_be_connected(package):
     text = system(
         component("Plant", connector("q", "constant")),
@@ -358,6 +384,9 @@ def test_the_structure_and_the_initial_values_of_an_osp_file_are_checked(fmus, t
     assert check("<Simulators>", "<Algorithm>ecco</Algorithm><Simulators>") == []
     value = "simulator 'plant': initial value of 'q_0[1]': "
     assert check('value="1"', 'value="a"') == [f"{value}'a' is no Real"]
+    assert check('variable="q_0[1]"', 'variable="tolerance"') == [
+        "simulator 'plant': initial value of 'tolerance': expected at most 0.1, the limit of the FMU, got 1"
+    ]
     assert check("<Real", "<Integer") == [f"{value}type mismatch, Integer for a variable of type Real"]
     (problem,) = check('variable="q_0[1]"', 'variable="q[1]"')
     assert problem.startswith("simulator 'plant': initial value of 'q[1]': cannot be set, it is ")

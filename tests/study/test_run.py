@@ -1,16 +1,25 @@
 """What a run writes, and what becomes of it when something fails."""
 
+import dataclasses
+import importlib
 import json
 import math
+import pkgutil
 import signal
+import sys
 
 import numpy as np
 import pytest
 
 import vdfmu
 from vdfmu.cosim import Interrupted, Results
+from vdfmu.cosim.reference import Reference
 from vdfmu.errors import CosimError, ModelError, UsageError
+from vdfmu.model import load_scenario
+from vdfmu.report.sheets import reference_sheet
 from vdfmu.report.tables import to_markdown
+from vdfmu.ssp.write import write_ssp
+from vdfmu.study.run import cached_fmus
 
 
 def test_a_run_writes_results_summary_package_and_figures(planar_run):
@@ -67,10 +76,95 @@ def test_settings_change_the_run_and_its_reference_alike(tmp_path):
     assert results.summary["reference"]["sampled"]["max_position_difference_rad"] < 1e-7
 
 
+def test_a_wrench_given_to_a_run_acts_on_it_and_its_references(tmp_path):
+    options = {"stop": 0.1, "settings": {"plant.F_e[2]": 30.0}}
+    results = vdfmu.run("planar_tracking", out=tmp_path, **options)
+    free = vdfmu.run("planar_tracking", out=tmp_path, stop=0.1, reference=False)
+    assert np.abs(results["plant.q[1]"] - free["plant.q[1]"]).max() > 1e-3
+    # as without a wrench
+    assert results.summary["reference"]["sampled"]["max_position_difference_rad"] < 1e-7
+    folded = vdfmu.run("planar_tracking", out=tmp_path, container=True, reference=False, **options)
+    again = vdfmu.run("planar_tracking", out=tmp_path, master="jacobi", reference=False, **options)
+    np.testing.assert_array_equal(folded["plant.q[1]"], again["plant.q[1]"])
+
+
+@pytest.mark.parametrize("container", [False, True])
+def test_a_shipped_run_has_no_notes(tmp_path, container):
+    said = []
+    vdfmu.run(
+        "planar_tracking", stop=0.01, out=tmp_path, reference=False, container=container, log=said.append
+    )
+    assert [str(message) for message in said if message.status == "note"] == []
+
+
+def test_lists_set_element_by_element_in_runs_and_simulations(tmp_path):
+    K_p = [300.0, 900.0]
+    results = vdfmu.run(
+        "planar_tracking", stop=0.05, out=tmp_path, reference=False, settings={"controller.K_p": K_p}
+    )
+    assert results.summary["settings"] == {"controller.K_p": "[300.0, 900.0]"}
+    vdfmu.write_ssp(
+        vdfmu.load_scenario("planar_tracking"),
+        vdfmu.build_fmus(vdfmu.load_robot("planar_2dof"), tmp_path),
+        tmp_path / "plain.ssp",
+    )
+    for value in (K_p, np.array(K_p)):
+        again = vdfmu.simulate(tmp_path / "plain.ssp", stop=0.05, parameters={"controller.K_p": value})
+        np.testing.assert_array_equal(again["plant.q[2]"], results["plant.q[2]"])
+    for wrong, words in (
+        ([1.0, 2.0, 3.0], r"'controller\.K_p': expected one value, or 2 for K_p\[1\] to K_p\[2\], got 3"),
+        ([1.0, None], r"'controller\.K_p': expected a value of type Real, got None"),
+        ({}, r"'controller\.K_p': expected a value of type Real, got {}"),
+    ):
+        with pytest.raises(UsageError, match=words):
+            vdfmu.simulate(tmp_path / "plain.ssp", stop=0.05, parameters={"controller.K_p": wrong})
+
+
 def test_jacobi_is_compared_with_the_delayed_reference(tmp_path):
     results = vdfmu.run("planar_tracking", stop=0.1, out=tmp_path, master="jacobi")
     assert results.summary["reference"]["sampled"]["name"] == "sampled-delayed"
     assert results.summary["reference"]["sampled"]["max_position_difference_rad"] < 1e-7
+
+
+def with_references(monkeypatch, folder, change):
+    """Put a co-simulation with other parameters in the place of scipy's references, which take minutes of split."""
+
+    def reference(name, robot, values, *, step, stop, progress):
+        scenario = dataclasses.replace(load_scenario("tracking_split"), robot=robot)
+        package = write_ssp(scenario, cached_fmus(scenario, folder), folder / "reference.ssp", values)
+        parameters = {key: factor * values["plant"][key.partition(".")[2]] for key, factor in change.items()}
+        r = vdfmu.simulate(
+            package, start=0.0, stop=stop, step=step, algorithm="gauss-seidel", parameters=parameters
+        )
+        x = np.hstack([r.array(f"plant.{key}") for key in ("q", "q_dot", "kappa_dot", "kappa_dot")])
+        return Reference(name, r.time, x, r.array("controller.tau"), r.array("controller.tau_m"))
+
+    monkeypatch.setattr(sys.modules[cached_fmus.__module__], "reference", reference)
+
+
+def test_a_chaotic_loop_is_compared_by_its_statistics(tmp_path, monkeypatch):
+    with_references(monkeypatch, tmp_path, {"plant.I_m[1]": 1.0 + 1e-9})
+    summary = vdfmu.run("tracking_split", out=tmp_path).summary
+    assert summary["friction"] == "split"
+    compared = summary["reference"]["sampled"]
+    # Both solutions are as good; after 2 s they have nothing in common but the size of their oscillation, 1e-3 rad.
+    assert compared["max_position_difference_rad"] > 1e-4
+    assert summary["separation"]["max_position_difference_rad"] > 1e-4
+    # RMS over 10 s of oscillations that stay alike for some 0.2 s: 1/sqrt(50) of their scatter of 0.2; twice that
+    assert 0.0 < compared["rms_position_difference"] < 0.06
+    assert 0.0 < compared["rms_torque_difference"] < 0.06
+    said = reference_sheet(summary)
+    assert said.columns[1] == "Position RMS\n[%]" and "chaotic" in " ".join(said.notes)
+
+
+def test_a_difference_that_is_a_fault_is_shown_as_one(tmp_path, monkeypatch):
+    with_references(
+        monkeypatch, tmp_path, {"plant.mass[2]": 1.01, "plant.mass[3]": 1.01, "plant.mass[5]": 1.01}
+    )
+    summary = vdfmu.run("tracking", out=tmp_path, stop=2.0).summary
+    assert summary["reference"]["sampled"]["max_position_difference_rad"] > 1e-6
+    assert "separation" not in summary and "rms_position_difference" not in summary["reference"]["sampled"]
+    assert reference_sheet(summary).columns[1] == "Position\n[rad]"
 
 
 def test_a_unit_that_fails_leaves_the_rows_before_and_the_reason(tmp_path):
@@ -91,7 +185,7 @@ def test_files_of_an_earlier_run_are_replaced_and_nothing_else(tmp_path):
     (tmp_path / "figure_10.png").write_bytes(b"old")
     (tmp_path / "notes.txt").write_text("mine")
     (tmp_path / "holiday.png").write_bytes(b"mine")
-    with pytest.raises(UsageError, match="only parameters can be set"):
+    with pytest.raises(UsageError, match="only parameters and free inputs can be set"):
         vdfmu.run("planar_tracking", out=tmp_path, settings={"plant.q": 1})
     assert (tmp_path / "figure_10.png").read_bytes() == b"old"  # nothing is lost to a typing error
     vdfmu.run("planar_tracking", out=tmp_path, stop=0.01, reference=False)
@@ -139,6 +233,36 @@ def test_a_wrong_option_is_refused_before_anything_is_built(tmp_path, options, w
     assert not (tmp_path / "out").exists()
 
 
+def test_another_value_of_a_robot_adds_its_fmus_to_the_cache_and_nothing_else(planar, tmp_path, monkeypatch):
+    monkeypatch.setenv("VDFMU_CACHE_DIR", str(tmp_path / "cache"))
+
+    def kept():
+        return {p.relative_to(tmp_path / "cache") for p in (tmp_path / "cache").rglob("*") if p.is_file()}
+
+    def plant(robot):
+        scenario = dataclasses.replace(load_scenario("planar_tracking"), robot=robot)
+        return cached_fmus(scenario, tmp_path / "fmus", "python")["plant"].read_bytes()
+
+    (tmp_path / "fmus").mkdir()
+    first = plant(planar)
+    before = kept()
+    second = plant(planar.with_parameters(mass=2.5))
+    assert second != first
+    assert {path.parent.name for path in kept() - before} == {"fmus"}
+    assert plant(planar) == first
+    assert len(kept()) == len(before) + 4
+
+
+def test_no_name_of_a_package_hides_a_module():
+    names = [module.name for module in pkgutil.walk_packages(vdfmu.__path__, "vdfmu.")]
+    assert "vdfmu.study.run" in names
+    for name in names:
+        if name != "vdfmu.cli.__main__":  # runs the command line
+            parent, _, last = name.rpartition(".")
+            module = importlib.import_module(name)
+            assert getattr(importlib.import_module(parent), last) is module, name
+
+
 def test_a_folder_that_cannot_hold_results_is_named(tmp_path):
     (tmp_path / "file").write_text("")
     with pytest.raises(UsageError, match=r"cannot hold the results.*--out"):
@@ -154,10 +278,12 @@ def test_a_damaged_fmu_in_the_cache_is_built_again(tmp_path, monkeypatch):
         "backend": "python",
     }  # no compiler here
     vdfmu.run("planar_tracking", **options)
-    (fmu,) = (tmp_path / "cache").rglob("Trajectory.fmu")
-    data = bytearray(fmu.read_bytes())
-    data[len(data) // 2] ^= 0xFF
-    fmu.write_bytes(bytes(data))
+    kept = list((tmp_path / "cache" / "fmus").iterdir())
+    assert len(kept) == 4
+    for fmu in kept:
+        data = bytearray(fmu.read_bytes())
+        data[len(data) // 2] ^= 0xFF
+        fmu.write_bytes(bytes(data))
     results = vdfmu.run("planar_tracking", **options)
     assert len(results.time) == 11
 

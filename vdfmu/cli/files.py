@@ -74,7 +74,9 @@ def container(
     chosen = prepare(scenario, robot=robot, step=step)
     values = system_values(chosen, parse_settings(settings))
     with tempfile.TemporaryDirectory(prefix="vdfmu_") as folder:
-        package = write_ssp(chosen, cached_fmus(chosen, "native"), Path(folder) / "system.ssp", values)
+        package = write_ssp(
+            chosen, cached_fmus(chosen, folder, "native"), Path(folder) / "system.ssp", values
+        )
         path = out if out is not None else Path(f"{chosen.name}.fmu")
         say(str(write_container(package, path, step=chosen.step)))
 
@@ -91,7 +93,9 @@ def ssp(
     ] = "1.0",
     out: Annotated[
         Path | None,
-        typer.Option(help="File to write, default SCENARIO.ssp; with osp a folder, default SCENARIO_osp."),
+        typer.Option(
+            help="File to write, default SCENARIO.ssp or SCENARIO_2.0.ssp; with osp a folder, default SCENARIO_osp."
+        ),
     ] = None,
     backend: BackendOption = None,
     settings: SetOption = None,
@@ -119,7 +123,8 @@ def ssp(
         if form == "osp":
             say(str(write_osp(chosen, fmus, out or Path(f"{chosen.name}_osp"), values)))
         else:
-            say(str(write_ssp(chosen, fmus, out or Path(f"{chosen.name}.ssp"), values, version=form)))
+            name = chosen.name if form == "1.0" else f"{chosen.name}_{form}"
+            say(str(write_ssp(chosen, fmus, out or Path(f"{name}.ssp"), values, version=form)))
 
 
 def check(

@@ -8,7 +8,7 @@ import typer
 from rich.markup import escape
 from rich.table import Table
 
-from vdfmu.cli.terminal import console
+from vdfmu.cli.terminal import console, say
 from vdfmu.model import load_robot, load_scenario, robot_names, scenario_names
 
 app = typer.Typer(no_args_is_help=True, help="List and show robots and scenarios.")
@@ -35,29 +35,35 @@ def show_model(
     from vdfmu.data import data_path
 
     if name in scenario_names():
-        console.print(
-            (data_path("models") / "scenarios" / f"{name}.toml").read_text(encoding="utf-8"), markup=False
-        )
+        say((data_path("models") / "scenarios" / f"{name}.toml").read_text(encoding="utf-8"))
         return
     robot = load_robot(name)
     console.print(f"[bold]{escape(robot.name)}[/bold]: {escape(robot.description)}")
-    table = Table(show_edge=False)
-    for heading in ("parameter", *(f"joint {i + 1}" for i in range(robot.n)), "source"):
-        table.add_column(heading)
-    table.add_row("type", *robot.joint_types, "")
-    for section, keys in _SHOWN.items():
-        for key in keys:
-            cells = [_number(getattr(robot, key)[i]) for i in range(robot.n)]
-            table.add_row(key, *cells, escape(robot.source_of(f"joints[1].{section}{key}") or ""))
-    console.print(table)
+    for title, keys in _SHOWN.items():
+        names = [key.rpartition(".")[2] for key in keys]
+        table = Table(title=title, title_justify="left", show_edge=False)
+        for heading in ("joint", *names):
+            table.add_column(heading, overflow="fold")
+        for i, kind in enumerate(robot.joint_types):
+            table.add_row(f"{i + 1} {kind}", *(_number(getattr(robot, name)[i]) for name in names))
+        console.print()
+        console.print(table)
+        sources: dict[str, list[str]] = {}
+        for key, name in zip(keys, names, strict=True):
+            sources.setdefault(robot.source_of(f"joints[1].{key}") or "no source", []).append(name)
+        for source, those in sources.items():
+            console.print(f"{', '.join(those)}: {source}", markup=False)
 
 
 _SHOWN = {
-    "": ("offset",),
-    "link.": ("mass", "centroid", "inertia"),
-    "drive.": ("ell", "I_m", "K_f0", "c_f", "K_w0", "c_w", "theta_err_amplitude", "theta_err_phase"),
-    "friction.": ("f_c", "f_s", "f_v", "v_s", "f_ck", "eps"),
-}
+    "Links": ("offset", "link.mass", "link.centroid", "link.inertia"),
+    "Drives": ("drive.ell", "drive.I_m", "drive.K_f0", "drive.c_f", "drive.K_w0", "drive.c_w"),
+    "Kinematic error": ("drive.theta_err_amplitude", "drive.theta_err_phase"),
+    "Friction": (
+        "friction.f_c", "friction.f_s", "friction.f_v", "friction.v_s", "friction.f_ck", "friction.eps",
+    ),
+}  # fmt: skip
+"""Title of a table to its columns: keys of the robot file."""
 
 
 def _number(value: Any) -> str:

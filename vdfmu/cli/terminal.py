@@ -39,7 +39,7 @@ SetOption = Annotated[
     typer.Option(
         "--set",
         metavar="UNIT.PARAMETER=VALUE",
-        help="Set a parameter; without an index, for all joints. Repeatable.",
+        help="Set a parameter or free input; without an index, all elements. Repeatable.",
     ),
 ]
 

@@ -41,7 +41,6 @@ def check_abilities(
         if adaptive or (algorithm == "iterative" and len(block) > 1)
         for name in block
     }
-    fed = {link.end[0] for link in links if link.stepped and link.sink.type == "Real"}
     notes: list[str] = []
     for name, unit in descriptions.items():
         if name in repeated and not unit.saves_state:
@@ -54,29 +53,13 @@ def check_abilities(
                 f"{name}: {unit.source} takes steps of one length only (canHandleVariableCommunicationStepSize); use a "
                 "fixed step"
             )
-        if name not in fed or unit.interpolates_inputs:
-            continue
-        if None in unit.step_dependencies.values():
-            notes.append(
-                f"{name}: declares no dependencies of its outputs and takes no derivatives of its inputs, which are "
-                "held at their values at the end of a step. If it integrates them, the coupling is of first order, and "
-                "error control does not see it"
-            )
-        # an output that depends on no input directly is a state
-        states = sorted({k.start[1] for k in links if k.start[0] == name and not _inputs(unit, k.start[1])})
         direct = [
             k.end[1] for k in links if k.end[0] == name and not k.discrete and k.end in schedule.through
         ]
-        if states and direct:
+        if direct and not unit.interpolates_inputs and not unit.varies_steps:
             notes.append(
-                f"{name}: takes no derivatives of its inputs; {', '.join(direct)} are held at their values at the end "
-                f"of a step, as an output depends on them directly. If {states[0]} integrates them, the coupling is of "
-                "first order, and error control does not see it"
+                f"{name}: takes no derivatives of its inputs and steps of one length only; {', '.join(direct)} are "
+                "held at their values at the end of a step, as an output depends on them directly. If it integrates "
+                "them, the coupling is of first order"
             )
     return problems, notes
-
-
-def _inputs(unit: Description, output: str) -> bool:
-    """Tell whether an output depends on an input directly, or may."""
-    known = unit.step_dependencies.get(output)
-    return known is None or any(unit.variables[name].causality == "input" for name in known)

@@ -8,12 +8,12 @@ from dataclasses import dataclass, field
 
 from vdfmu.cosim.abilities import check_abilities
 from vdfmu.cosim.conversion import Conversion, Value, as_type, compose
-from vdfmu.cosim.description import Description, Variable, inspect_description
+from vdfmu.cosim.description import Description, Variable, inspect_description, limit_fault
 from vdfmu.cosim.link import Link, Port
-from vdfmu.cosim.schedule import ALGORITHMS, Schedule, make_schedule
+from vdfmu.cosim.schedule import ALGORITHMS, Schedule, choose_schedule
 from vdfmu.errors import SspError, UsageError
 from vdfmu.ssp.archive import Archive
-from vdfmu.ssp.structure import Component, Parameter, System, Unit
+from vdfmu.ssp.structure import Component, Parameter, System, Unit, spread
 
 _CAUSALITY = {"input": "input", "output": "output", "parameter": "parameter",
               "calculatedParameter": "calculatedParameter"}  # fmt: skip
@@ -29,6 +29,8 @@ class Checked:
     descriptions : mapping of str to Description
         By component name, in the order of the SSD.
     links : tuple of Link
+    algorithm : str
+        The master algorithm that `schedule` is for.
     schedule : Schedule
     starts : mapping of str to list of (Variable, value)
         What to set in each component before initialization, in the units of the FMU.
@@ -41,6 +43,7 @@ class Checked:
     system: System
     descriptions: Mapping[str, Description]
     links: tuple[Link, ...]
+    algorithm: str
     schedule: Schedule
     starts: Mapping[str, Sequence[tuple[Variable, Value]]]
     notes: tuple[str, ...]
@@ -51,7 +54,7 @@ def check_system(
     system: System,
     parameters: Mapping[str, Value] | None = None,
     *,
-    algorithm: str = "gauss-seidel",
+    algorithm: str | None = None,
     repeats: bool = False,
     strict: bool = False,
     ignore_unmatched: bool = False,
@@ -62,10 +65,10 @@ def check_system(
     ----------
     system : System
     parameters : mapping of str to value, optional
-        Values of ``component.variable``, in the unit of the FMU; without an index, of all ``component.variable[...]``.
-        They win over those of the package.
-    algorithm : str
-        One of `vdfmu.cosim.ALGORITHMS`.
+        Values of ``component.variable``, in the unit of the FMU; without an index, of all ``component.variable[...]``:
+        one value, or a list or array with one for each. They win over those of the package.
+    algorithm : str, optional
+        One of `vdfmu.cosim.ALGORITHMS`; default as `vdfmu.cosim.schedule.choose_schedule` has it.
     repeats : bool
         Whether steps may be repeated and vary, so that units must save and restore their state.
     strict : bool
@@ -85,7 +88,7 @@ def check_system(
     UsageError
         An unknown algorithm, or `parameters` name something unknown, not settable or of another type.
     """
-    if algorithm not in ALGORITHMS:
+    if algorithm not in (None, *ALGORITHMS):
         raise UsageError(f"unknown algorithm {algorithm!r}; there are {', '.join(ALGORITHMS)}")
     checker = _Checker(system, strict, ignore_unmatched)
     checker.read()
@@ -99,8 +102,9 @@ def check_system(
     fixed = {link.end: link.start for link in links if not link.stepped}
     for name, values in starts.items():
         checker.notes += _fed(name, values, fixed, "the value of the parameter set")
-    schedule, loops = make_schedule(known, links, algorithm)
+    algorithm, schedule, loops, notes = choose_schedule(known, links, algorithm)
     checker.problems += loops
+    checker.notes += notes
     for loop in dict.fromkeys(schedule.initial.loops):
         checker.notes.append(f"algebraic loop during initialization, solved: {loop}")
     problems, notes = check_abilities(known, links, schedule, algorithm, repeats)
@@ -116,6 +120,7 @@ def check_system(
         system=system,
         descriptions=known,
         links=tuple(links),
+        algorithm=algorithm,
         schedule=schedule,
         starts={name: list(values.values()) for name, values in starts.items()},
         notes=tuple(checker.notes),
@@ -244,9 +249,6 @@ class _Checker:
             if len(set(types)) > 1:
                 self.problems.append(f"{where}: type mismatch, {' to '.join(types)}")
                 continue
-            if source.type == "String":
-                self.problems.append(f"{where}: connections of type String are not supported")
-                continue
             if (source.causality, sink.causality) not in _PAIRS:
                 self.problems.append(
                     f"{where}: direction error, it joins {source.causality} and {sink.causality}"
@@ -301,6 +303,8 @@ class _Checker:
                 else:
                     try:
                         value = self._converted(parameter, variable)
+                        if not isinstance(value, str) and (fault := limit_fault(value, variable.limits)):
+                            raise ValueError(fault)
                     except ValueError as error:
                         self.problems.append(f"{where}: {error}")
                         continue
@@ -343,26 +347,25 @@ def _overrides(descriptions: Mapping[str, Description], parameters: Mapping[str,
                 f"parameter {full!r}: no component of that name; there are {', '.join(descriptions)}"
             )
             continue
-        wanted = [
-            (owner, variable)
+        wanted = {
+            owner: named
             for owner in owners
-            for name in [full[len(owner) + 1 :]]
-            for variable in _named(descriptions[owner].variables, name)
-        ]
+            if (named := _named(descriptions[owner].variables, full[len(owner) + 1 :]))
+        }
         if not wanted:
             owner = max(owners, key=len)
             name = full[len(owner) + 1 :]
             whole = dict.fromkeys(v.partition("[")[0] for v in descriptions[owner].variables)
             problems.append(f"parameter {full!r}: {owner} has no variable {name!r}" + _hint(name, whole))
-        for owner, one in wanted:
-            variable = descriptions[owner].variables[one]
+        for owner, named in wanted.items():
             try:
-                if not variable.settable:
-                    raise ValueError(_why_not(variable))
-                starts.setdefault(owner, {})[one] = (variable, as_type(value, variable))
+                for one, element in zip(named, spread(value, named), strict=True):
+                    variable = descriptions[owner].variables[one]
+                    if not variable.settable:
+                        raise ValueError(_why_not(variable))
+                    starts.setdefault(owner, {})[one] = (variable, as_type(element, variable))
             except ValueError as error:
                 problems.append(f"parameter {full!r}: {error}")
-                break
     if problems:
         raise UsageError("\n".join(problems))
     return starts

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import itertools
 import logging
+import math
 import re
 from collections import deque
 from collections.abc import Callable
-from ctypes import byref, c_char_p, c_double, c_int, c_size_t, c_uint, c_void_p
+from ctypes import byref, c_char_p, c_double, c_int, c_size_t, c_uint, c_void_p, string_at
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -25,8 +26,14 @@ except Exception:  # no proxy library for this platform: messages come without t
 
 Value = float | int | bool | str
 STATUS = ("ok", "warning", "discard", "error", "fatal", "pending")
-FMI_TYPE = {"Real": "Real", "Integer": "Integer", "Enumeration": "Integer", "Boolean": "Boolean"}
-C_TYPE = {"Real": c_double, "Integer": c_int, "Boolean": c_int}
+FMI_TYPE = {
+    "Real": "Real", "Integer": "Integer", "Enumeration": "Integer", "Boolean": "Boolean", "String": "String",
+}  # fmt: skip
+C_TYPE = {"Real": c_double, "Integer": c_int, "Boolean": c_int, "String": c_void_p}
+_LAST_SUCCESSFUL_TIME, _TERMINATED = 2, 3
+"""Of fmi2StatusKind."""
+_FAILURE = re.compile("error|fatal|discard", re.IGNORECASE)
+"""In the category of a message that is worse than its status says."""
 _LEVEL = {"ok": logging.DEBUG, "note": logging.INFO, "warning": logging.WARNING}
 
 
@@ -66,12 +73,13 @@ class MessageBox:
     """Collects the messages of the units of one run.
 
     `pending` holds what came since the last `flush`; the master flushes after each step, so that it holds
-    a failing unit's own words.
+    a failing unit's own words. `ended` holds the units that have ended the simulation, with the time of the end.
     """
 
     def __init__(self, log: Callable[[LogMessage], None] | None, limit: int = 10_000) -> None:
         self.pending: list[LogMessage] = []
         self.kept: deque[LogMessage] = deque(maxlen=limit)
+        self.ended: dict[str, float] = {}
         self.time = 0.0
         self._log = log or log_to_logging
 
@@ -84,10 +92,13 @@ class MessageBox:
             self._log(message)
 
     def words(self, unit: str) -> str:
-        """Return what a unit said since the last flush, warnings and worse if there are any."""
+        """Return the reason that a unit gave since the last flush: its errors, else warnings, else its last word."""
         own = [m for m in self.pending if m.unit == unit]
-        grave = [m for m in own if m.status != "ok"] or own
+        failed = [m for m in own if m.status not in ("ok", "warning") or _FAILURE.search(m.category)]
+        grave = failed or [m for m in own if m.status == "warning"]
         words = " ".join(" ".join(m.text.split()) for m in grave)
+        if not grave:
+            return f"the unit gave no reason; its last message: {own[-1].text.strip()}" if own else ""
         words = re.sub(r"Fatal py exception encountered: \[\w+\] \w+ ?", "", words)  # pythonfmu's own prefix
         # a unit that names itself and the call: the error that quotes it does so already
         return re.sub(rf"^{re.escape(unit)}: \w+( at t = \S+ s)? failed: ", "", words)
@@ -195,8 +206,8 @@ class Slave:
             self.judge(status, name)
 
     def judge(self, status: int, call: str) -> None:
-        """Pass over a warning; raise CosimError for any worse status."""
-        if status == 1:
+        """Pass over a warning, and over a step in which the unit ends the simulation; else raise CosimError."""
+        if status == 1 or (status == 2 and call == "doStep" and self._terminated()):
             return
         label = STATUS[status] if 0 <= status < len(STATUS) else f"unknown status {status}"
         self.stage = "failed" if self.stage != "initialized" or status != 2 else self.stage
@@ -206,6 +217,20 @@ class Slave:
         if status == 5:
             words = "asynchronous steps are not supported"
         raise CosimError(self.name, call[0].lower() + call[1:], self.box.time, f"{words} (status {label})")
+
+    def _terminated(self) -> bool:
+        """Tell whether the unit has discarded a step because the simulation is to end; keep when."""
+        said, ended, time = len(self.box.pending), c_int(), c_double(math.nan)
+        try:
+            status = self.function("fmi2GetBooleanStatus")(self.component, c_int(_TERMINATED), byref(ended))
+            if status == 0 and ended.value:
+                self.function("fmi2GetRealStatus")(self.component, c_int(_LAST_SUCCESSFUL_TIME), byref(time))
+                self.box.ended[self.name] = time.value
+                return True
+        except AttributeError:  # a library without them
+            pass
+        del self.box.pending[said:]  # what it says of these calls is not why it discarded the step
+        return False
 
     def setup(self, tolerance: float | None, start: float, stop: float) -> None:
         """Call fmi2SetupExperiment."""
@@ -218,18 +243,18 @@ class Slave:
         """Set one variable."""
         reference = (c_uint * 1)(variable.reference)
         if variable.type == "String":
-            text = (c_char_p * 1)(str(value).encode())
+            text = (c_char_p * 1)(str(value).encode("utf-8", "surrogateescape"))
             self.call("SetString", reference, c_size_t(1), text)
             return
         kind = FMI_TYPE[variable.type]
         self.call("Set" + kind, reference, c_size_t(1), (C_TYPE[kind] * 1)(value))  # type: ignore[arg-type]
 
-    def get(self, variable: Variable) -> float | int:
-        """Get one numeric variable."""
+    def get(self, variable: Variable) -> Value:
+        """Get one variable."""
         kind = FMI_TYPE[variable.type]
         value = (C_TYPE[kind] * 1)()
         self.call("Get" + kind, (c_uint * 1)(variable.reference), c_size_t(1), value)
-        return value[0]
+        return string_at(value[0] or b"").decode("utf-8", "surrogateescape") if kind == "String" else value[0]
 
     def set_all(self, values: list[tuple[Variable, Value]]) -> None:
         """Set many variables with one call a type."""

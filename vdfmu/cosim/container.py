@@ -38,7 +38,7 @@ from vdfmu.fmu.archive import pack_zip
 from vdfmu.ssp.read import load_ssp
 from vdfmu.ssp.structure import Component as Component_
 from vdfmu.ssp.structure import Connection as Connection_
-from vdfmu.ssp.structure import System
+from vdfmu.ssp.structure import Parameter, System
 
 __all__ = ["simulate_container", "write_container"]
 
@@ -81,6 +81,8 @@ def write_container(
     changing = [str(link) for link in checked.links if not link.conversion.trivial]
     if changing:
         raise UsageError(f"{changing[0]}: a container FMU passes values on unchanged; remove the conversion.")
+    if texts := [str(link) for link in checked.links if link.sink.type == "String"]:
+        raise UsageError(f"{texts[0]}: a container FMU passes no text on; remove the connection.")
     if loops := checked.schedule.initial.loops:
         raise UsageError(
             f"algebraic loop during initialization: {loops[0]}. A container FMU passes values on once and does not "
@@ -194,7 +196,7 @@ def _model(
                 description=inner.description,
                 causality=inner.causality,
                 variability=inner.variability,
-                initial=inner.initial,
+                initial=None if inner.causality == "input" else inner.initial,  # fmpy fills it in
                 unit=inner.unit,
                 min=inner.min,
                 max=inner.max,
@@ -266,7 +268,8 @@ def simulate_container(
         As :func:`vdfmu.cosim.simulate`.
     """
     container = Path(container)
-    experiment = read_model_description(str(container)).defaultExperiment
+    description = read_model_description(str(container))
+    experiment = description.defaultExperiment
     inside = float((experiment and experiment.stepSize) or step)  # FMI 2.0 has no other place for it
     if abs(step / inside - round(step / inside)) > 1e-9 * step / inside or step < 0.5 * inside:
         raise UsageError(f"step: expected a multiple of the container's step {inside:g} s, got {step:g} s.")
@@ -275,7 +278,13 @@ def simulate_container(
     with tempfile.TemporaryDirectory(prefix="vdfmu_container_") as folder:
         package = Path(folder) / f"{container.stem}.ssp"
         pack_zip(package, {member: container.read_bytes()})
-        only = Component_(_NAME, member, "CoSimulation", {})
+        # nothing feeds its inputs, as nothing feeds those of the units inside: they keep the values of the system
+        free = tuple(
+            Parameter(_NAME, v.name, float(v.start or 0.0), v.type, None, (), container.name)
+            for v in description.modelVariables
+            if v.causality == "input" and v.type == "Real"
+        )
+        only = Component_(_NAME, member, "CoSimulation", {}, free)
         folded = System(package, container.stem, (only,), (), {})
 
         def say(message: LogMessage) -> None:

@@ -15,15 +15,17 @@ from numpy.typing import NDArray
 
 from vdfmu.cosim.component import MessageBox, Slave
 from vdfmu.cosim.coupled import Block, Coupled, Unit
-from vdfmu.cosim.exchange import Exchange
+from vdfmu.cosim.exchange import Exchange, largest_step
 from vdfmu.errors import CosimError
 
 __all__ = ["ContinuousStepper"]
 
 Floats = NDArray[np.float64]
 
-_FIRST, _SHORTEST = 1e-5, 1e-6
-"""First and shortest step of the error control, relative to the longest. The first finds the slopes of the signals."""
+_FIRST = 1e-5
+"""First step of the error control, relative to the longest: it finds the slopes of the signals."""
+_SHORTEST = 1e-11
+"""Shortest step of the error control, relative to the run, of whose times it leaves four digits."""
 _SAFETY, _LEAST, _MOST = 0.9, 0.2, 2.0
 """Next step relative to the last: factor to the wanted one, and its bounds, as one-step methods have them."""
 _BETWEEN_JUMPS = 5
@@ -54,15 +56,26 @@ class ContinuousStepper:
         repetitions end.
     error : float or None
         Largest error of a coupled signal in a step, relative in the same way; None for steps of the given length.
+    span : float
+        Length of the run [s].
     """
 
     def __init__(
-        self, exchange: Exchange, box: MessageBox, *, repeat: bool, convergence: float, error: float | None
+        self,
+        exchange: Exchange,
+        box: MessageBox,
+        *,
+        repeat: bool,
+        convergence: float,
+        error: float | None,
+        span: float,
     ) -> None:
         self.exchange, self.box = exchange, box
         self.repeat, self.convergence, self.error = repeat, convergence, error
         self.steps = self.unit_steps = self.rejected = self.jumps = 0
+        self._floor = _SHORTEST * span
         self._since_jump = _BETWEEN_JUMPS
+        self._tried = 0.0, 0.0
         self.shortest, self.longest = math.inf, 0.0
         coupled = self._coupled = Coupled(exchange)
         self._outputs, self._variables = coupled.outputs, coupled.bank.variables
@@ -89,7 +102,7 @@ class ContinuousStepper:
             time = start
             if self._h == math.inf:
                 self._h = _FIRST * step
-            while time < stop:
+            while time < stop and not self.box.ended:
                 left = stop - time
                 parts = math.ceil(left / min(self._h, left) - 1e-9)  # equal ones, so that none is tiny
                 end = stop if parts <= 1 else time + left / parts
@@ -101,7 +114,7 @@ class ContinuousStepper:
                     )  # fmt: skip
                 if self.pressed():
                     raise KeyboardInterrupt
-                if self._attempt(time, end - time, step):
+                if self._attempt(time, largest_step(time, end), step):
                     time = end
         # what a row holds of an input is its value at the end
         np.copyto(self._coupled.inputs, self._coupled.ends)
@@ -142,7 +155,7 @@ class ContinuousStepper:
 
     def _step(self, time: float, h: float) -> Floats:
         """Step all units; return the outputs that were predicted."""
-        self.exchange.clock.value, self.exchange.size.value, self.box.time = time, h, time
+        self.box.time = time
         self._coupled.begin()
         for unit in self._repeated:
             self._save(unit.slave)
@@ -156,7 +169,7 @@ class ContinuousStepper:
             if self.repeat and block.torn.size:
                 self._solve(block, time, h)
             else:
-                self._sweep(block, h)
+                self._sweep(block, time, h)
         return predicted
 
     def _done(self, h: float) -> None:
@@ -171,7 +184,7 @@ class ContinuousStepper:
 
         A unit that refuses the step makes it too long, unless the refusal is fatal: FMI 2.0 lets a unit go on from a
         restored state after fmi2Discard and fmi2Error. A step in which a discrete signal changes is shortened until the
-        change is found, and one in which a continuous signal jumps.
+        change is found, and one in which a continuous signal jumps or a unit ends the simulation.
         """
         assert self.error is not None
         said, failure = len(self.box.pending), None
@@ -185,36 +198,54 @@ class ContinuousStepper:
         changed = self._changed()
         # what changes with every step has the communication points themselves for its time
         switched = ratio <= 1.0 and bool(np.any(changed & ~self._changing))
-        if switched and _LEAST * h >= _SHORTEST * longest:
-            ratio = math.inf  # its readers are to know when
+        early = any(at < time + h - self._floor for at in self.box.ended.values())
+        if (switched or early) and _LEAST * h >= self._floor:
+            ratio = math.inf  # the others are to know when
         self._h = min(h * min(max(_SAFETY / math.sqrt(max(ratio, 1e-12)), _LEAST), _MOST), longest)
         if ratio <= 1.0:
             self._since_jump += 1
             self._accept(h, longest, changed, switched)
             return True
-        if self._h < _SHORTEST * longest:
+        if self._h < self._floor:
             if failure is not None:
                 raise failure
             if math.isfinite(ratio) and self._since_jump >= _BETWEEN_JUMPS:
                 self._since_jump = 0
                 self._accept(h, longest, changed, True)  # so short that what is wrong with it does not count
                 return True
-            unit, variable = self._variables[int(np.argmax(sizes))]
-            raise CosimError(
-                unit, "doStep", time,
-                f"the error of {variable.name} in a step of {h:.3g} s is {ratio:.3g} times the allowed {self.error:g}, "
-                "and no shorter step is tried: the signal jumps again and again, or the allowed error is below that of "
-                "the units' solvers. Allow a larger error, or use a master without error control",
-            )  # fmt: skip
+            self.exchange.refuse_not_finite("doStep", time + h)
+            raise self._too_short(int(np.argmax(sizes)), time, h, ratio)
+        self._tried = h, ratio
         self.rejected += 1
         del self.box.pending[said:]
         self._coupled.undo()
         self._restore(self._repeated)
         return False
 
+    def _too_short(self, i: int, time: float, h: float, ratio: float) -> CosimError:
+        """Return the error of a step that is too long and cannot be shortened."""
+        assert self.error is not None
+        (unit, variable), (longer, larger) = self._variables[i], self._tried
+        if longer > h and ratio <= larger * math.sqrt(h / longer):
+            why = (
+                f"it falls with the step, but none is shorter than {self._floor:.3g} s, {_SHORTEST:g} of the run. "
+                "Simulate the fast part in a run of its own, or allow a larger error"
+            )
+        else:
+            why = (
+                "a shorter step does not lower it: the signal jumps again and again, or that is the error of the "
+                "units' solvers. Allow a larger error, lower their tolerance, or use a master without error control"
+            )
+        return CosimError(
+            unit, "doStep", time,
+            f"the error of {variable.name} in a step of {h:.3g} s is {ratio:.3g} times the allowed "
+            f"{self.error:g}; {why}",
+        )  # fmt: skip
+
     def _accept(self, h: float, longest: float, changed: NDArray[np.bool_], jump: bool) -> None:
         """Accept a step; after a jump what was predicted from the signals before it is worth nothing."""
         self._done(h)
+        self._tried = 0.0, 0.0
         self._changing = changed
         if jump:
             self._last, self._h = 0.0, _FIRST * longest
@@ -228,13 +259,14 @@ class ContinuousStepper:
         """Return the errors of the outputs in the step, relative to their sizes; infinite where they are no numbers.
 
         Predicted and computed value of a signal y differ by h (h + h_last) / 2 times its second derivative, to first
-        order; the line between its values at the ends of the step departs from it by at most h^2 / 8 times that.
+        order; the line between its values at the ends of the step departs from it by at most h^2 / 8 times that. In a
+        step far shorter than the last that would make an error of a jump small, which it is not.
         """
         difference = np.abs(self._outputs - predicted) / self._scale()
         difference[np.isnan(difference)] = math.inf
         sizes = np.zeros(difference.size)
         if self._last > 0.0:  # else there is no prediction yet
-            line = h / (4.0 * (h + self._last))
+            line = max(h, _LEAST * self._last) / (4.0 * (h + self._last))
             sizes[self._coupled.lines] = line * difference[self._coupled.lines]
             sizes[self._extrapolated] = difference[self._extrapolated]
         return sizes
@@ -257,7 +289,7 @@ class ContinuousStepper:
                     values[chosen] = before[chosen]
                 outputs[torn] = guess
             first = False
-            self._sweep(block, h)
+            self._sweep(block, time, h)
             return outputs[torn]
 
         sizes, count = block.solver.solve(
@@ -275,9 +307,9 @@ class ContinuousStepper:
             f"{count} repetitions of the step (wanted: {self.convergence:g}); choose a shorter step{way}",
         )  # fmt: skip
 
-    def _sweep(self, block: Block, h: float) -> None:
+    def _sweep(self, block: Block, time: float, h: float) -> None:
         """Step each unit of a block once, with the latest outputs at the end of the step."""
-        self.unit_steps += len(block.units)
+        clock, size = self.exchange.clock, self.exchange.size
         for unit in block.units:
             for gather in unit.gathers:
                 gather()
@@ -285,12 +317,17 @@ class ContinuousStepper:
             if unit.held.size:
                 unit.ends[unit.held] = unit.starts[unit.held]
             change = unit.ends - unit.starts
-            np.add(unit.starts, unit.hold * change, unit.inputs)
-            np.multiply(change, (1.0 - unit.hold) / h, unit.slopes)
-            for function, a, b, c, d, name in unit.calls:
-                status = function(a, b, c, d)
-                if status:
-                    unit.slave.judge(status, name)
+            n = len(unit.parts)
+            self.unit_steps += n
+            for i, (hold, calls) in enumerate(unit.parts):
+                np.add(unit.starts, hold * change, unit.inputs)
+                np.multiply(change, (1.0 - hold) / h, unit.slopes)
+                clock.value = time + i * h / n
+                size.value = largest_step(clock.value, time + h) if i and i == n - 1 else h / n
+                for function, a, b, c, d, name in calls:
+                    status = function(a, b, c, d)
+                    if status:
+                        unit.slave.judge(status, name)
 
     # ------------------------------------------------------------------ states
 
@@ -303,6 +340,7 @@ class ContinuousStepper:
         for unit in units:
             unit.slave.call("SetFMUstate", self._states[unit.slave.name])
             unit.slave.stage = "initialized"
+            self.box.ended.pop(unit.slave.name, None)
 
     def _free(self, slave: Slave) -> None:
         state = self._states.pop(slave.name, None)

@@ -165,7 +165,7 @@ def as_type(value: Value, variable: Variable, exact: str | None = None) -> Value
         raise misfit
     try:
         number = float(value)
-    except ValueError:
+    except (TypeError, ValueError):
         raise misfit from None
     if kind == "Real":
         return number

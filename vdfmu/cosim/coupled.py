@@ -26,14 +26,14 @@ class Unit:
 
     slave: Slave
     gathers: list[Callable[[], None]]
-    calls: list[Call]
+    parts: list[tuple[Floats, list[Call]]]
+    """The equal parts of a step: where on the line through the whole step each input begins, and the calls. It is 0 for
+    an input that runs; any other stays there."""
     inputs: Floats
-    """What is set before the step."""
+    """What is set before a part."""
     starts: Floats
     ends: Floats
     slopes: Floats
-    hold: Floats
-    """Where on the line through the step the input begins: 0 at its start, where it runs; else it stays there."""
     held: Indices
     """Those that keep their value at the start of the step."""
 
@@ -116,20 +116,27 @@ class Coupled:
         moving = slave.description.interpolates_inputs
         if moving and window.stop > window.start:
             calls.insert([call[-1] for call in calls].index("doStep"), self._rate_call(slave, window))
-        # Where an input cannot run: it is needed at the end of the step if an output depends on it directly. Any other
-        # is integrated: the middle of a line has the line's integral, and a discrete one stays as it is at the start.
+        # An input that cannot run is needed at the end of the step if an output depends on it directly. Any other is
+        # integrated: the middle of a line has the line's integral, and a discrete one stays as it is at the start.
         schedule = exchange.checked.schedule
         gathers = [self._gather_of(each, name) for each in exchange.banks]
         links = bank.links[window]
-        hold = [
-            1.0 if k.discrete or not moving and k.end in schedule.through else 0.0 if moving else 0.5
-            for k in links
-        ]  # fmt: skip
+        through = [not k.discrete and not moving and k.end in schedule.through for k in links]
+        hold = np.array([
+            1.0 if k.discrete or needed else 0.0 if moving else 0.5 for k, needed in zip(links, through, strict=True)
+        ])  # fmt: skip
+        parts = [(hold, calls)]
+        if any(through) and slave.description.varies_steps:
+            # The unit may integrate such an input, too. Half the step with the value at the start and half with that
+            # at the end have the integral of the line, and end with the value at the end.
+            gets = [call for call in calls if call[-1].startswith("get")]
+            first = np.array([1.0 if k.discrete else 0.0 for k in links])
+            parts = [(first, calls[: len(calls) - len(gets)]), (np.ones(len(links)), calls)]
         held = [i for i, k in enumerate(links) if k.discrete and k.end not in schedule.fresh]
         return Unit(
-            slave, [gather for gather in gathers if gather is not None], calls,
+            slave, [gather for gather in gathers if gather is not None], parts,
             self.inputs[window], self.starts[window], self.ends[window], self.slopes[window],
-            np.array(hold), np.array(held, np.intp),
+            np.array(held, np.intp),
         )  # fmt: skip
 
     def _gather_of(self, bank: Bank, name: str) -> Callable[[], None] | None:

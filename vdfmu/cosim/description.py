@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -20,7 +21,7 @@ class Variable:
     """A scalar variable of an FMU.
 
     `reference` is its value reference, `items` those of an enumeration, `nominal` the size of its values, in its unit,
-    None where the FMU does not say.
+    None where the FMU does not say, `limits` the least and the largest value.
     """
 
     name: str
@@ -33,6 +34,7 @@ class Variable:
     relative: bool = False
     items: Mapping[str, int] | None = None
     nominal: float | None = None
+    limits: tuple[float, float] = (-math.inf, math.inf)
 
     @property
     def size(self) -> float:
@@ -79,6 +81,29 @@ class Description:
     def named(self, causality: str) -> list[Variable]:
         """Return the variables of one causality, in the order of the FMU."""
         return [v for v in self.variables.values() if v.causality == causality]
+
+
+def limits_of(variable: Any) -> tuple[float, float]:
+    """Return the limits of fmpy's variable, else those of its type; infinite where there are none that can be read."""
+    found = [-math.inf, math.inf]
+    for k, name in enumerate(("min", "max")):
+        text = getattr(variable, name)
+        if text is None:
+            text = getattr(variable.declaredType, name, None)
+        try:
+            found[k] = found[k] if text is None else float(text)
+        except ValueError:  # reported by the check of the unit
+            pass
+    return found[0], found[1]
+
+
+def limit_fault(value: float, limits: tuple[float, float]) -> str | None:
+    """Return in words that a value lies outside of limits; None if it does not."""
+    low, high = limits
+    if value < low or value > high:
+        side = f"least {low:g}" if value < low else f"most {high:g}"
+        return f"expected at {side}, the limit of the FMU, got {value:g}"
+    return None
 
 
 def library_name(identifier: str) -> str:
@@ -216,6 +241,7 @@ def _variables(model: ModelDescription, relative: set[str]) -> dict[str, Variabl
             relative=v.name in relative or bool(declared is not None and declared.relativeQuantity),
             items={str(i.name): int(str(i.value)) for i in declared.items} if declared is not None else None,
             nominal=_nominal(v.nominal or (declared.nominal if declared is not None else None)),
+            limits=limits_of(v),
         )
     return variables
 

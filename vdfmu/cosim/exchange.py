@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from ctypes import byref, c_double, c_size_t, c_uint, c_void_p
+from ctypes import addressof, byref, c_double, c_size_t, c_uint, c_void_p, create_string_buffer, string_at
 from typing import Any
 
 import numpy as np
@@ -12,7 +13,7 @@ from numpy.typing import NDArray
 
 from vdfmu.cosim.broyden import Broyden
 from vdfmu.cosim.check import Checked
-from vdfmu.cosim.component import C_TYPE, FMI_TYPE, Slave
+from vdfmu.cosim.component import C_TYPE, FMI_TYPE, Slave, Value
 from vdfmu.cosim.description import Variable
 from vdfmu.cosim.link import Link, Port
 from vdfmu.cosim.results import Signal
@@ -22,11 +23,20 @@ Call = tuple[Any, Any, Any, Any, Any, str]
 """An FMI function, its four arguments, and its name for messages."""
 
 
+def largest_step(time: float, stop: float) -> float:
+    """Return the step from `time` to `stop` that, added to `time`, is not beyond `stop` for any rounding."""
+    step = stop - time
+    while time + step > stop:
+        step = math.nextafter(step, 0.0)
+    return step
+
+
 class Bank:
     """All outputs and connected inputs of one FMI type, in one array: ``[outputs | inputs]``.
 
     The ctypes arrays that FMI calls fill lie in the same memory, one window for each unit's outputs and one
-    for its inputs. In an input window the fresh inputs (see `Schedule`) come first.
+    for its inputs. In an input window the fresh inputs (see `Schedule`) come first. Of texts the array holds addresses,
+    the same for the same text, of copies that last as long as the bank: those of a unit last until its next step.
     """
 
     def __init__(self, kind: str, checked: Checked) -> None:
@@ -49,7 +59,8 @@ class Bank:
             self.input_windows[unit] = slice(len(inputs), len(inputs) + len(fed))
             inputs += [(unit, v) for v in fed]
         self.variables = [*outputs, *inputs]
-        dtype = np.float64 if kind == "Real" else np.int32
+        dtype = {"Real": np.float64, "String": np.uintp}.get(kind, np.int32)
+        self._texts: dict[bytes, Any] = {}
         self.memory: NDArray[Any] = np.zeros(len(self.variables), dtype)
         self.outputs = self.memory[: len(outputs)]
         self.inputs = self.memory[len(outputs) :]
@@ -90,6 +101,10 @@ class Bank:
             return mapped
         return plain if all(link.conversion.trivial for link in links) else scaled
 
+    def kept(self, text: bytes) -> int:
+        """Return the address of the copy of a text."""
+        return addressof(self._texts.setdefault(text, create_string_buffer(text)))
+
     def call(self, slave: Slave, verb: str) -> Call | None:
         """Return the vectorised ``Get`` or ``Set`` of a unit's window; None when it is empty."""
         window = (self.output_windows if verb == "Get" else self.input_windows)[slave.name]
@@ -103,6 +118,8 @@ class Bank:
         place = part.ctypes.data - self.memory.ctypes.data
         values = (C_TYPE[self.kind] * n).from_buffer(self.memory, place)  # pyright: ignore[reportArgumentType]
         function = slave.function(f"fmi2{verb}{self.kind}")
+        if self.kind == "String" and verb == "Get":
+            function = self._keeping(function, part)
         name = f"{verb.lower()}{self.kind}"
         return (
             function,
@@ -112,6 +129,16 @@ class Bank:
             byref(values),
             name,
         )
+
+    def _keeping(self, get: Callable[..., int], part: NDArray[Any]) -> Callable[..., int]:
+        """Return a fmi2GetString that leaves copies of the texts in `part`."""
+
+        def call(*arguments: Any) -> int:
+            status = get(*arguments)
+            part[:] = [self.kept(string_at(int(address)) if address else b"") for address in part]
+            return status
+
+        return call
 
 
 def component_argument(slave: Slave) -> Any:
@@ -125,7 +152,9 @@ class Exchange:
     def __init__(self, checked: Checked, slaves: Mapping[str, Slave]) -> None:
         self.checked = checked
         self.slaves = slaves
-        self.banks = [Bank(kind, checked) for kind in ("Real", "Integer", "Boolean")]
+        self.banks = [Bank(kind, checked) for kind in ("Real", "Integer", "Boolean", "String")]
+        self._watched = np.zeros(0, np.intp)
+        self._zeros = np.zeros(0)
         self.clock = c_double()
         """Argument currentCommunicationPoint of every doStep."""
         self.size = c_double()
@@ -142,15 +171,17 @@ class Exchange:
             for link in initial.links:
                 self._carry(link, self._value(link))
             return
-        values = np.array([self._value(link) for link in initial.torn], np.float64)
-        least = np.array([1.0 if link.discrete else link.sink.size for link in initial.torn])
+        texts = [link for link in initial.torn if link.sink.type == "String"]  # no guess improves them
+        torn = [link for link in initial.torn if link.sink.type != "String"]
+        values = np.array([self._value(link) for link in torn], np.float64)
+        least = np.array([1.0 if link.discrete else link.sink.size for link in torn])
 
         def repeat(guess: NDArray[np.float64]) -> NDArray[np.float64]:
-            for link, value in zip(initial.torn, guess.tolist(), strict=True):
+            for link, value in zip(torn, guess.tolist(), strict=True):
                 self._carry(link, value if FMI_TYPE[link.sink.type] == "Real" else round(value))
-            for link in initial.links:
+            for link in (*texts, *initial.links):
                 self._carry(link, self._value(link))
-            values[:] = [self._value(link) for link in initial.torn]
+            values[:] = [self._value(link) for link in torn]
             return values
 
         def size(residual: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -158,9 +189,9 @@ class Exchange:
             return np.where(np.isnan(sizes), np.inf, sizes)
 
         sizes, count = Broyden().solve(values.copy(), repeat, size, convergence)
-        worst = int(np.argmax(sizes))
-        if not sizes[worst] <= convergence:
-            link = initial.torn[worst]
+        if not np.all(sizes <= convergence):
+            worst = int(np.argmax(sizes))
+            link = torn[worst]
             still = (
                 f"still changes by {sizes[worst]:.3g} of its size"
                 if np.isfinite(sizes[worst])
@@ -169,22 +200,25 @@ class Exchange:
             raise CosimError(
                 link.start[0], "initialization", time,
                 f"the values do not agree after {count} repetitions: {link} {still} "
-                f"(wanted: {convergence:g}). Algebraic loop: {initial.loops[worst]}. Give start values nearer to "
-                "the solution, or break the loop",
+                f"(wanted: {convergence:g}). Algebraic loop: {initial.loops[initial.torn.index(link)]}. Give "
+                "start values nearer to the solution, or break the loop",
             )  # fmt: skip
 
-    def _value(self, link: Link) -> float | int:
+    def _value(self, link: Link) -> Any:
         """Return what a connection carries now."""
-        value = self.slaves[link.start[0]].get(link.source)
+        value: Any = self.slaves[link.start[0]].get(link.source)
         if link.conversion.table is not None:
             return link.conversion.table.get(int(value), int(value))
         return value if link.conversion.trivial else link.conversion.factor * value + link.conversion.offset
 
-    def _carry(self, link: Link, value: float | int) -> None:
+    def _carry(self, link: Link, value: Value) -> None:
         self.slaves[link.end[0]].set(link.sink, value)
         if link.stepped:
             bank = next(b for b in self.banks if b.kind == FMI_TYPE[link.sink.type])
-            bank.memory[bank.position[link.end]] = value
+            text = isinstance(value, str)
+            bank.memory[bank.position[link.end]] = (
+                bank.kept(value.encode("utf-8", "surrogateescape")) if text else value
+            )
 
     def read_outputs(self) -> None:
         """Get all outputs."""
@@ -218,7 +252,7 @@ class Exchange:
         found: list[tuple[int, int, Signal]] = []
         data: dict[str, NDArray[Any]] = {}
         stores: list[Callable[[int], None]] = []
-        for bank in self.banks:
+        for bank in self.banks[:-1]:  # tables hold no texts
             kind = bank.kind.lower()
             picked = [
                 i for i, (unit, v) in enumerate(bank.variables)
@@ -236,6 +270,10 @@ class Exchange:
                 is_input = int(i >= bank.outputs.size)
                 signal = Signal(f"{unit}.{v.name}", kind, v.unit.name if v.unit else "", column)
                 found.append((2 * order[unit] + is_input, v.reference, signal))
+            if bank is self.banks[0]:
+                read = {bank.position[link.start] for link in bank.links}
+                self._watched = np.array(sorted(read | {i for i in picked if i < bank.outputs.size}), np.intp)
+                self._zeros = np.zeros(self._watched.size)
             if picked:
                 stores.append(_store(rec, bank.memory, picked))
         found.sort(key=lambda item: item[0])
@@ -246,8 +284,34 @@ class Exchange:
 
         return [signal for *_, signal in found], data, stores[0] if len(stores) == 1 else store
 
+    def finite(self) -> bool:
+        """Tell whether all real outputs that are read or recorded are finite numbers."""
+        return float(self.banks[0].outputs.take(self._watched).dot(self._zeros)) == 0.0
+
+    def refuse_not_finite(self, call: str, time: float) -> None:
+        """Raise CosimError if an output that is read or recorded is no finite number at `time`."""
+        bank = self.banks[0]
+        order = {unit: i for i, unit in enumerate(self.checked.schedule.units)}
+        found = sorted(
+            (i for i in self._watched if not math.isfinite(bank.outputs[i])),
+            key=lambda i: order[bank.variables[i][0]],
+        )
+        if not found:
+            return
+        unit, variable = bank.variables[found[0]]
+        others = [".".join((owner, v.name)) for owner, v in (bank.variables[i] for i in found[1:])]
+        also = f" (also {', '.join(others[:3])}{', ...' if others[3:] else ''})" if others else ""
+        read = any((unit, variable.name) == link.start for link in bank.links)
+        way = (
+            "" if read else ". No component reads it: run on without it by what you record (record, --record)"
+        )
+        raise CosimError(
+            unit, call, self.slaves[unit].box.time,
+            f"{variable.name} is {bank.outputs[found[0]]} at t = {time:.9g} s, expected a finite number{also}{way}",
+        )  # fmt: skip
+
     def _match(self, record: Iterable[str]) -> set[str]:
-        names = [f"{unit}.{v.name}" for bank in self.banks for unit, v in bank.variables]
+        names = [f"{unit}.{v.name}" for bank in self.banks[:-1] for unit, v in bank.variables]
         wanted: set[str] = set()
         for text in record:
             pattern = re.compile(".*".join(map(re.escape, text.split("*"))))

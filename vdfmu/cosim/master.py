@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import shutil
-import signal
 import tempfile
-import threading
 import time as clock
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -17,9 +15,10 @@ import numpy as np
 from vdfmu.cosim.check import Checked, Value, check_system
 from vdfmu.cosim.component import LogMessage, MessageBox, Slave
 from vdfmu.cosim.continuous import ContinuousStepper
-from vdfmu.cosim.exchange import Exchange, SampledStepper
+from vdfmu.cosim.exchange import Exchange, SampledStepper, largest_step
+from vdfmu.cosim.interrupt import InterruptGuard
 from vdfmu.cosim.results import Results
-from vdfmu.cosim.schedule import ALGORITHMS
+from vdfmu.cosim.schedule import ALGORITHMS, DEFAULT
 from vdfmu.errors import CosimError, UsageError, VdfmuError
 from vdfmu.model.scenario import CONTINUOUS
 from vdfmu.ssp.archive import Archive
@@ -59,8 +58,8 @@ def simulate(
 ) -> Results:
     """Co-simulate a system of FMI 2.0 co-simulation units.
 
-    Row k is at ``start + k * step``; time is never accumulated. How the algorithms pass values on is told in
-    `vdfmu.cosim.schedule.make_schedule`.
+    Row k is at ``start + k * step``, the last at `stop`; time is never accumulated. How the algorithms pass values on
+    is told in `vdfmu.cosim.schedule.make_schedule`.
 
     Parameters
     ----------
@@ -73,7 +72,8 @@ def simulate(
         longest step, and the interval of the rows. Default: that of the default experiment's annotation, of this
         project or of libcosim.
     algorithm : str, optional
-        Default: that of the default experiment's annotation, with its `adaptive`; else ``gauss-seidel``.
+        Default: that of the default experiment's annotation, with its `adaptive`; else ``gauss-seidel``, or, with a
+        note, ``jacobi`` where the dependencies leave no order to that.
         ``gauss-seidel`` or ``jacobi``, which sample the coupled signals at the communication points; ``extrapolated``
         or ``iterative``, which take them as continuous and are of second order in the step.
     adaptive : float, optional
@@ -86,9 +86,10 @@ def simulate(
         Relative tolerance for the units' solvers.
     parameters : mapping of str to value, optional
         Values of ``component.variable`` in the unit of the FMU; they win over those of the package. Without an index
-        for all ``component.variable[...]``.
+        for all ``component.variable[...]``: one value, or a list or array with one for each.
     record : sequence of str, optional
-        Names of signals to record, with ``*`` for any text. Default: all outputs and connected inputs.
+        Names of signals to record, with ``*`` for any text. Default: all outputs and connected inputs; text is not
+        recorded.
     progress : callable, optional
         Called as ``progress(k, n)`` at the start, at the end and at most 100 times in between.
     log : callable, optional
@@ -101,14 +102,16 @@ def simulate(
     Results
         Its `summary` has algorithm, order, step, number of steps and ``wall_s``, the wall time of the steps;
         ``extrapolated`` and ``iterative`` add ``communication``: the numbers of steps, of rejected steps and of the
-        units' steps, and the shortest and the longest step.
+        units' steps, and the shortest and the longest step. A unit that ends the simulation (fmi2Discard with
+        fmi2Terminated) ends the run as if its stop were there; ``ended`` has the component and the time.
 
     Raises
     ------
     SspError, UsageError
         Before the run; see `load_ssp` and `check_system`.
     CosimError
-        A unit failed. `results` of the error holds the rows so far, or None before the first row.
+        A unit failed, or an output that is read or recorded is no finite number. `results` of the
+        error holds the rows so far, or None before the first row.
     Interrupted
         The user pressed Ctrl-C. It is a KeyboardInterrupt with `results`.
     """
@@ -116,16 +119,17 @@ def simulate(
         system = load_ssp(system)
     experiment = system.experiment
     if algorithm is None:
-        algorithm = experiment.algorithm or "gauss-seidel"
+        algorithm = experiment.algorithm
         adaptive = experiment.adaptive if adaptive is None else adaptive
     begin, end, step, n = _grid(experiment, start, stop, step)
     if tolerance is not None and not 0.0 < tolerance < np.inf:
         raise UsageError(f"tolerance must be positive and finite, got {tolerance}")
-    check_coupling(algorithm, adaptive, convergence)
+    check_coupling(algorithm or DEFAULT, adaptive, convergence)
     checked = check_system(
         system, parameters, algorithm=algorithm, repeats=adaptive is not None, strict=strict,
         ignore_unmatched=ignore_unmatched,
     )  # fmt: skip
+    algorithm = checked.algorithm
     with _Run(checked, log) as run:
         run.initialize(begin, end, tolerance, convergence or _CONVERGENCE)
         run.summary |= {
@@ -139,10 +143,11 @@ def simulate(
                 repeat=algorithm == "iterative",
                 convergence=convergence or (_CONVERGENCE if adaptive is None else 0.01 * adaptive),
                 error=adaptive,
+                span=end - begin,
             )
         else:
             run.stepper = SampledStepper(run.exchange)
-        return run.steps(begin, step, n, record, progress)
+        return run.steps(begin, end, step, n, record, progress)
 
 
 def check_coupling(algorithm: str, adaptive: float | None, convergence: float | None = None) -> None:
@@ -280,6 +285,7 @@ class _Run:
     def steps(
         self,
         begin: float,
+        end: float,
         step: float,
         n: int,
         record: Sequence[str] | None,
@@ -288,8 +294,9 @@ class _Run:
         """Do the steps and return the results."""
         box, stepper = self.box, self.stepper
         assert stepper is not None
-        advance = stepper.advance
-        signals, data, store = self.exchange.recorders(n + 1, record)
+        advance, exchange = stepper.advance, self.exchange
+        signals, data, store = exchange.recorders(n + 1, record)
+        finite = exchange.finite
         pending = box.pending
         done = -1  # the last complete row
 
@@ -298,24 +305,34 @@ class _Run:
             self.summary |= stepper.facts()
             rows = slice(0, done + 1)
             time = begin + step * np.arange(done + 1, dtype=np.float64)
+            if done == n or box.ended:
+                time[done] = self.summary["stop"]
             kept = {kind: array[rows] for kind, array in data.items()}
             return Results(time, signals, kept, self.summary, box.kept)
 
         began = clock.perf_counter()
         stride = max(1, -(-n // 100))
         try:
-            with InterruptGuard() as guard:
+            with InterruptGuard() as guard, np.errstate(invalid="ignore"):  # they are looked for
                 stepper.pressed = lambda: guard.pressed
+                exchange.refuse_not_finite("initialization", begin)
                 store(0)
                 done = 0
                 if progress is not None:
                     progress(0, n)
-                while done < n:
+                while done < n and not box.ended:
                     for k in range(done, min(n, done + stride)):
-                        box.time = begin + k * step
-                        advance(box.time, step, begin + (k + 1) * step)
+                        time, stop = begin + k * step, begin + (k + 1) * step if k < n - 1 else end
+                        box.time = time
+                        fits = k < n - 1 or time + step == end
+                        advance(time, step if fits else largest_step(time, end), stop)
+                        if not finite():
+                            exchange.refuse_not_finite("doStep", stop)
                         done = k + 1
                         store(done)
+                        if box.ended:
+                            done = self._end(k, time)
+                            break
                         if pending:
                             box.flush()
                         if guard.pressed:
@@ -337,36 +354,22 @@ class _Run:
         box.flush()
         return results()
 
+    def _end(self, k: int, time: float) -> int:
+        """Note the end that a unit has made in the step after row k, at `time`; return the last row."""
+        unit, at = min(self.box.ended.items(), key=lambda item: item[1])
+        reached = self.exchange.clock.value + self.exchange.size.value
+        if not time <= at <= reached:  # a unit that knows no last successful time, or another rounding of it
+            at = reached
+        last = k + 1 if at > time else k
+        note = f"{unit} ended the simulation at t = {at:.9g} s"
+        if at < reached and last > k:
+            note += f"; the last row has its values of then, and those of the others of t = {reached:.9g} s"
+        self.summary |= {"stop": at, "steps": last, "ended": {"component": unit, "time": at}}
+        self.summary["notes"].append(note)
+        self.box.pending.append(LogMessage("", at, "note", "", note))
+        return last
+
 
 def _needed(member: str) -> bool:
     """Tell whether a member of an FMU is needed to run it."""
     return member == "modelDescription.xml" or member.startswith(("resources/", f"binaries/{fmpy.platform}/"))
-
-
-class InterruptGuard:
-    """Holds back Ctrl-C until a step is complete, of which units written in Python would die, or a file.
-
-    A second Ctrl-C acts at once. Does nothing outside the main thread or under another signal handler.
-    """
-
-    def __init__(self) -> None:
-        self.pressed = False
-        self._active = False
-
-    def __enter__(self) -> InterruptGuard:
-        self._active = (
-            threading.current_thread() is threading.main_thread()
-            and signal.getsignal(signal.SIGINT) is signal.default_int_handler
-        )
-        if self._active:
-            signal.signal(signal.SIGINT, self._press)
-        return self
-
-    def _press(self, *_: object) -> None:
-        if self.pressed:
-            raise KeyboardInterrupt
-        self.pressed = True
-
-    def __exit__(self, *_: object) -> None:
-        if self._active:
-            signal.signal(signal.SIGINT, signal.default_int_handler)

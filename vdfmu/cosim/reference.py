@@ -88,9 +88,8 @@ class _Loop:
         )
         for name in ("K_p", "K_v", "tau_max", "ell"):
             self._pd.args[name][:] = group("controller", name)
-        self._derivative = kernel.function("plant_derivative", p=p("plant"))
+        self._derivative = kernel.function("plant_derivative", p=p("plant"), F_e=group("plant", "F_e", 6))
         F_e = self._derivative.args["F_e"]
-        F_e[:] = group("plant", "F_e", 6)
         self._measured = {"q": slice(0, n), "q_dot": slice(n, 2 * n), "kappa_dot": slice(2 * n, 3 * n)}
         self._velocity = self._measured["q_dot" if velocity == 1 else "kappa_dot"]
 
@@ -121,7 +120,7 @@ class _Loop:
         return self._pd.results["tau"].copy()
 
     def plant(self, x: Floats, tau: Floats) -> Floats:
-        """Right-hand side of the plant under its constant wrench."""
+        """Right-hand side of the plant under a constant wrench at the end effector."""
         self._derivative.args["x"][:] = x
         self._derivative.args["tau"][:] = tau
         self._derivative.run()

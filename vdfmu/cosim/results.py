@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import difflib
 import io
+import math
 import os
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -51,6 +52,7 @@ class Results:
     --------
     >>> results["plant.q[1]"]            # one signal, (m,)
     >>> results.array("plant.q")         # plant.q[1] ... plant.q[n], (m, n)
+    >>> results.array("plant.R_O")       # plant.R_O[1,1] ... plant.R_O[3,3], (m, 3, 3)
     """
 
     def __init__(
@@ -102,12 +104,35 @@ class Results:
         return column.astype(bool) if signal.kind == "boolean" else column
 
     def array(self, name: str) -> NDArray[Any]:
-        """Return ``name[1]`` to ``name[n]`` side by side, shape (m, n)."""
-        pattern = re.compile(re.escape(name) + r"\[(\d+)\]")
-        found = {int(match[1]): s for s in self._signals if (match := pattern.fullmatch(s))}
+        """Return the elements of an array in the order of their indices.
+
+        Parameters
+        ----------
+        name : str
+            Without indices.
+
+        Returns
+        -------
+        (m, n) array of ``name[1]`` ... ``name[n]``, (m, j, k) array of ``name[1,1]`` ... ``name[j,k]``, and so on
+
+        Raises
+        ------
+        UsageError
+            There are no such signals, or they do not fill an array.
+        """
+        pattern = re.compile(re.escape(name) + r"\[(\d+(?:,\d+)*)\]")
+        found = {
+            tuple(map(int, match[1].split(","))): s for s in self._signals if (match := pattern.fullmatch(s))
+        }
         if not found:
             raise UsageError(f"the results have no signals {name}[1], {name}[2], ...")
-        return np.stack([self[found[i]] for i in sorted(found)], axis=1)
+        ranks = {len(index) for index in found}
+        shape = [len(set(axis)) for axis in zip(*found, strict=False)]
+        if len(ranks) > 1 or math.prod(shape) != len(found):
+            raise UsageError(
+                f"the signals {', '.join(found.values())} are not all elements of an array; take them one by one"
+            )
+        return np.stack([self[found[i]] for i in sorted(found)], axis=1).reshape(-1, *shape)
 
     def renamed(self, rename: Callable[[str], str]) -> Results:
         """Return the same results with other names of the signals."""

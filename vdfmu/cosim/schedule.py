@@ -5,7 +5,7 @@ from __future__ import annotations
 import heapq
 from collections import deque
 from collections.abc import Hashable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TypeVar
 
 import numpy as np
@@ -18,6 +18,8 @@ from vdfmu.model.scenario import CONTINUOUS, MASTERS
 
 N = TypeVar("N", bound=Hashable)
 ALGORITHMS = MASTERS
+DEFAULT = "gauss-seidel"
+"""Master algorithm where none is named."""
 
 
 @dataclass(frozen=True)
@@ -63,6 +65,37 @@ class Schedule:
     fresh: frozenset[Port]
     through: frozenset[Port] = frozenset()
     blocks: tuple[tuple[str, ...], ...] = ()
+
+
+def choose_schedule(
+    descriptions: Mapping[str, Description], links: Sequence[Link], algorithm: str | None
+) -> tuple[str, Schedule, list[str], list[str]]:
+    """Order a system by an algorithm; for None by `DEFAULT`, or jacobi if only undeclared dependencies forbid that.
+
+    Returns
+    -------
+    str
+        The algorithm.
+    Schedule
+    list of str
+        Problems, as of `make_schedule`.
+    list of str
+        Notes: that it is jacobi, and why.
+    """
+    schedule, problems = make_schedule(descriptions, links, algorithm or DEFAULT)
+    if algorithm is not None or not problems:
+        return algorithm or DEFAULT, schedule, problems, []
+    declared = {
+        unit: replace(
+            each, step_dependencies={k: v or frozenset() for k, v in each.step_dependencies.items()}
+        )
+        for unit, each in descriptions.items()
+    }
+    if make_schedule(declared, links, DEFAULT)[1]:
+        return DEFAULT, schedule, problems, []
+    more = f" (and {len(problems) - 1} more)" if problems[1:] else ""
+    note = f"the master is jacobi: {DEFAULT}, the default, has no order for this system. {problems[0]}{more}"
+    return "jacobi", make_schedule(descriptions, links, "jacobi")[0], [], [note]
 
 
 def make_schedule(

@@ -6,11 +6,18 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from vdfmu.equations.flexible_joint import rotor_position
+from vdfmu.equations.flexible_joint import (
+    axial_torques,
+    rotor_body,
+    rotor_forces,
+    rotor_position,
+    rotor_transform,
+    rotor_velocities,
+)
 from vdfmu.equations.friction import joint_friction
-from vdfmu.equations.inverse_dynamics import inverse_dynamics, joint_torques, tool_transform
+from vdfmu.equations.inverse_dynamics import inverse_dynamics, joint_torques, link_forces, tool_transform
 from vdfmu.equations.jet import derivative, jets
-from vdfmu.equations.kinematics import gravity_in_links, joint_transforms
+from vdfmu.equations.kinematics import gravity_in_links, joint_transforms, link_motion
 from vdfmu.equations.rigid_body import coriolis_matrix, gravity_force, link_body, mass_matrix
 from vdfmu.equations.spatial import cross_motion, joint_axis
 from vdfmu.equations.trajectory import Desired
@@ -69,22 +76,28 @@ def desired_drive_motion(robot: Any, desired: Desired, F_e_d: np.ndarray | None 
     ``tau_s = ID(q_d, ..) + xi_l`` and ``kappa = q_d + D(tau_s) + theta_err``; the two derivatives of kappa
     come from running these lines on jets, which takes q_d up to its fourth derivative. The derivatives of the wrench
     `F_e_d` are taken as zero.
+
+    With `rotor_coupling` ID holds the rotors' reaction (11), in which each rotor turns as its link does: the
+    deformation's own acceleration would take two more derivatives of q_d for each joint of the chain. What it adds to
+    kappa, ``D' I_m D_ddot``, is left out here; the torques of :func:`feedforward_inverse` have it.
     """
     q_d, q_d_dot, q_d_ddot, q_d_dddot, q_d_ddddot = desired
     q = jets(q_d, q_d_dot, q_d_ddot)
     q_dot = jets(q_d_dot, q_d_ddot, q_d_dddot)
     q_ddot = jets(q_d_ddot, q_d_dddot, q_d_ddddot)
     xi_l, _ = joint_friction(robot, q_dot, q_dot)
-    tau_s = inverse_dynamics(robot, q, q_dot, q_ddot, F_e_d) + xi_l
+    rotors = (q_dot, q_ddot) if robot.rotor_coupling else None
+    tau_s = inverse_dynamics(robot, q, q_dot, q_ddot, F_e_d, rotors) + xi_l
     kappa = rotor_position(robot, q, tau_s)
     return DriveMotion(derivative(tau_s, 0), derivative(kappa, 0), derivative(kappa, 1), derivative(kappa, 2))
 
 
 def feedforward_inverse(robot: Any, desired: Desired, F_e_d: np.ndarray | None = None) -> Feedforward:
-    """Exact inverse of the plant along the desired motion: ``tau_m = I_m kappa_ddot + tau_s / ell + xi_m``.
+    """Exact inverse of the plant along the desired motion: ``tau_m = z.T F_Dk + tau_s / ell + xi_m``.
 
     This is (27) with zero velocity error and ``tau_t = tau_s / ell``; see :func:`printed_motor_torque` for
-    (28).
+    (28). ``z.T F_Dk = I_m kappa_ddot`` for rotors in pure rotation (56); for `rotor_coupling` see
+    :func:`desired_drive_motion`.
 
     Parameters
     ----------
@@ -92,9 +105,16 @@ def feedforward_inverse(robot: Any, desired: Desired, F_e_d: np.ndarray | None =
     F_e_d : (6,) [N, N m] wrench that the arm is to exert on its surroundings, in {O}, constant
     """
     drive = desired_drive_motion(robot, desired, F_e_d)
-    _, xi_m = joint_friction(robot, desired.q_d_dot, drive.kappa_dot)
-    tau_m = robot.I_m * drive.kappa_ddot + drive.tau_s / robot.ell + xi_m  # (27), (56)
-    return Feedforward(tau_m, drive.tau_s, drive.kappa_dot)
+    xi_l, xi_m = joint_friction(robot, desired.q_d_dot, drive.kappa_dot)
+    tau_s = drive.tau_s
+    tau_k = robot.I_m * drive.kappa_ddot  # (56)
+    if robot.rotor_coupling:
+        motion = link_motion(robot, desired.q_d, desired.q_d_dot, desired.q_d_ddot)
+        F_Dk = rotor_forces(robot, motion, drive.kappa_dot, drive.kappa_ddot)  # (7), (10)
+        tau_k = axial_torques(F_Dk)
+        tau_s = joint_torques(robot, link_forces(robot, motion, F_e_d, F_Dk)) + xi_l
+    tau_m = tau_k + tau_s / robot.ell + xi_m  # (27)
+    return Feedforward(tau_m, tau_s, drive.kappa_dot)
 
 
 class RequiredMotion(NamedTuple):
@@ -129,12 +149,14 @@ def required_net_forces(
     gains: Gains,
     U_AB: list[np.ndarray],
     q_dot: np.ndarray,
+    kappa_dot: np.ndarray,
     required: RequiredMotion,
-) -> list[np.ndarray]:
-    """Return the required net force of every link, Eq. (50), along its required velocity, Eq. (48)-(49).
+) -> tuple[list[np.ndarray], list[np.ndarray]]:
+    """Return the required net forces of links (50) and rotors (16), along required velocities, Eq. (48)-(49).
 
     The joint's base and output link are parts of the links (Table 1 gives their masses together), so that (14), (15)
-    and (17) are (49) and (50). The rotor's (13) and (16) are scalars, see :func:`drive_torques`.
+    and (17) are (49) and (50). The rotor's gain K_D of (16) is k_vkappa, see :func:`drive_torques`. In pure rotation
+    (56) its required velocity (13) is ``ell kappa_dot_r`` about z, and (16) is ``I_m kappa_ddot_r``.
 
     Deviation: (15)-(17) and (50) are read as ``F*_r = M V_r_dot + C(omega) V_r + G + K (V_r - V)``, with the required
     acceleration, as virtual decomposition control has it.
@@ -142,39 +164,59 @@ def required_net_forces(
     Returns
     -------
     F_B_r_star : n times (6,) [N, N m] in {B_i}
+    F_D_r_star : n times (6,) [N, N m] in {D_i}
     """
     g_B = gravity_in_links(robot, U_AB)
+    V_B: list[np.ndarray] = []
+    V_B_r: list[np.ndarray] = []
+    V_B_r_dot: list[np.ndarray] = []
     F_B_r_star: list[np.ndarray] = []
-    V_A, V_A_r, V_A_r_dot = np.zeros(6), np.zeros(6), np.zeros(6)
     for i in range(robot.n):
         z = joint_axis(robot.joint_types[i])
-        V_B = z * q_dot[i]
-        V_B_r = z * required.q_dot_r[i]  # (48)
-        V_B_r_dot = z * required.q_ddot_r[i]
+        V_B.append(z * q_dot[i])
+        V_B_r.append(z * required.q_dot_r[i])  # (48)
+        V_B_r_dot.append(z * required.q_ddot_r[i])
         if i > 0:
-            V_B = V_B + U_AB[i].T @ V_A
-            V_B_r = V_B_r + U_AB[i].T @ V_A_r  # (49), (14)
+            V_B[i] = V_B[i] + U_AB[i].T @ V_B[i - 1]
+            V_B_r[i] = V_B_r[i] + U_AB[i].T @ V_B_r[i - 1]  # (49), (14)
             # the derivative of (49): U depends on the measured position, so its rate on the measured velocity
-            V_B_r_dot = V_B_r_dot + U_AB[i].T @ V_A_r_dot + cross_motion(V_B_r) @ (z * q_dot[i])
+            carried = U_AB[i].T @ V_B_r_dot[i - 1]
+            V_B_r_dot[i] = V_B_r_dot[i] + carried + cross_motion(V_B_r[i]) @ (z * q_dot[i])
         body = link_body(robot, i)
         F_B_r_star.append(
-            mass_matrix(*body) @ V_B_r_dot
-            + coriolis_matrix(*body, V_B[3:]) @ V_B_r
+            mass_matrix(*body) @ V_B_r_dot[i]
+            + coriolis_matrix(*body, V_B[i][3:]) @ V_B_r[i]
             + gravity_force(*body[:2], g_B[i])
-            + gains.K_V[i] * (V_B_r - V_B)
+            + gains.K_V[i] * (V_B_r[i] - V_B[i])
         )  # (50), (15), (17)
-        V_A, V_A_r, V_A_r_dot = V_B, V_B_r, V_B_r_dot
-    return F_B_r_star
+    if not robot.rotor_coupling:
+        return F_B_r_star, list(np.outer(robot.I_m * required.kappa_ddot_r, joint_axis("revolute")))  # (56)
+    V_D = rotor_velocities(robot, V_B, kappa_dot)
+    V_D_r = rotor_velocities(robot, V_B_r, required.kappa_dot_r)  # (13)
+    V_D_r_dot = rotor_velocities(robot, V_B_r_dot, required.kappa_ddot_r)
+    F_D_r_star: list[np.ndarray] = []
+    for i in range(robot.n):
+        rotor = rotor_body(robot, i)
+        F_D_r_star.append(
+            mass_matrix(*rotor) @ V_D_r_dot[i] + coriolis_matrix(*rotor, V_D[i][3:]) @ V_D_r[i]
+        )  # (16)
+    return F_B_r_star, F_D_r_star
 
 
 def required_forces(
-    robot: Any, U_AB: list[np.ndarray], F_B_r_star: list[np.ndarray], F_e_d: np.ndarray | None = None
+    robot: Any,
+    U_AB: list[np.ndarray],
+    F_B_r_star: list[np.ndarray],
+    F_D_r_star: list[np.ndarray],
+    F_e_d: np.ndarray | None = None,
 ) -> list[np.ndarray]:
     """Return the required force on every driven cutting point, Eq. (51)-(53), from the last link to the first.
 
     (52)-(53) are the constraints (18), (20) of the joints, solved for the forces as (23), (25): the base's net force
     is part of the link before it. The load F_l of (51) is the wrench `F_e_d` in {O}; a payload is part of the last
     link.
+
+    Deviation: (53) leaves out the rotor's part of (20) and (25), ``U_BD F_D_kr``; with `rotor_coupling` it is added.
 
     Returns
     -------
@@ -183,8 +225,10 @@ def required_forces(
     F_B_r = list(F_B_r_star)
     if F_e_d is not None:
         F_B_r[-1] = F_B_r[-1] + tool_transform(robot) @ F_e_d  # (51)
-    for i in reversed(range(len(F_B_r) - 1)):
+    for i in reversed(range(robot.n - 1)):
         F_B_r[i] = F_B_r[i] + U_AB[i + 1] @ F_B_r[i + 1]  # (52)-(53)
+        if robot.rotor_coupling:
+            F_B_r[i] = F_B_r[i] + rotor_transform(robot, i + 1) @ F_D_r_star[i + 1]  # (19), (24)-(25)
     return F_B_r
 
 
@@ -193,24 +237,24 @@ def drive_torques(
     gains: Gains,
     required: RequiredMotion,
     tau_q: np.ndarray,
+    tau_kr: np.ndarray,
     friction: tuple[Any, Any],
     q_dot: np.ndarray,
     kappa_dot: np.ndarray,
 ) -> tuple[Any, Any]:
     """Return the drive torques tau_t, Eq. (26), and the motor torques tau, Eq. (27).
 
-    They solve (21) and (22) with ``z.T F_qr = tau_q`` and ``z.T F_kr``, by (19) and (24) the required net torque of
-    the rotor: in pure rotation (56) its velocity (13) is ``ell kappa_dot_r`` about z, and (16) is
-    ``I_m kappa_ddot_r``, with its gain K_D in k_vkappa.
+    They solve (21) and (22) with ``z.T F_qr = tau_q`` and ``z.T F_kr = tau_kr``, by (19) and (24) the required net
+    torque of the rotor, with the gain K_D of (16) in k_vkappa.
 
     Parameters
     ----------
     tau_q : (n,) [N m or N] axis components of the required forces, link-side
+    tau_kr : (n,) [N m] axis components of the rotors' required forces, motor-side
     friction : (xi_l, xi_m) link-side and motor-side
     """
     xi_l, xi_m = friction
     tau_t = (tau_q + xi_l) / robot.ell + gains.k_vq * (required.q_dot_r - q_dot)  # (26)
-    tau_kr = robot.I_m * required.kappa_ddot_r  # (16), (19), (24), (56)
     tau = tau_t + gains.k_vkappa * (required.kappa_dot_r - kappa_dot) + xi_m + tau_kr  # (27)
     return tau_t, tau
 
@@ -238,10 +282,11 @@ def feedforward_vdc(
     drive = desired_drive_motion(robot, desired, F_e_d)
     required = required_motion(gains, desired, drive, q, q_dot)
     U_AB = joint_transforms(robot, q)
-    F_B_r = required_forces(robot, U_AB, required_net_forces(robot, gains, U_AB, q_dot, required), F_e_d)
+    F_B_r_star, F_D_r_star = required_net_forces(robot, gains, U_AB, q_dot, kappa_dot, required)
+    F_B_r = required_forces(robot, U_AB, F_B_r_star, F_D_r_star, F_e_d)
     friction = joint_friction(robot, desired.q_d_dot, drive.kappa_dot)
-    tau_q = joint_torques(robot, F_B_r)
-    tau_t, tau_m = drive_torques(robot, gains, required, tau_q, friction, q_dot, kappa_dot)
+    tau_q, tau_kr = joint_torques(robot, F_B_r), axial_torques(F_D_r_star)
+    tau_t, tau_m = drive_torques(robot, gains, required, tau_q, tau_kr, friction, q_dot, kappa_dot)
     return Feedforward(tau_m, robot.ell * tau_t, drive.kappa_dot)
 
 

@@ -1,4 +1,9 @@
-"""The flexible joint as a subsystem: Eq. (4)-(11) and (56), and the spring with its torque as the state."""
+"""The flexible joint as a subsystem: Eq. (4)-(11) and (56), and the spring with its torque as the state.
+
+The joint's base is part of the link before it and its output link part of the link after it (Table 1 gives their
+masses together), so that (5), (6) and (8) are (31) and (47), and (9) is (45). What is left is the rotor: a body that
+turns about its axis on the base, with its mass in the base's link.
+"""
 
 from __future__ import annotations
 
@@ -6,14 +11,21 @@ from typing import Any
 
 import numpy as np
 
+from vdfmu.equations.generic import zeros
 from vdfmu.equations.harmonic_drive import deformation, deformation_derivative, kinematic_error
-from vdfmu.equations.spatial import joint_axis
+from vdfmu.equations.rigid_body import coriolis_force, net_force
+from vdfmu.equations.spatial import force_transform, joint_axis
 
 __all__ = [
-    "joint_forces",
-    "output_velocity",
+    "axial_torques",
     "rotor_acceleration",
+    "rotor_body",
+    "rotor_force",
+    "rotor_forces",
     "rotor_position",
+    "rotor_torque",
+    "rotor_transform",
+    "rotor_velocities",
     "rotor_velocity",
     "spring_rate",
 ]
@@ -33,52 +45,108 @@ def rotor_velocity(V_B: np.ndarray, U_BD: np.ndarray, ell: Any, kappa_dot: Any) 
     return _z_tau * (ell * kappa_dot) + U_BD.T @ V_B
 
 
-def output_velocity(V_B: np.ndarray, U_BT: np.ndarray, q_dot: Any) -> np.ndarray:
-    """Velocity of the joint output link, ``V_T = z q_dot + U_BT.T V_B``, Eq. (5)."""
-    return _z_tau * q_dot + U_BT.T @ V_B
-
-
-def joint_forces(
-    F_T: np.ndarray,
-    F_T_star: np.ndarray,
-    F_D_star: np.ndarray,
-    F_B_star: np.ndarray,
-    U_BT: np.ndarray,
-    U_BD: np.ndarray,
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the forces inside the joint and on its base, Eq. (9)-(11), for net forces from (6)-(8).
-
-    Parameters
-    ----------
-    F_T : (6,) [N, N m] force that the output link passes on at the driving cutting point, in {T}
-    F_T_star, F_D_star, F_B_star : (6,) net forces of output link, rotor and base, in {T}, {D}, {B}
-
-    Returns
-    -------
-    F_Tq : (6,) force from base to output link, in {T}; its z component is ``ell tau_t - xi(q_dot)``
-    F_Dk : (6,) force from base to rotor, in {D}; its z component is ``tau - tau_t - xi(kappa_dot)``
-    F_B : (6,) force on the base at the driven cutting point, in {B}
-    """
-    F_Tq = F_T_star + F_T  # (9)
-    F_Dk = F_D_star  # (10)
-    F_B = F_B_star + U_BT @ F_Tq + U_BD @ F_Dk  # (11)
-    return F_Tq, F_Dk, F_B
-
-
-def rotor_acceleration(robot: Any, tau: Any, tau_s: Any, xi_m: Any) -> Any:
-    """Acceleration of the rotors, (10) with (56): ``I_m kappa_ddot = tau - tau_s / ell - xi_m``.
+def rotor_torque(robot: Any, tau: Any, tau_s: Any, xi_m: Any) -> Any:
+    """Torque on the rotors about their axes, ``z.T F_Dk = tau - tau_t - xi_m`` after Eq. (11).
 
     Parameters
     ----------
     tau : (n,) [N m] motor torque, motor-side
-    tau_s : (n,) [N m or N] spring torque, link-side; ``tau_t = tau_s / ell`` in (10)
+    tau_s : (n,) [N m or N] spring torque, link-side; ``tau_t = tau_s / ell``
     xi_m : (n,) [N m] friction on the rotor, motor-side
+
+    Returns
+    -------
+    tau_k : (n,) [N m], motor-side. In pure rotation (56) it is ``I_m kappa_ddot``.
+    """
+    return tau - tau_s / robot.ell - xi_m
+
+
+def rotor_transform(robot: Any, i: int) -> np.ndarray:
+    """Force transformation U_BD from the rotor frame {D_i} to {B_(i-1)}, which carries the rotor: (6, 6).
+
+    {D_i} has the place and axes of {B_i} at q_i = 0. It does not turn with the rotor, whose inertia is the same in
+    every frame about its axis; so the transformation is constant.
+    """
+    return force_transform(robot.rotation[i], robot.offset[i])
+
+
+def rotor_body(robot: Any, i: int) -> tuple[Any, np.ndarray, np.ndarray]:
+    """Mass, centre of mass and inertia of rotor i in {D_i}, for Eq. (60)-(61).
+
+    The mass and the inertia across the axis are in the link that carries the rotor: 0 here. About the axis it is
+    ``J_r = I_m / ell`` [kg m2], a part that the link's own inertia must not contain.
+    """
+    return 0.0, np.zeros(3), robot.I_m[i] / robot.ell[i] * np.outer(_z_tau[3:], _z_tau[3:])
+
+
+def rotor_force(robot: Any, i: int, V_D: np.ndarray, tau_k: Any) -> np.ndarray:
+    """Force from the base to the rotor, F_Dk of Eq. (10), where its torque about the axis is known: (6,) in {D_i}.
+
+    What is left of (7) is the gyroscopic moment: the axial part of ``M_D V_D_dot`` is tau_k, and the mass is 0.
+    """
+    return _z_tau * tau_k + coriolis_force(*rotor_body(robot, i), V_D)
+
+
+def rotor_velocities(robot: Any, V_B: list[np.ndarray], kappa_dot: Any) -> list[np.ndarray]:
+    """Velocity of every rotor, Eq. (4): n times (6,) [m/s, rad/s] in {D_i}.
+
+    The base of the first joint is at rest. U_BD is constant, so that of accelerations V_B_dot and kappa_ddot the same
+    line makes the derivatives V_D_dot.
+
+    Parameters
+    ----------
+    V_B : n times (6,) [m/s, rad/s] velocities of the links
+    kappa_dot : (n,) [rad/s] rotor speed divided by ell
+    """
+    bases = [np.zeros(6), *V_B[:-1]]
+    return [
+        rotor_velocity(V_A, rotor_transform(robot, i), robot.ell[i], kappa_dot[i])
+        for i, V_A in enumerate(bases)
+    ]
+
+
+def rotor_forces(robot: Any, motion: Any, kappa_dot: Any, kappa_ddot: Any) -> list[np.ndarray]:
+    """Force from the base to every rotor for a given motion, Eq. (7) and (10): n times (6,) [N, N m] in {D_i}.
+
+    Parameters
+    ----------
+    motion : vdfmu.equations.kinematics.Motion
+        Of the links.
+    kappa_dot, kappa_ddot : (n,) [rad/s, rad/s2] rotor speed and acceleration divided by ell
+    """
+    V_D = rotor_velocities(robot, motion.V_B, kappa_dot)
+    V_D_dot = rotor_velocities(robot, motion.V_B_dot, kappa_ddot)
+    no_weight = np.zeros(3)
+    return [net_force(*rotor_body(robot, i), no_weight, V_D[i], V_D_dot[i]) for i in range(robot.n)]
+
+
+def axial_torques(F_Dk: list[np.ndarray]) -> np.ndarray:
+    """Torque about the axis of every rotor, ``z.T F_Dk``: (n,) [N m], motor-side."""
+    return np.array([_z_tau @ F for F in F_Dk])
+
+
+def rotor_acceleration(robot: Any, tau_k: Any, motion: Any = None) -> Any:
+    """Acceleration of the rotors from the torque about their axes, Eq. (7) and (10).
+
+    ``I_m kappa_ddot + I_m / ell z.T (U_BD.T V_A_dot) = tau_k``, where {A} is the link that carries the rotor.
+
+    Parameters
+    ----------
+    tau_k : (n,) [N m] torque on the rotor about its axis, motor-side
+    motion : vdfmu.equations.kinematics.Motion, optional
+        Of the links. Without it the rotors turn about their axes alone, Eq. (56).
 
     Returns
     -------
     kappa_ddot : (n,) [rad/s2 or m/s2]
     """
-    return (tau - tau_s / robot.ell - xi_m) / robot.I_m
+    kappa_ddot = tau_k / robot.I_m
+    if motion is None:
+        return kappa_ddot
+    carried = zeros((robot.n,), kappa_ddot, *motion.V_B_dot)
+    for i in range(1, robot.n):
+        carried[i] = (rotor_transform(robot, i).T @ motion.V_B_dot[i - 1])[5]
+    return kappa_ddot - carried / robot.ell
 
 
 def spring_rate(robot: Any, kappa: Any, kappa_dot: Any, q_dot: Any, tau_s: Any) -> Any:

@@ -1,12 +1,13 @@
-"""Forward dynamics of the rigid links: articulated recursion, and the paper's route by mapping matrices."""
+"""Forward dynamics of links and rotors: articulated recursion, and the paper's route by mapping matrices."""
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from vdfmu.equations.elimination import factorize, solve
+from vdfmu.equations.flexible_joint import rotor_force, rotor_transform, rotor_velocity
 from vdfmu.equations.generic import zeros
 from vdfmu.equations.inverse_dynamics import inverse_dynamics, tool_transform
 from vdfmu.equations.kinematics import gravity_in_links, joint_placements
@@ -14,13 +15,25 @@ from vdfmu.equations.mapping import joint_space_mass_matrix
 from vdfmu.equations.rigid_body import coriolis_force, gravity_force, link_body, mass_matrix
 from vdfmu.equations.spatial import cross_motion, force_transform, joint_axis, transform_mass_matrix
 
-__all__ = ["forward_dynamics", "forward_dynamics_by_mapping"]
+__all__ = ["Rotors", "forward_dynamics", "forward_dynamics_by_mapping"]
+
+
+class Rotors(NamedTuple):
+    """Rotors: speed kappa_dot (n,) [rad/s] divided by ell, torque tau_k (n,) [N m, motor-side] about the axis."""
+
+    kappa_dot: Any
+    tau_k: Any
 
 
 def forward_dynamics(
-    robot: Any, q: np.ndarray, q_dot: np.ndarray, tau: np.ndarray, F_e: np.ndarray | None = None
+    robot: Any,
+    q: np.ndarray,
+    q_dot: np.ndarray,
+    tau: np.ndarray,
+    F_e: np.ndarray | None = None,
+    rotors: Rotors | None = None,
 ) -> np.ndarray:
-    """Joint accelerations of the rigid arm by the articulated recursion. The cost is O(n).
+    """Joint accelerations of the arm by the articulated recursion. The cost is O(n).
 
     The recursion eliminates V_B_dot from (44)-(47) link by link, from the end effector to the base: what
     hangs on link i acts on it like one body with mass matrix M_A and force p_A (Featherstone 2008, table 7.1,
@@ -31,6 +44,9 @@ def forward_dynamics(
     q, q_dot : (n,) [rad or m, per s]
     tau : (n,) [N m or N], link-side
     F_e : (6,) [N, N m] wrench on the surroundings in {O}
+    rotors : Rotors, optional
+        Rotors whose reaction on the links counts, Eq. (11). It holds no acceleration, because the torque about the
+        rotor's axis is known: the recursion stays that of the links alone.
 
     Returns
     -------
@@ -53,6 +69,10 @@ def forward_dynamics(
         body = link_body(robot, i)
         M_A.append(mass_matrix(*body))
         p_A.append(coriolis_force(*body, V_B[i]) + gravity_force(*body[:2], g_B[i]))
+        if rotors is not None and i > 0:
+            U_BD = rotor_transform(robot, i)
+            V_D = rotor_velocity(V_B[i - 1], U_BD, robot.ell[i], rotors.kappa_dot[i])  # (4)
+            p_A[i - 1] = p_A[i - 1] + U_BD @ rotor_force(robot, i, V_D, rotors.tau_k[i])  # (10)-(11)
     if F_e is not None:
         p_A[-1] = p_A[-1] + tool_transform(robot) @ F_e
 

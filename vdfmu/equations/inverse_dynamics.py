@@ -1,4 +1,4 @@
-"""Inverse dynamics of the rigid links by virtual decomposition: Eq. (44)-(47)."""
+"""Inverse dynamics of the links by virtual decomposition: Eq. (44)-(47), and the rotors' reaction on them, (11)."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from vdfmu.equations.flexible_joint import rotor_forces, rotor_transform
 from vdfmu.equations.generic import zeros
 from vdfmu.equations.kinematics import Motion, gravity_in_links, link_motion
 from vdfmu.equations.rigid_body import link_body, net_force
@@ -19,12 +20,17 @@ def tool_transform(robot: Any) -> np.ndarray:
     return force_transform(np.eye(3), robot.tool_offset)
 
 
-def link_forces(robot: Any, motion: Motion, F_e: np.ndarray | None = None) -> list[np.ndarray]:
+def link_forces(
+    robot: Any, motion: Motion, F_e: np.ndarray | None = None, F_Dk: list[np.ndarray] | None = None
+) -> list[np.ndarray]:
     """Force and torque on every driven cutting point, Eq. (44)-(47).
+
+    Deviation: (46) leaves out the rotor's reaction on its base, ``U_BD F_Dk`` of (11); here it is added.
 
     Parameters
     ----------
     F_e : (6,) [N, N m] wrench of the arm on its surroundings, in {O} ({B_6} in the paper); None is 0.
+    F_Dk : n times (6,) [N, N m] force from the base to every rotor, in {D_i}; None is 0.
 
     Returns
     -------
@@ -39,7 +45,9 @@ def link_forces(robot: Any, motion: Motion, F_e: np.ndarray | None = None) -> li
             if F_e is not None:
                 F_B[i] = F_B[i] + tool_transform(robot) @ F_e
         else:
-            F_B[i] = F_B[i] + motion.U_AB[i + 1] @ F_B[i + 1]
+            F_B[i] = F_B[i] + motion.U_AB[i + 1] @ F_B[i + 1]  # (46)
+            if F_Dk is not None:
+                F_B[i] = F_B[i] + rotor_transform(robot, i + 1) @ F_Dk[i + 1]  # (11)
     return F_B
 
 
@@ -52,7 +60,12 @@ def joint_torques(robot: Any, F_B: list[np.ndarray]) -> np.ndarray:
 
 
 def inverse_dynamics(
-    robot: Any, q: np.ndarray, q_dot: np.ndarray, q_ddot: np.ndarray, F_e: np.ndarray | None = None
+    robot: Any,
+    q: np.ndarray,
+    q_dot: np.ndarray,
+    q_ddot: np.ndarray,
+    F_e: np.ndarray | None = None,
+    rotors: tuple[Any, Any] | None = None,
 ) -> np.ndarray:
     """Joint torques of the rigid arm for a given motion, Eq. (29)-(31) and (44)-(47). The cost is O(n).
 
@@ -60,10 +73,13 @@ def inverse_dynamics(
     ----------
     q, q_dot, q_ddot : (n,) [rad or m, and per s, s2]
     F_e : (6,) [N, N m] wrench on the surroundings in {O}
+    rotors : (kappa_dot, kappa_ddot), each (n,), optional
+        Motion of rotors whose reaction on the links counts, Eq. (11); without it the links are alone.
 
     Returns
     -------
     tau : (n,) [N m or N], link-side, without friction
     """
     motion = link_motion(robot, q, q_dot, q_ddot)
-    return joint_torques(robot, link_forces(robot, motion, F_e))
+    F_Dk = None if rotors is None else rotor_forces(robot, motion, *rotors)
+    return joint_torques(robot, link_forces(robot, motion, F_e, F_Dk))

@@ -6,16 +6,31 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from vdfmu.equations.flexible_joint import rotor_acceleration, rotor_position, spring_rate
-from vdfmu.equations.forward_dynamics import forward_dynamics
+from vdfmu.equations.flexible_joint import (
+    rotor_acceleration,
+    rotor_force,
+    rotor_position,
+    rotor_torque,
+    rotor_velocities,
+    spring_rate,
+)
+from vdfmu.equations.forward_dynamics import Rotors, forward_dynamics
 from vdfmu.equations.friction import joint_friction
 from vdfmu.equations.harmonic_drive import spring_energy
-from vdfmu.equations.inverse_dynamics import inverse_dynamics
+from vdfmu.equations.inverse_dynamics import inverse_dynamics, joint_torques, link_forces
 from vdfmu.equations.kinematics import end_effector_pose, joint_placements, link_motion
 from vdfmu.equations.limits import motor_torque, stop_energy, stop_torque
 from vdfmu.equations.rigid_body import link_body, mass_matrix
 
-__all__ = ["Outputs", "State", "equilibrium_torque", "plant_derivative", "plant_outputs", "split_state"]
+__all__ = [
+    "Outputs",
+    "State",
+    "balance",
+    "equilibrium_torque",
+    "plant_derivative",
+    "plant_outputs",
+    "split_state",
+]
 
 
 class State(NamedTuple):
@@ -43,6 +58,16 @@ def split_state(x: np.ndarray) -> State:
     return State(*np.split(x, 4))
 
 
+def _torques(robot: Any, state: State, tau: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Torques on the links, ``tau_s - xi_l`` and what end stops add, and on the rotors about their axes, each (n,)."""
+    xi_l, xi_m = joint_friction(robot, state.q_dot, state.kappa_dot)
+    tau_l = state.tau_s - xi_l
+    if robot.limits:
+        tau_l = tau_l + stop_torque(robot, state.q, state.q_dot)
+        tau = motor_torque(robot, tau, state.kappa_dot)
+    return tau_l, rotor_torque(robot, tau, state.tau_s, xi_m)  # after (11)
+
+
 def plant_derivative(robot: Any, x: np.ndarray, tau: np.ndarray, F_e: np.ndarray) -> np.ndarray:
     """Right-hand side of the plant.
 
@@ -56,15 +81,43 @@ def plant_derivative(robot: Any, x: np.ndarray, tau: np.ndarray, F_e: np.ndarray
     -------
     x_dot : (4 n,)
     """
-    q, q_dot, kappa_dot, tau_s = split_state(x)
-    xi_l, xi_m = joint_friction(robot, q_dot, kappa_dot)
-    if robot.limits:
-        xi_l, tau = xi_l - stop_torque(robot, q, q_dot), motor_torque(robot, tau, kappa_dot)
+    q, q_dot, kappa_dot, tau_s = state = split_state(x)
+    tau_l, tau_k = _torques(robot, state, tau)
     kappa = rotor_position(robot, q, tau_s)
-    q_ddot = forward_dynamics(robot, q, q_dot, tau_s - xi_l, F_e)  # links: (9), (44)-(47)
-    kappa_ddot = rotor_acceleration(robot, tau, tau_s, xi_m)  # rotors: (10), (56)
+    if robot.rotor_coupling:  # links and rotors as bodies: (4), (7), (9)-(11), (44)-(47)
+        q_ddot = forward_dynamics(robot, q, q_dot, tau_l, F_e, Rotors(kappa_dot, tau_k))
+        kappa_ddot = rotor_acceleration(robot, tau_k, link_motion(robot, q, q_dot, q_ddot))
+    else:  # rotors in pure rotation: (56), and (46) without their reaction
+        q_ddot = forward_dynamics(robot, q, q_dot, tau_l, F_e)
+        kappa_ddot = rotor_acceleration(robot, tau_k)
     tau_s_dot = spring_rate(robot, kappa, kappa_dot, q_dot, tau_s)  # springs: (2)-(3)
     return np.concatenate([q_dot, q_ddot, kappa_ddot, tau_s_dot])
+
+
+def balance(
+    robot: Any, x: np.ndarray, q_ddot: np.ndarray, tau: np.ndarray, F_e: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the plant's equations of motion in implicit form, which are short to differentiate.
+
+    Parameters
+    ----------
+    x, tau, F_e : as in :func:`plant_derivative`
+    q_ddot : (n,) [rad/s2 or m/s2]
+
+    Returns
+    -------
+    links : (n,) [N m or N] ``tau_s - xi_l - ID(q, q_dot, q_ddot)``, with end stops, 0 for the plant's own q_ddot
+    rotors : (n,) [rad/s2 or m/s2] kappa_ddot while the links accelerate by q_ddot
+    """
+    state = split_state(x)
+    tau_l, tau_k = _torques(robot, state, tau)
+    motion = link_motion(robot, state.q, state.q_dot, q_ddot)
+    F_Dk = None
+    if robot.rotor_coupling:
+        V_D = rotor_velocities(robot, motion.V_B, state.kappa_dot)
+        F_Dk = [rotor_force(robot, i, V_D[i], tau_k[i]) for i in range(robot.n)]
+    torques = joint_torques(robot, link_forces(robot, motion, F_e, F_Dk))
+    return tau_l - torques, rotor_acceleration(robot, tau_k, motion if robot.rotor_coupling else None)
 
 
 def equilibrium_torque(robot: Any, q: np.ndarray, F_e: np.ndarray | None = None) -> np.ndarray:
@@ -76,13 +129,17 @@ def equilibrium_torque(robot: Any, q: np.ndarray, F_e: np.ndarray | None = None)
 def plant_outputs(robot: Any, x: np.ndarray) -> Outputs:
     """Return the outputs of the plant. They depend on its state alone: the plant has no direct feed-through.
 
-    The rotor's kinetic energy is ``J_r (ell kappa_dot)^2 / 2 = I_m ell kappa_dot^2 / 2``, as ``I_m = J_r
-    ell``. The potential energy is zero with all centres of mass at the height of the origin of {I}.
+    The rotor's kinetic energy is ``J_r s^2 / 2`` with ``J_r = I_m / ell`` and s its speed about its axis, the z
+    component of V_D (4); in pure rotation (56) that is ``ell kappa_dot``. The potential energy is zero with all
+    centres of mass at the height of the origin of {I}.
     """
     q, q_dot, kappa_dot, tau_s = split_state(x)
     motion = link_motion(robot, q, q_dot, np.zeros(robot.n))
     p_O, R_O = end_effector_pose(robot, q)
-    E_kin = 0.5 * (robot.I_m * robot.ell) @ (kappa_dot * kappa_dot)
+    spin = kappa_dot
+    if robot.rotor_coupling:
+        spin = np.array([V_D[5] for V_D in rotor_velocities(robot, motion.V_B, kappa_dot)]) / robot.ell
+    E_kin = 0.5 * (robot.I_m * robot.ell) @ (spin * spin)
     E_pot = 0.0
     p, R = np.zeros(3), np.eye(3)
     for i, (R_AB, p_AB) in enumerate(joint_placements(robot, q)):

@@ -85,11 +85,13 @@ class Behaviour:
         return robot_problems(self.table, self.memory)
 
     def start(self, t: float, tolerance: float | None) -> None:
-        """Take the parameters as they are and set the state to that of the start time `t` [s]."""
+        """Take the parameters as they are and set the state to that of the start time `t` [s].
+
+        `tolerance` is that of the experiment; the smaller of it and the parameter holds.
+        """
         if self._integrator is not None:
-            self._integrator.tolerance = (
-                float(self._buffer("tolerance")[0]) if tolerance is None else tolerance
-            )
+            own = float(self._buffer("tolerance")[0])
+            self._integrator.tolerance = own if tolerance is None else min(own, tolerance)
             self._integrator.h = 1e-4
         self._t[0] = t
         _run(self._start)

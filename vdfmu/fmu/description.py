@@ -19,7 +19,6 @@ __all__ = [
     "native_model_description",
 ]
 
-# No tolerance: importers such as fmpy would hand it to every run, and it goes before the plant's parameter.
 DEFAULT_EXPERIMENT = {"startTime": "0", "stopTime": "10", "stepSize": "0.001"}
 LOG_CATEGORIES = {
     "logEvents": "Start of the simulation.",
@@ -74,7 +73,7 @@ def model_description(table: Interface, guid: str, tool: str) -> Element:
             "canSerializeFMUstate": "true",
         },
     )
-    _add_definitions(root, table)
+    _add_definitions(root, table, table)
     variables = SubElement(root, "ModelVariables")
     for reference, variable in enumerate(table):
         _add_variable(variables, variable, reference)
@@ -125,7 +124,7 @@ def native_model_description(layout: Layout, guid: str, tool: str, sources: Sequ
         root.set("numberOfEventIndicators", "0")
         _add_sources(SubElement(root, "ModelExchange", common | exchange), sources)
     _add_sources(SubElement(root, "CoSimulation", common | simulation), sources)
-    _add_definitions(root, layout.variables[: layout.time])
+    _add_definitions(root, layout.variables[: layout.time], table)
     variables = SubElement(root, "ModelVariables")
     for reference, variable in enumerate(layout.variables[: layout.time]):
         _add_variable(variables, variable, reference)
@@ -171,13 +170,18 @@ def add_units(root: Element, variables: Iterable[Variable]) -> None:
             SubElement(unit, "DisplayUnit", {"name": display, "factor": number(factor)})
 
 
-def add_log_and_experiment(root: Element, fmi: str) -> None:
-    """Add the log categories and the default experiment; `fmi` is the prefix of status names."""
+def add_log_and_experiment(root: Element, fmi: str, table: Interface) -> None:
+    """Add the log categories and the default experiment; `fmi` is the prefix of status names.
+
+    A unit with a solver names the tolerance of its parameter: importers take one of their own where there is none.
+    """
     categories = SubElement(root, "LogCategories")
     for name, description in LOG_CATEGORIES.items():
         text = description.replace("fmi2", fmi)
         SubElement(categories, "Category", {"name": name, "description": text})
-    SubElement(root, "DefaultExperiment", DEFAULT_EXPERIMENT)
+    experiment = SubElement(root, "DefaultExperiment", DEFAULT_EXPERIMENT)
+    if "tolerance" in table.groups:
+        experiment.set("tolerance", start_text(table.find("tolerance")))
 
 
 def value_attributes(variable: Variable) -> dict[str, str]:
@@ -214,9 +218,9 @@ def _root(table: Interface, guid: str, tool: str) -> Element:
     return Element("fmiModelDescription", {"fmiVersion": "2.0", "modelName": name, "guid": guid} | attributes)
 
 
-def _add_definitions(root: Element, variables: Iterable[Variable]) -> None:
+def _add_definitions(root: Element, variables: Iterable[Variable], table: Interface) -> None:
     add_units(root, variables)
-    add_log_and_experiment(root, "fmi2")
+    add_log_and_experiment(root, "fmi2", table)
 
 
 def _add_sources(parent: Element, sources: Sequence[str]) -> None:

@@ -43,7 +43,7 @@ def model_description_3(layout: Layout, guid: str, tool: str) -> Element:
     )
     _add_interfaces(root, layout)
     add_units(root, layout)
-    add_log_and_experiment(root, "fmi3")
+    add_log_and_experiment(root, "fmi3", layout.table)
     variables = SubElement(root, "ModelVariables")
     for array in layout.arrays:
         _add_variable(variables, layout, array)

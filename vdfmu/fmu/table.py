@@ -309,7 +309,7 @@ def _plant(robot: Robot) -> list[Variable]:
         "links; otherwise from kappa_dot_0 and tau_s_0"
     )
     tolerance = (
-        "Tolerance of the solver, relative and absolute in SI units; a tolerance of the experiment "
+        "Tolerance of the solver, relative and absolute in SI units; a smaller tolerance of the experiment "
         "replaces it"
     )
     return [

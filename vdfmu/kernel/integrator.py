@@ -15,6 +15,8 @@ __all__ = ["Integrator", "state_name"]
 
 MINIMUM_STEP = 1e-12
 """Smallest internal step [s]: 1e4 times rounding of a time of about 1 s."""
+MAXIMUM_STEPS = 1_000_000
+"""Internal steps, rejected ones too, in one call: 10 s of the six-joint arm at 150 rad/s take 300,000."""
 _SAFETY, _SHRINK, _GROW = 0.9, 0.2, 5.0
 
 
@@ -79,13 +81,14 @@ class Integrator:
         Raises
         ------
         KernelError
-            If the tolerance cannot be met at the smallest step, or the state is no longer finite. The message
-            names time and state component; the state is then that before the call.
+            If the tolerance cannot be met at the smallest step, the state is no longer finite, or
+            `MAXIMUM_STEPS` do not reach the end. The message says where; the state is then that before the call.
         """
         x, x_new, norm, step = self._x_start, self._x_new, self._norm, self._step.run
         before, h_before = x.copy(), self.h
-        done = 0.0
+        done, tried, failure = 0.0, 0, ""
         while done < duration:
+            tried += 1
             rest = duration - done
             h = self.h
             last = h >= rest * (1.0 - 1e-10)
@@ -109,10 +112,17 @@ class Integrator:
                 self.rejected += 1
                 self.h = h * (min(0.9, max(factor, _SHRINK)) if math.isfinite(error) else _SHRINK)
                 if self.h < MINIMUM_STEP:
-                    message = self._failure(t + done, error)
-                    x[:] = before
-                    self.h = h_before
-                    raise KernelError(message)
+                    failure = self._failure(t + done, error)
+            if not failure and tried == MAXIMUM_STEPS and done < duration:
+                failure = (
+                    f"at t = {t + done:.9g} s the communication step of {duration:.6g} s is not done after "
+                    f"{MAXIMUM_STEPS} internal steps, the last of {h:.3g} s. Take shorter communication steps, lower "
+                    "the input torque, loosen the tolerance, or check the parameters."
+                )
+            if failure:
+                x[:] = before
+                self.h = h_before
+                raise KernelError(failure)
 
     def _failure(self, t: float, error: float) -> str:
         bad = np.flatnonzero(~np.isfinite(self._x_new))

@@ -151,6 +151,7 @@ def structure_key(robot: Robot) -> str:
         "joints": robot.joint_types,
         "rotation": np.asarray(robot.rotation, dtype=float).tolist(),
         "friction": robot.friction,
+        "rotor_coupling": robot.rotor_coupling,
         "parameters": [p.name for p in parameters(robot)],
     }
     return sha256(json.dumps(structure, sort_keys=True).encode()).hexdigest()[:32]

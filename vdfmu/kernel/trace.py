@@ -13,12 +13,12 @@ from vdfmu.equations.elimination import factorize, solve
 from vdfmu.equations.estimator import torque_estimates
 from vdfmu.equations.feedforward import Gains, feedforward_inverse, feedforward_vdc
 from vdfmu.equations.forward_dynamics import forward_dynamics
-from vdfmu.equations.friction import joint_friction
 from vdfmu.equations.inverse_dynamics import inverse_dynamics
-from vdfmu.equations.limits import stop_torque
+from vdfmu.equations.kinematics import end_effector_pose
+from vdfmu.equations.mapping import jacobian, joint_space_mass_matrix
 from vdfmu.equations.newton_euler import newton_euler
 from vdfmu.equations.pd import pd_control
-from vdfmu.equations.plant import equilibrium_torque, plant_derivative, plant_outputs, split_state
+from vdfmu.equations.plant import balance, equilibrium_torque, plant_derivative, plant_outputs
 from vdfmu.equations.trajectory import Desired, desired_motion
 from vdfmu.kernel.derivatives import DIRECTIONS
 from vdfmu.kernel.requirements import margins, requirements
@@ -77,7 +77,8 @@ _DESIRED = ("q_d", "q_d_dot", "q_d_ddot", "q_d_dddot", "q_d_ddddot")
 def _trace_inverse_dynamics(robot: Robot) -> ca.Function:
     symbols, p = symbolic_robot(robot)
     inputs = _vectors(robot.n, "q", "q_dot", "q_ddot") | _vectors(6, "F_e")
-    tau = inverse_dynamics(symbols, *_arrays(inputs))
+    q, q_dot, q_ddot, F_e = _arrays(inputs)
+    tau = inverse_dynamics(symbols, q, q_dot, q_ddot, F_e)
     return _function("inverse_dynamics", inputs | {"p": p}, {"tau": to_sx(tau)})
 
 
@@ -94,51 +95,75 @@ def _trace_newton_euler(robot: Robot) -> ca.Function:
 def _trace_forward_dynamics(robot: Robot) -> ca.Function:
     symbols, p = symbolic_robot(robot)
     inputs = _vectors(robot.n, "q", "q_dot", "tau") | _vectors(6, "F_e")
-    q_ddot = forward_dynamics(symbols, *_arrays(inputs))
+    q, q_dot, tau, F_e = _arrays(inputs)
+    q_ddot = forward_dynamics(symbols, q, q_dot, tau, F_e)
     return _function("forward_dynamics", inputs | {"p": p}, {"q_ddot": to_sx(q_ddot)})
+
+
+@_traced
+def _trace_forward_kinematics(robot: Robot) -> ca.Function:
+    """Position and rotation of {O} in {I}, in one vector."""
+    symbols, p = symbolic_robot(robot)
+    inputs = _vectors(robot.n, "q")
+    pose = [to_sx(part) for part in end_effector_pose(symbols, *_arrays(inputs))]
+    return _function("forward_kinematics", inputs | {"p": p}, {"pose": ca.vertcat(*pose)})
+
+
+@_traced
+def _trace_jacobian(robot: Robot) -> ca.Function:
+    symbols, p = symbolic_robot(robot)
+    inputs = _vectors(robot.n, "q")
+    return _function("jacobian", inputs | {"p": p}, {"J_q": to_sx(jacobian(symbols, *_arrays(inputs)))})
+
+
+@_traced
+def _trace_mass_matrix(robot: Robot) -> ca.Function:
+    symbols, p = symbolic_robot(robot)
+    inputs = _vectors(robot.n, "q")
+    M = joint_space_mass_matrix(symbols, *_arrays(inputs))
+    return _function("mass_matrix", inputs | {"p": p}, {"M": to_sx(M)})
 
 
 class _Plant:
     """The plant's right-hand side and its linearisation, as expressions.
 
-    The links obey ``M q_ddot = tau_s - xi_l - ID(q, q_dot, 0)``, so their rows of ``M J`` are derivatives of
-    the inverse dynamics, a third of the length of those of the forward dynamics. `E` is the identity with M
-    in the links' rows. `Ef_t` is E times the derivative along inputs that change at `rates`.
+    Links and rotors obey :func:`vdfmu.equations.plant.balance`, so their rows of ``E J`` are derivatives of the inverse
+    dynamics, a third of the length of those of the forward dynamics. `E` is the identity, but for the derivatives of
+    the balance with respect to q_ddot: M in the links' rows, and with `rotor_coupling` the links' part in the rotors'
+    rows.
+    `Ef_t` is E times the derivative along inputs that change at `rates`.
     """
 
     def __init__(self, robot: Robot) -> None:
         n = robot.n
         symbols, p = symbolic_robot(robot)
         self.inputs = _vectors(4 * n, "x") | _vectors(n, "tau") | _vectors(6, "F_e")
-        x, F_e = self.inputs["x"], self.inputs["F_e"]
+        x, tau, F_e = self.inputs.values()
         arrays = _arrays(self.inputs)
         self.x_dot = to_sx(plant_derivative(symbols, *arrays))
         self.inputs["p"] = p
 
         q_ddot = ca.SX.sym("q_ddot", n)
-        state = split_state(arrays[0])
-        xi_l, _ = joint_friction(symbols, state.q_dot, state.kappa_dot)
-        if robot.limits:
-            xi_l = xi_l - stop_torque(symbols, state.q, state.q_dot)
-        torque = inverse_dynamics(symbols, state.q, state.q_dot, from_sx(q_ddot), arrays[2])
-        residual = to_sx(state.tau_s - xi_l - torque)
+        residual = to_sx(np.concatenate(balance(symbols, arrays[0], from_sx(q_ddot), *arrays[1:])))
         rates = self.rates = _vectors(n, "tau_dot") | _vectors(6, "F_e_dot")
-        links = ca.Function(
-            "links",
-            [x, q_ddot, F_e, p, rates["F_e_dot"]],
+        inputs, changes = ca.vertcat(tau, F_e), ca.vertcat(*rates.values())
+        at = [x, q_ddot, tau, F_e, p, *rates.values()]
+        balanced = ca.Function(
+            "balance",
+            at,
             [
                 ca.jacobian(residual, x),
                 -ca.jacobian(residual, q_ddot),
-                ca.jtimes(residual, F_e, rates["F_e_dot"]),
+                ca.jtimes(residual, inputs, changes),
             ],
         )
-        rows, self.M, links_t = links(x, self.x_dot[n : 2 * n], F_e, p, rates["F_e_dot"])
-        others = ca.jacobian(self.x_dot[2 * n :], x)
-        others_t = ca.jtimes(self.x_dot[2 * n :], self.inputs["tau"], rates["tau_dot"])
-        self.Ef_t = ca.vertcat(ca.SX(n, 1), links_t, others_t)
+        rows, E, rows_t = balanced(x, self.x_dot[n : 2 * n], tau, F_e, p, *rates.values())
+        self.M, self.S = E[:n, :], E[n:, :]
+        self.Ef_t = ca.vertcat(ca.SX(n, 1), rows_t, ca.SX(n, 1))
         shift = ca.horzcat(ca.SX(n, n), ca.SX.eye(n), ca.SX(n, 2 * n))  # d q_dot / d x
-        self.EJ = ca.vertcat(shift, rows, others)
+        self.EJ = ca.vertcat(shift, rows, ca.jacobian(self.x_dot[3 * n :], x))
         self.E = ca.diagcat(ca.SX.eye(n), self.M, ca.SX.eye(2 * n))
+        self.E[2 * n : 3 * n, n : 2 * n] = self.S
 
 
 @_traced
@@ -154,7 +179,8 @@ def _trace_plant_jacobian(robot: Robot) -> ca.Function:
     factors = factorize(from_sx(ca.densify(plant.M)).reshape(n, n))
     rows = ca.densify(plant.EJ[n : 2 * n, :])
     links = ca.horzcat(*[to_sx(solve(factors, from_sx(rows[:, j]))) for j in range(4 * n)])
-    J = ca.vertcat(plant.EJ[:n, :], links, plant.EJ[2 * n :, :])
+    rotors = plant.EJ[2 * n : 3 * n, :] - plant.S @ links
+    J = ca.vertcat(plant.EJ[:n, :], links, rotors, plant.EJ[3 * n :, :])
     return _function("plant_jacobian", plant.inputs, {"J": J})
 
 

@@ -138,6 +138,14 @@ class Table:
             self.problems.add(self.key(key), expected, shown(value), "Write some text.")
         return value
 
+    def flag(self, key: str, default: bool) -> bool:
+        """Return true or false."""
+        value = self.data.get(key, default)
+        if not isinstance(value, bool):
+            self.problems.add(self.key(key), "true or false", shown(value), "Write it without quotes.")
+            return default
+        return value
+
     def name(self, key: str) -> str:
         """Return a string that can name a file: results of a scenario go into a folder of its name."""
         value = self.text(key)

@@ -74,7 +74,7 @@ class Robot:
     c_w : (n,) [1/(N.m)], motor side
         Growth of the wave generator stiffness, Eq. (3).
     theta_err_amplitude, theta_err_phase : (n,) [rad]
-        Kinematic error of Eq. (3), A*sin(2*ell*kappa + phase), amplitude on the link side.
+        Kinematic error of Eq. (3), ``A*sin(2*ell*kappa + phase)``, amplitude on the link side.
     f_c, f_s : (n,) [N.m]
         Coulomb and static friction, Eq. (54).
     f_v : (n,) [N.m.s/rad]
@@ -87,6 +87,9 @@ class Robot:
         Width of tanh(v/eps), which stands for sgn(v) in Eq. (54)-(55).
     friction : "lumped" or "split"
         Arrangement of the friction: all at the rotor, or Eq. (54) on the link and Eq. (55) on the rotor.
+    rotor_coupling : bool
+        Whether the rotors turn with the links that carry them, as bodies of Eq. (4), (7) and (11), or in pure
+        rotation about their own axis, Eq. (56).
     sources : mapping of str to str
         Provenance: key of the robot file to where its number is from.
     payload : bool
@@ -134,6 +137,7 @@ class Robot:
     f_ck: Array
     eps: Array
     friction: str
+    rotor_coupling: bool
     sources: Mapping[str, str]
     payload: bool = False
     payload_mass: Array = field(default_factory=lambda: read_only(0.0))
@@ -161,6 +165,7 @@ class Robot:
             "name": self.name,
             "description": self.description,
             "friction": self.friction,
+            "rotor_coupling": self.rotor_coupling,
             "gravity": self.gravity.tolist(),
             "tool_offset": self.tool_offset.tolist(),
             **(

@@ -24,7 +24,9 @@ from vdfmu.model.robot import (
     robot_argument,
 )
 
-ROBOT_KEYS = ("name", "description", "friction", "gravity", "tool_offset", "payload", "joints", "sources")
+ROBOT_KEYS = (
+    "name", "description", "friction", "rotor_coupling", "gravity", "tool_offset", "payload", "joints", "sources",
+)  # fmt: skip
 JOINT_KEYS = ("type", *GEOMETRY_KEYS, "link", "drive", "friction", "limits")
 SOURCE_KEYS = (
     "gravity",
@@ -90,6 +92,7 @@ def robot_from_dict(data: Mapping[str, Any], where: str = "robot") -> Robot:
     name = file.text("name")
     description = file.text("description", "")
     friction = file.text("friction", "lumped", FRICTION_ARRANGEMENTS)
+    rotor_coupling = file.flag("rotor_coupling", True)
     gravity = file.numbers("gravity", (3,), "m/s2", way_out="Write +9.81 along the upward axis.")
     tool_offset = file.numbers("tool_offset", (3,), "m", np.zeros(3).tolist())
     payload = _payload(file) if "payload" in file.data else {}
@@ -126,6 +129,7 @@ def robot_from_dict(data: Mapping[str, Any], where: str = "robot") -> Robot:
         gravity=read_only(gravity),
         tool_offset=read_only(tool_offset),
         friction=friction,
+        rotor_coupling=rotor_coupling,
         sources=sources,
         **optional,
     )

@@ -97,7 +97,8 @@ class Scenario:
     system : str
         File in ``ssp/`` that has the units and their connections.
     robot : Robot
-        The nominal robot, which the feedforward knows.
+        The nominal robot, which the feedforward knows, with the friction arrangement of the scenario if its file
+        names one.
     robot_name : str
         The robot as the file wrote it.
     stop, step : float [s]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from typing import Any
 
@@ -11,7 +12,7 @@ from vdfmu.data import data_path
 from vdfmu.errors import ModelError
 from vdfmu.model.check import check_step
 from vdfmu.model.read import FloatArray, Problems, Table, as_number, shape_of, shown
-from vdfmu.model.robot import WHOLE_FIELDS, Array, Robot, read_only
+from vdfmu.model.robot import FRICTION_ARRANGEMENTS, WHOLE_FIELDS, Array, Robot, read_only
 from vdfmu.model.robot_file import check_robot
 from vdfmu.model.scenario import (
     CONTINUOUS,
@@ -33,6 +34,7 @@ SCENARIO_KEYS = (
     "kind",
     "system",
     "robot",
+    "friction",
     "stop",
     "step",
     "master",
@@ -76,6 +78,9 @@ def read_scenario(problems: Problems, data: object, robot: Robot | None) -> Scen
     kind = file.text("kind", choices=KINDS)
     system = file.text("system", "system", sorted(path.stem for path in data_path("ssp").glob("*.toml")))
     robot_name = file.text("robot")
+    if "friction" in file.data:
+        friction = file.text("friction", choices=FRICTION_ARRANGEMENTS)
+        robot = robot and dataclasses.replace(robot, friction=friction)
     stop = file.number("stop", "s", above=0, way_out="Give the end of the run.")
     step = file.number("step", "s", above=0, way_out="Give the communication step.")
     check_step(problems, stop, step)

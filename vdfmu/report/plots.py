@@ -42,7 +42,7 @@ Floats = NDArray[np.float64]
 
 _BACK: dict[str, Any] = {"color": style.COLORS[5], "linewidth": 3.2}
 _ON_TOP: dict[str, Any] = {"color": "#000000", "linewidth": 1.1, "linestyle": (0, (5, 3))}
-_DARK, _LIGHT = "#444444", "#BBBBBB"
+_DARK, _MIDDLE, _LIGHT = "#444444", "#888888", "#CCCCCC"
 
 
 class Contrast(Protocol):
@@ -69,8 +69,13 @@ class Contrast(Protocol):
         ...
 
     @property
-    def tau_g980(self) -> Floats:
-        """(m, n), either of them with a gravity of 9.80 in place of 9.81 m/s2."""
+    def tau_low_g(self) -> Floats:
+        """(m, n), either of them with the lower of the two gravities."""
+        ...
+
+    @property
+    def gravities(self) -> tuple[float, float]:
+        """The robot's gravity and the lower one [m/s2]."""
         ...
 
 
@@ -141,21 +146,23 @@ def draw_contrast_torques(contrast: Contrast, scenario: Scenario | None = None) 
         _pair("virtual decomposition", "Newton-Euler"),
     )
     for i, axes in enumerate(panels):
-        title = f"{panel_letter(i)} Joint {i + 1}"
-        _over_each_other(axes, title, contrast.robot, i, contrast.time, contrast.tau_vd, contrast.tau_ne)
-    return figure
+        _over_each_other(
+            axes, f"Joint {i + 1}", contrast.robot, i, contrast.time, contrast.tau_vd, contrast.tau_ne
+        )
+    return _lettered(figure)
 
 
 @style.styled
 def draw_contrast_differences(contrast: Contrast, scenario: Scenario | None = None) -> Figure:
-    """Figure 8: (a) VD minus Newton-Euler, (b) g = 9.81 minus g = 9.80, (c) RMS of (b) beside Table 3.
+    """Figure 8: VD minus Newton-Euler, g minus a lower g, and the RMS of that and 1e-3 of the torque beside Table 3.
 
-    The panels (a) show absolute values on a logarithmic axis of at most nine decades; a difference of 0 has
+    The first panels show absolute values on a logarithmic axis of at most nine decades; a difference of 0 has
     no point there.
     """
     robot, time = contrast.robot, contrast.time
     rounding = 1e3 * (contrast.tau_vd - contrast.tau_ne)
-    gravity = 1e3 * (contrast.tau_vd - contrast.tau_g980)
+    gravity = 1e3 * (contrast.tau_vd - contrast.tau_low_g)
+    g, low = contrast.gravities
     paper = [] if scenario is None else scenario.paper.get("rms_torque_difference_nmm", [])
     groups = group_joints(robot, range(robot.n))
     figure = style.new_figure(
@@ -176,17 +183,20 @@ def draw_contrast_differences(contrast: Contrast, scenario: Scenario | None = No
             noise.plot(time[rows], size[rows], **{**style.joint_look(i), **dots})
             style.curve(constant, time, gravity[:, i], **style.joint_look(i))
         beside = [] if unit.joint_type == "prismatic" else paper
-        _rms_bars(rms, gravity, joints, beside)
+        shown = f"RMS of {panel_letter(len(groups) + column)}"
+        _rms_bars(rms, shown, gravity, contrast.tau_vd, joints, beside)
         style.dress(
-            noise, f"(a) VD minus Newton-Euler: rounding{suffix}", "|difference|", unit.small_torque, time
+            noise, f"VD minus Newton-Euler: rounding{suffix}", "|difference|", unit.small_torque, time
         )
-        style.dress(constant, f"(b) g = 9.81 minus g = 9.80{suffix}", "Difference", unit.small_torque, time)
-        title = "(c) RMS of (b) beside Table 3" if beside else "(c) RMS of (b)"
+        style.dress(
+            constant, f"g = {g:#.4g} minus g = {low:#.4g}{suffix}", "Difference", unit.small_torque, time
+        )
+        title = f"{shown}, Table 3, and 1e-3 of the RMS torque" if beside else shown
         style.dress(rms, f"{title}{suffix}", "RMS", unit.small_torque)
         style.label_time([noise], 1)
         style.label_time([constant], 1)
     style.legend_beside(grid[0, -1], style.joint_handles(range(robot.n)))
-    return figure
+    return _lettered(figure)
 
 
 @style.styled
@@ -201,13 +211,13 @@ def draw_torques(results: Results, scenario: Scenario) -> Figure:
     )
     tau, tau_m = _torques(results, robot)
     for i, axes in enumerate(panels):
-        _over_each_other(axes, f"{panel_letter(i)} Joint {i + 1}", robot, i, results.time, tau, tau_m)
-    return figure
+        _over_each_other(axes, f"Joint {i + 1}", robot, i, results.time, tau, tau_m)
+    return _lettered(figure)
 
 
 @style.styled
 def draw_errors(results: Results, scenario: Scenario) -> Figure:
-    """Figure 11: (a) position tracking errors, (b) torque compensation errors, link-side."""
+    """Figure 11: position tracking errors above torque compensation errors, link-side."""
     robot = scenario.robot
     groups = group_joints(robot, range(robot.n))
     figure = style.new_figure(
@@ -222,12 +232,12 @@ def draw_errors(results: Results, scenario: Scenario) -> Figure:
         _compensation_errors(grid[1, column], results, robot, group)
     style.label_time(grid.ravel().tolist(), len(groups))
     style.legend_beside(grid[0, -1], style.joint_handles(range(robot.n)))
-    return figure
+    return _lettered(figure)
 
 
 @style.styled
 def draw_moving_positions(results: Results, scenario: Scenario) -> Figure:
-    """Figure 13: (a) desired and actual positions of the joints that move, (b) their tracking errors."""
+    """Figure 13: desired and actual positions of the joints that move, above their tracking errors."""
     moving = _moving(scenario)
     groups = group_joints(scenario.robot, moving)
     figure = style.new_figure(
@@ -244,20 +254,19 @@ def draw_moving_positions(results: Results, scenario: Scenario) -> Figure:
         for i in group.joints:
             style.curve(axes, time, unit.factor * q[:, i], **{**style.joint_look(i), "linewidth": 3.2})
             style.curve(axes, time, unit.factor * q_d[:, i], **_ON_TOP)
-        title = f"(a) Desired and actual positions{group.suffix}"
-        style.dress(axes, title, "Position", unit.position, time)
-        _position_errors(grid[1, column], results, group, "(b)")
+        style.dress(axes, f"Desired and actual positions{group.suffix}", "Position", unit.position, time)
+        _position_errors(grid[1, column], results, group)
     style.label_time(grid.ravel().tolist(), len(groups))
     desired = Line2D([], [], label="desired", **_ON_TOP)
     style.legend_beside(grid[0, -1], [*style.joint_handles(moving), desired])
-    return figure
+    return _lettered(figure)
 
 
 @style.styled
 def draw_moving_torques(results: Results, scenario: Scenario) -> Figure:
-    """Figure 14: (a) control and feedforward torques of the joints that move, (b) compensation errors.
+    """Figure 14: control and feedforward torques of the joints that move, above their compensation errors.
 
-    Each joint has a panel (a) of its own: in one panel the smaller torques would be flat lines.
+    Each joint has a torque panel of its own: in one panel the smaller torques would be flat lines.
     """
     robot, moving = scenario.robot, _moving(scenario)
     groups = group_joints(robot, moving)
@@ -276,7 +285,7 @@ def draw_moving_torques(results: Results, scenario: Scenario) -> Figure:
     for place, i in enumerate(moving):
         row, column = divmod(place, columns)
         axes = figure.add_subplot(grid[row, column * len(groups) : (column + 1) * len(groups)])
-        _over_each_other(axes, f"(a) Joint {i + 1}", robot, i, results.time, tau, tau_m)
+        _over_each_other(axes, f"Joint {i + 1}", robot, i, results.time, tau, tau_m)
         upper.append(axes)
     lower: list[Axes] = []
     for column, group in enumerate(groups):
@@ -286,10 +295,17 @@ def draw_moving_torques(results: Results, scenario: Scenario) -> Figure:
     style.label_time(upper, columns)
     style.label_time(lower, len(groups))
     style.legend_beside(lower[-1], style.joint_handles(moving))
-    return figure
+    return _lettered(figure)
 
 
 # --- panels ----------------------------------------------------------------------------------------------
+
+
+def _lettered(figure: Figure) -> Figure:
+    """Put (a), (b), ... before the titles of a figure's panels, row by row."""
+    for place, axes in enumerate(figure.axes):
+        axes.set_title(f"{panel_letter(place)} {axes.get_title(loc='left')}")
+    return figure
 
 
 def _joint_panels(title: str, caption: str, n: int, legend: Sequence[Line2D]) -> tuple[Figure, list[Axes]]:
@@ -324,12 +340,12 @@ def _over_each_other(
     style.dress(axes, title, unit.noun.capitalize(), unit.torque, time)
 
 
-def _position_errors(axes: Axes, results: Results, group: Group, letter: str = "(a)") -> None:
+def _position_errors(axes: Axes, results: Results, group: Group) -> None:
     """Draw desired minus actual link positions of the joints of one unit."""
     error = group.unit.factor * (results.array("trajectory.q_d") - results.array("plant.q"))
     for i in group.joints:
         style.curve(axes, results.time, error[:, i], **style.joint_look(i))
-    title = f"{letter} Position tracking errors{group.suffix}"
+    title = f"Position tracking errors{group.suffix}"
     style.dress(axes, title, "$q_d - q$", group.unit.position, results.time)
 
 
@@ -338,23 +354,26 @@ def _compensation_errors(axes: Axes, results: Results, robot: Robot, group: Grou
     tau, tau_m = _torques(results, robot)
     for i in group.joints:
         style.curve(axes, results.time, tau[:, i] - tau_m[:, i], **style.joint_look(i))
-    title = f"(b) {group.unit.noun.capitalize()} compensation errors{group.suffix}"
+    title = f"{group.unit.noun.capitalize()} compensation errors{group.suffix}"
     style.dress(axes, title, r"$\ell\,(\tau - \tau_m)$", group.unit.torque, results.time)
 
 
-def _rms_bars(axes: Axes, values: Floats, joints: Sequence[int], paper: Sequence[float]) -> None:
-    """Draw the RMS of each joint's column of `values`, and beside it the paper's number if there is one."""
-    ours = np.sqrt(np.mean(values[:, joints] ** 2, axis=0)).tolist()
-    series = [("RMS of (b)", ours, _DARK)]
+def _rms_bars(
+    axes: Axes, shown: str, values: Floats, torque: Floats, joints: Sequence[int], paper: Sequence[float]
+) -> None:
+    """Draw each joint's RMS of `values` [N.mm], and beside the paper's, if any, 1e-3 of that of `torque` [N.m]."""
+    ours, thousandth = (np.sqrt(np.mean(a[:, joints] ** 2, axis=0)).tolist() for a in (values, torque))
+    series = [(shown, ours, _DARK)]
     if paper:
         series.append(("Table 3", [paper[i] if i < len(paper) else math.nan for i in joints], _LIGHT))
+        series.append(("1e-3 of torque", thousandth, _MIDDLE))
     width = 0.8 / len(series)
     handles: list[Line2D] = []
     for k, (label, heights, color) in enumerate(series):
         places = np.arange(len(joints)) + (k - 0.5 * (len(series) - 1)) * width
         bars = axes.bar(places, heights, width=0.92 * width, color=color)
         texts = ["" if math.isnan(h) else f"{h:.1f}" if paper else f"{h:.2g}" for h in heights]
-        axes.bar_label(bars, texts, padding=1.5, fontsize=9.0)
+        axes.bar_label(bars, texts, padding=1.5, fontsize=7.5 if paper else 9.0)  # three side by side
         handles.append(Line2D([], [], linestyle="none", marker="s", markersize=9.0, color=color, label=label))
     axes.set_xticks(range(len(joints)), [f"Joint {i + 1}" for i in joints])
     axes.grid(visible=False, axis="x")

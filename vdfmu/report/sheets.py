@@ -61,6 +61,13 @@ def tracking_sheet(summary: Summary) -> Sheet:
     notes = ["Position: desired minus actual. Torque: control minus feedforward, link side."]
     if paper:
         notes.append(_source(paper))
+    gains: Summary | None = summary.get("implied_gains")
+    if gains is not None:
+        implied, chosen = (", ".join(f"{gain:.4g}" for gain in gains[key]) for key in ("K_p_paper", "K_p"))
+        notes += [
+            f"Torque RMS over position RMS of the paper: {implied} N.m/rad.",
+            f"Errors that change slowly have K_p as this ratio; K_p here: {chosen}.",
+        ]
     return Sheet("Tracking and compensation errors", tuple(columns), _rows(cells), notes)
 
 
@@ -86,18 +93,19 @@ def estimation_sheet(summary: Summary) -> Sheet:
 
 
 def contrast_sheet(summary: Summary) -> Sheet:
-    """RMS of torques and of their differences for each joint, and Table 3 beside the g = 9.80 variant."""
+    """RMS of torques and of their differences for each joint, and Table 3 beside two readings of it."""
     paper: Summary = summary.get("paper") or {}
     n = len(summary["rms_torque_nm"])
     units = _units(summary, "torque_units", n)
     small = ["mN" if unit == "N" else "N.mm" for unit in units]
     columns = ["Joint"]
     cells: list[list[str]] = [[str(i + 1) for i in range(n)]]
-    variant: Sequence[float] = summary["rms_torque_difference_nmm_g_980"]
+    variant: Sequence[float] = summary["rms_torque_difference_nmm_low_g"]
+    g, low = summary["gravities_m_s2"]
     for heading, values, unit in (
         ("Torque", summary["rms_torque_nm"], units),
         ("VD minus\nNewton-Euler", summary["rms_torque_difference_nmm"], small),
-        ("g = 9.81\nminus 9.80", variant, small),
+        (f"g = {g:#.4g}\nminus {low:#.4g}", variant, small),
     ):
         label, texts = _with_units(heading, values, unit)
         columns.append(label)
@@ -105,31 +113,44 @@ def contrast_sheet(summary: Summary) -> Sheet:
     notes = ["RMS over the motion, rigid links, link side."]
     if paper.get("rms_torque_difference_nmm"):
         theirs: Sequence[float] = paper["rms_torque_difference_nmm"]
-        columns += ["paper", "%"]
+        columns += ["paper", "g\n%", "1e-3\n%"]
         cells.append([f"{theirs[i]:g}" if i < len(theirs) else _NONE for i in range(n)])
-        cells.append([_per_cent(ours, theirs, i) for i, ours in enumerate(variant)])
-        notes.append(f"{_source(paper)} Per cent: the g = 9.80 variant of it.")
+        for reading in (variant, summary["rms_torque_nm"]):  # a thousandth in N.mm has the numbers of N.m
+            cells.append([_per_cent(ours, theirs, i) for i, ours in enumerate(reading)])
+        notes += [
+            _source(paper),
+            "Per cent of it: the difference of the two g, and a thousandth of the torque.",
+        ]
     return Sheet("Virtual decomposition against Newton-Euler", tuple(columns), _rows(cells), notes)
 
 
 def reference_sheet(summary: Summary) -> Sheet:
-    """Largest differences between the co-simulation and its references."""
+    """Largest differences between the co-simulation and its references; of RMS values where solutions separate."""
     n = len(summary.get("rms_position_error_deg", ()))
     position = "rad or m" if "mm" in _units(summary, "position_units", n) else "rad"
     torque = "N.m or N" if "N" in _units(summary, "torque_units", n) else "N.m"
     compared: Summary = summary.get("reference") or {}
+    separation: Summary | None = summary.get("separation")
+    headings = (f"Position\n[{position}]", f"Torque\n[{torque}]")
+    keys, factor = ("max_position_difference_rad", "max_torque_difference_nm"), 1.0
+    notes = ["Largest over all joints and communication points; torques link side."]
+    if separation is not None:
+        apart = max(entry["max_position_difference_rad"] for entry in compared.values())
+        headings = ("Position RMS\n[%]", "Torque RMS\n[%]")
+        keys, factor = ("rms_position_difference", "rms_torque_difference"), 100.0
+        notes = [
+            "Between the RMS errors of run and reference; largest of the joints.",
+            f"Point by point they differ by up to {number(apart)} {position}, which shows no error: the loop is "
+            f"chaotic, and a change of {separation['change']:g} moves the run by "
+            f"{number(separation['max_position_difference_rad'])} {position}.",
+        ]
     rows = [
-        (
-            str(entry.get("name", key)),
-            number(entry["max_position_difference_rad"]),
-            number(entry["max_torque_difference_nm"]),
-        )
+        (str(entry.get("name", key)), *(number(factor * entry[value]) for value in keys))
         for key, entry in compared.items()
     ]
-    notes = ["Largest over all joints and communication points; torques link side."]
     return Sheet(
         "Difference to the references",
-        ("Reference", f"Position\n[{position}]", f"Torque\n[{torque}]"),
+        ("Reference", *headings),
         rows,
         notes if rows else ["No reference was solved."],
     )
@@ -142,6 +163,7 @@ def facts(summary: Summary) -> list[tuple[str, str]]:
         "Package": ("package", "{}"),
         "Scenario": ("scenario", "{}"),
         "Robot": ("robot", "{}"),
+        "Friction": ("friction", "{}"),
         "Units": ("backend", "{} FMUs"),
         "Master": ("master" if "master" in summary else "algorithm", "{}"),
         "Error control": ("adaptive", "{:g} a step"),
@@ -152,7 +174,9 @@ def facts(summary: Summary) -> list[tuple[str, str]]:
         "Wall time": ("wall_s", "{:.3g} s"),
         "Real-time factor": ("real_time_factor", "{:.3g}"),
     }
-    rigid = ("master", "tolerance") if summary.get("kind") == "contrast" else ()  # has no units to step
+    rigid = (
+        ("friction", "master", "tolerance") if summary.get("kind") == "contrast" else ()
+    )  # no joints, no units
     found = [
         (name, form.format(summary[key]))
         for name, (key, form) in lines.items()
@@ -171,10 +195,21 @@ def facts(summary: Summary) -> list[tuple[str, str]]:
     if bond is not None:
         residual, exchanged = sum(bond["residual_energy_abs_j"]), sum(bond["exchanged_energy_j"])
         share = f" ({residual / exchanged:.2g} of it)" if exchanged > 0.0 else ""
+        net = sum(bond["residual_energy_j"])
         found.append(
             (
                 "Energy residual",
-                f"{residual:.3g} J at tau and kappa_dot, where {exchanged:.3g} J are exchanged{share}",
+                f"{residual:.3g} J, the sum of absolute values, at tau and kappa_dot, where {exchanged:.3g} J "
+                f"are exchanged{share}; net {net:.3g} J",
+            )
+        )
+    separation: Summary | None = summary.get("separation")
+    if separation is not None:
+        moved = number(separation["max_position_difference_rad"])
+        found.append(
+            (
+                "Chaotic loop",
+                f"rotor inertias larger by {separation['change']:g} of themselves move the run by {moved} rad or m",
             )
         )
     if settings:

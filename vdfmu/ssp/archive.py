@@ -59,9 +59,14 @@ class Archive:
     Raises
     ------
     SspError
-        The file is missing or no zip, or a member points outside the package, occurs twice, differs from
-        another in case only, is a link, is encrypted, is packed by another method than deflation or is larger
-        than the limits of this module.
+        The file is missing or no zip, or a member points outside the package, occurs twice with different
+        contents, differs from another in case only, is a link, is encrypted, is packed by another method than
+        deflation or is larger than the limits of this module.
+
+    Attributes
+    ----------
+    doubled : list of str
+        Members that occur more than once, with the same content.
 
     Notes
     -----
@@ -72,6 +77,7 @@ class Archive:
         self.label = label
         self._depth = depth
         self._inner: dict[str, Archive] = {}
+        self.doubled: list[str] = []
         try:
             self._zip = zipfile.ZipFile(io.BytesIO(source) if isinstance(source, bytes) else source)
         except FileNotFoundError:
@@ -91,6 +97,7 @@ class Archive:
         problems: list[str] = []
         members: dict[str, zipfile.ZipInfo] = {}
         folded: dict[str, str] = {}
+        twice: list[tuple[zipfile.ZipInfo, zipfile.ZipInfo]] = []
         infos = self._zip.infolist()
         if len(infos) > COUNT_LIMIT:
             raise SspError(f"{self.label}: has {len(infos)} entries; the limit is {COUNT_LIMIT}")
@@ -119,7 +126,7 @@ class Archive:
                     "SSP and FMI allow 0 (stored) and 8 (deflated)"
                 )
             elif info.filename in members:
-                problems.append(f"{self.label}: entry {info.filename!r} occurs twice")
+                twice.append((members[info.filename], info))
             elif (
                 other := folded.setdefault(info.filename.rstrip("/").lower(), info.filename)
             ) != info.filename:
@@ -137,11 +144,26 @@ class Archive:
         total = sum(info.file_size for info in self._zip.infolist())
         if not problems and total > TOTAL_LIMIT:
             problems.append(f"{self.label}: holds {total} bytes unpacked; the limit is {TOTAL_LIMIT}")
+        unpack = not problems  # what is unpacked is bounded then
+        for one, other in twice:
+            if (one.file_size, one.CRC) == (other.file_size, other.CRC) and (
+                not unpack or self._same(one, other)
+            ):
+                self.doubled.append(one.filename)
+            else:
+                problems.append(f"{self.label}: entry {one.filename!r} occurs twice, with different contents")
         if len(problems) > _SHOWN:
             problems[_SHOWN:] = [f"{self.label}: and {len(problems) - _SHOWN} more such entries"]
         if problems:
             raise SspError(problems)
         return {name: info for name, info in members.items() if not info.is_dir()}
+
+    def _same(self, one: zipfile.ZipInfo, other: zipfile.ZipInfo) -> bool:
+        """Whether two entries have the same content; what cannot be unpacked has not."""
+        try:
+            return self._zip.read(one) == self._zip.read(other)
+        except Exception:  # zlib.error and its like have no common base
+            return False
 
     @property
     def names(self) -> list[str]:

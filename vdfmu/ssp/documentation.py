@@ -63,7 +63,7 @@ def system_page(
 {draw_system(ssd, icons)}
 </div>
 <p>Filled connectors are connected; open ones are free: outputs to record, and the external wrench
-<code>F_e</code>, which is zero. Lines of one group run together.</p>
+<code>F_e</code>, which has the value of the parameter set. Lines of one group run together.</p>
 <h2>Components</h2>
 {_components(description)}
 <h2>Run</h2>

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -10,6 +11,7 @@ from vdfmu.errors import UsageError
 from vdfmu.fmu.interface import NO_LIMIT, Interface, interface
 from vdfmu.kernel.structure import parameters
 from vdfmu.model import Scenario
+from vdfmu.ssp.structure import spread
 from vdfmu.ssp.system_file import units_of
 
 __all__ = ["override", "robot_parameters", "scenario_parameters", "system_values"]
@@ -27,27 +29,31 @@ def robot_parameters(unit: str, scenario: Scenario) -> Values:
 
 
 def scenario_parameters(unit: str, scenario: Scenario) -> Values:
-    """Parameters of a unit that the scenario sets: trajectory, gains, modes, start position, tolerance."""
+    """Values of a unit that the scenario sets: trajectory, gains, modes, start position, tolerance.
+
+    The wrench at the end effector, an input that nothing feeds, is 0.
+    """
     table = interface(unit, scenario.robot)
     if unit == "trajectory":
         motion = scenario.trajectory
         groups = {"q_start": motion.q_start, "q_end": motion.q_end, "T": motion.T, "t_start": motion.t_start}
     elif unit == "feedforward":
         gains = scenario.feedforward
-        groups = {"mode": gains.mode, **{k: getattr(gains, k) for k in ("Lambda", "K_V", "k_vq", "k_vkappa")}}
+        groups = {k: getattr(gains, k) for k in ("mode", "Lambda", "K_V", "k_vq", "k_vkappa")}
+        groups |= {"F_e_d": np.zeros(6)}
     elif unit == "controller":
         gains = scenario.controller
         limit = np.minimum(gains.tau_max, NO_LIMIT)
         groups = {"K_p": gains.K_p, "K_v": gains.K_v, "tau_max": limit, "velocity": gains.velocity}
     else:
-        groups = {"q_0": scenario.trajectory.q_start, "tolerance": scenario.tolerance}
+        groups = {"q_0": scenario.trajectory.q_start, "tolerance": scenario.tolerance, "F_e": np.zeros(6)}
     return {
         v.name: _cast(table, v.name, np.asarray(groups[v.group])[v.index]) for v in table if v.group in groups
     }
 
 
-def system_values(scenario: Scenario, settings: dict[str, str] | None = None) -> dict[str, Values]:
-    """All parameter values of the units that robot, scenario and settings decide: unit to variable to value.
+def system_values(scenario: Scenario, settings: Mapping[str, Any] | None = None) -> dict[str, Values]:
+    """All values of the units that robot, scenario and settings decide: unit to variable to value.
 
     Variables that none of them names are not in it: they keep the start values of the variable table.
     """
@@ -58,23 +64,23 @@ def system_values(scenario: Scenario, settings: dict[str, str] | None = None) ->
     }
 
 
-def override(scenario: Scenario, settings: dict[str, str]) -> dict[str, Values]:
+def override(scenario: Scenario, settings: Mapping[str, Any]) -> dict[str, Values]:
     """Read settings such as ``controller.K_p[1]=3000``: unit to variable to value.
 
-    A name without an index sets all elements: ``controller.K_p=3000``. An integer with named values takes the name:
-    ``feedforward.mode=vdc``.
+    A name without an index sets all elements: ``controller.K_p=3000``, or each of them by a list or array. An integer
+    with named values takes the name: ``feedforward.mode=vdc``. Inputs that nothing feeds can be set too.
 
     Raises
     ------
     UsageError
-        For an unknown unit or variable, something that is no parameter, or a text that is no number; with one line
-        for each setting that is wrong.
+        For an unknown unit or variable, one that cannot be set, a value that does not fit, or another number of values;
+        with one line for each setting that is wrong.
     """
     values: dict[str, Values] = {}
     problems: list[str] = []
-    for key, text in settings.items():
+    for key, value in settings.items():
         try:
-            unit, found = _set(scenario, key, text)
+            unit, found = _set(scenario, key, value)
         except UsageError as error:
             problems.append(str(error))
         else:
@@ -84,7 +90,7 @@ def override(scenario: Scenario, settings: dict[str, str]) -> dict[str, Values]:
     return values
 
 
-def _set(scenario: Scenario, key: str, text: str) -> tuple[str, Values]:
+def _set(scenario: Scenario, key: str, value: Any) -> tuple[str, Values]:
     """Return the unit of one setting, and the values of its variables."""
     unit, _, name = key.partition(".")
     units = units_of(scenario)
@@ -92,12 +98,19 @@ def _set(scenario: Scenario, key: str, text: str) -> tuple[str, Values]:
         raise UsageError(f"{key}: expected unit.parameter=value with a unit of {', '.join(units)}.")
     table = interface(unit, scenario.robot)
     variables = [v for v in table if name in (v.group, v.name)] or [table.find(name)]
+    free = scenario_parameters(unit, scenario)
     for variable in variables:
-        if variable.causality != "parameter":
+        if variable.causality != "parameter" and variable.name not in free:
+            fed = "n output" if variable.causality == "output" else " connected input"
             raise UsageError(
-                f"{key}: {variable.name} is an {variable.causality} of {unit}; only parameters can be set."
+                f"{key}: {variable.name} is a{fed} of {unit}; only parameters and free inputs can be set."
             )
-    return unit, {variable.name: _cast(table, variable.name, text) for variable in variables}
+    names = [variable.name for variable in variables]
+    try:
+        values = spread(value, names)
+    except ValueError as error:
+        raise UsageError(f"{key}: {error}.") from None
+    return unit, {name: _cast(table, name, one) for name, one in zip(names, values, strict=True)}
 
 
 def _cast(table: Interface, name: str, value: Any) -> Any:

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
+
+import numpy as np
 
 from vdfmu.ssp.experiment import Experiment
 
@@ -50,6 +53,23 @@ class Unit:
         above = ".".join(f"{b}{e if e > 1 else ''}" for b, e in pairs if e > 0) or "1"
         below = "".join(f"/{b}{-e if e < -1 else ''}" for b, e in pairs if e < 0)
         return above + below
+
+
+def spread(value: Any, names: Sequence[str]) -> list[Any]:
+    """Return a value for each of some variables: one value is for all, a list or array has one for each, in order.
+
+    Raises
+    ------
+    ValueError
+        Another number of values than variables.
+    """
+    if not isinstance(value, (list, tuple, np.ndarray)):
+        return [value] * len(names)
+    values = np.asarray(value, dtype=object).ravel().tolist()
+    if len(values) != len(names):
+        last = f" to {names[-1]}" if len(names) > 1 else ""
+        raise ValueError(f"expected one value, or {len(names)} for {names[0]}{last}, got {len(values)}")
+    return values
 
 
 @dataclass(frozen=True)

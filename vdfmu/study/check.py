@@ -150,6 +150,9 @@ def _check_package(path: Path, folder: Path, run: bool) -> tuple[Findings, str |
     findings = Findings()
     try:
         with Archive(path, path.name) as archive:
+            findings.notes += [
+                f"entry {name!r} occurs more than once, with the same content" for name in archive.doubled
+            ]
             names = variants(archive)
             if DEFAULT not in names:
                 has = f"; it has {', '.join(names)}" if names else ""

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import unquote, urlsplit
 
+from vdfmu.cosim.description import limit_fault, limits_of
 from vdfmu.errors import SspError
 from vdfmu.ssp.archive import parse_xml
 from vdfmu.study.check_unit import check_unit, read_unit
@@ -92,7 +93,7 @@ def check_osp(path: Path, run: bool = True) -> Findings:
             if variables is not None and name not in variables:
                 faults.append(f"{source} has no such variable")
             elif variables is not None:
-                faults += _set_faults(value[0], variables[name])
+                faults = faults or _set_faults(value[0], variables[name])
             findings.problems += [f"{where}: initial value of {name!r}: {fault}" for fault in faults]
     if not known:
         findings.problems.append(f"{path.name}: has no simulators")
@@ -164,6 +165,8 @@ def _set_faults(value: Any, variable: Any) -> list[str]:
     if variable.variability == "constant" or not settable:
         initial = f", initial {variable.initial!r}" if variable.initial else ""
         faults.append(f"cannot be set, it is {variable.variability or ''} {variable.causality}{initial}")
+    if kind in ("Real", "Integer") and (fault := limit_fault(float(value.get("value")), limits_of(variable))):
+        faults.append(fault)
     return faults
 
 

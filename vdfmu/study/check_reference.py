@@ -6,7 +6,7 @@ import csv
 import io
 import posixpath
 import zipfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -33,8 +33,8 @@ _MANY = 20_000
 
 Floats = npt.NDArray[np.float64]
 _INTEGERS = tuple(f"{u}Int{n}" for u in ("", "U") for n in (8, 16, 32, 64))
-_NUMBERS = {"Float64", "Float32", "Boolean", "Enumeration", *_INTEGERS}
-"""Types of FMI 3.0 that a cell of the table can hold."""
+_NUMBERS = {"Float64", "Float32", "Real", "Integer", "Boolean", "Enumeration", *_INTEGERS}
+"""Types that a cell of the table can hold."""
 
 
 class _NotComparedError(Exception):
@@ -53,6 +53,7 @@ def compare(path: Path) -> Findings:
     """Hold the results of an FMU beside every table of reference results in it."""
     findings = Findings()
     description = fmpy.read_model_description(str(path), validate=False)
+    variables = {v.name: v for v in description.modelVariables}
     with zipfile.ZipFile(path) as archive:
         tables, missing = _tables(archive)
         findings.notes += [
@@ -67,11 +68,12 @@ def compare(path: Path) -> Findings:
                 version = description.fmiVersion or ""
                 if version == "1.0":
                     raise _NotComparedError("reference results are defined for FMI 2.0 and 3.0")
-                expected = read_table(archive.read(name).decode("utf-8-sig"))
-                inputs = _inputs_of(archive, name)
-                signals = read_table(archive.read(inputs).decode("utf-8-sig")) if inputs else None
-                results = (_results_3 if version.startswith("3") else _results_2)(
-                    path, description, expected, signals
+                expected = _results_of(archive, name, variables, findings)
+                signals = _inputs_of(archive, name, variables)
+                results = (
+                    _results_3(path, description, variables, expected, signals)
+                    if version.startswith("3")
+                    else _results_2(path, expected, signals)
                 )
                 findings.problems += [f"{short}: {problem}" for problem in _differences(expected, results)]
                 findings.compared.append(short)
@@ -102,30 +104,71 @@ def _tables(archive: zipfile.ZipFile) -> tuple[list[str], list[str]]:
     return list(dict.fromkeys(found)), list(dict.fromkeys(missing))
 
 
-def _inputs_of(archive: zipfile.ZipFile, name: str) -> str | None:
+def _results_of(
+    archive: zipfile.ZipFile, name: str, variables: Mapping[str, Any], findings: Findings
+) -> Table:
+    """Return the columns that can be compared; a note tells of the others.
+
+    One table may serve several FMUs, so a column need not have a variable in each.
+    """
+    left: dict[str, list[str]] = {}
+
+    def skip(column: str) -> bool:
+        kind = variables[column].type if column in variables else None
+        if kind in _NUMBERS:
+            return False
+        why = (
+            f"of type {kind}, which a table of numbers does not hold"
+            if kind
+            else "the unit has no such variable"
+        )
+        left.setdefault(why, []).append(column)
+        return True
+
+    table = read_table(archive.read(name).decode("utf-8-sig"), skip)
+    short = posixpath.basename(name)
+    findings.notes += [f"{short}: {', '.join(columns)}: not compared: {why}" for why, columns in left.items()]
+    if not table.columns:
+        raise _NotComparedError("it has no column that can be")
+    return table
+
+
+def _inputs_of(archive: zipfile.ZipFile, name: str, variables: Mapping[str, Any]) -> Table | None:
+    """Return the inputs beside a table of results; raise for a column that cannot be fed."""
     for ending in ("_out.csv", "_ref.csv"):
         inputs = name.removesuffix(ending) + "_in.csv"
         if name.endswith(ending) and inputs in archive.namelist():
-            return inputs
-    return None
+            break
+    else:
+        return None
+
+    def check(column: str) -> bool:
+        if column not in variables:
+            raise ValueError(f"the unit has no variable {column!r}")
+        if variables[column].type not in _NUMBERS:
+            raise _NotComparedError(f"the input {column!r} is of type {variables[column].type}")
+        return False
+
+    return read_table(archive.read(inputs).decode("utf-8-sig"), check)
 
 
-def read_table(text: str) -> Table:
-    """Read a table; ValueError names the line that is wrong."""
+def read_table(text: str, skip: Callable[[str], bool] = lambda column: False) -> Table:
+    """Read a table without the columns for which `skip` holds; ValueError names the line that is wrong."""
     rows = [row for row in csv.reader(io.StringIO(text), skipinitialspace=True) if row]
     if len(rows) < 2 or len(rows[0]) < 2:
         raise ValueError("expected a head with 'time' and variables, and at least one row")
     head = [name.strip() for name in rows[0]]
+    kept = [0, *(k for k, name in enumerate(head) if k and not skip(name))]
     values: list[list[list[float]]] = []
     for line, row in enumerate(rows[1:], start=2):
         if len(row) != len(head):
             raise ValueError(f"line {line}: expected {len(head)} cells, got {len(row)}")
         try:
-            values.append([[_number(part) for part in cell.split()] for cell in row])
+            values.append([[_number(part) for part in row[k].split()] for k in kept])
         except ValueError as error:
             raise ValueError(f"line {line}: {error}") from None
     columns: dict[str, Floats] = {}
-    for index, name in enumerate(head):
+    for index, name in enumerate(head[k] for k in kept):
         sizes = {len(row[index]) for row in values}
         if len(sizes) > 1 or 0 in sizes:
             raise ValueError(f"column {name!r}: expected the same number of elements in every row")
@@ -161,9 +204,8 @@ def _differences(expected: Table, results: Mapping[str, Floats]) -> list[str]:
     return problems
 
 
-def _results_2(path: Path, description: Any, expected: Table, signals: Table | None) -> dict[str, Floats]:
+def _results_2(path: Path, expected: Table, signals: Table | None) -> dict[str, Floats]:
     """Return the results of an FMU 2.0 at the times of a table."""
-    _known(description, expected, signals)
     names, time = list(expected.columns), expected.time
     fed: Any = None
     if signals is not None:
@@ -187,23 +229,10 @@ def _results_2(path: Path, description: Any, expected: Table, signals: Table | N
     return {name: np.interp(time, result["time"], result[name])[:, None] for name in names}
 
 
-def _known(description: Any, *tables: Table | None) -> dict[str, Any]:
-    """Return the variables by name; raise for a column that is none."""
-    variables = {v.name: v for v in description.modelVariables}
-    unknown = [n for table in tables if table is not None for n in table.columns if n not in variables]
-    if unknown:
-        raise ValueError(f"the unit has no variable {', '.join(map(repr, unknown))}")
-    return variables
-
-
-def _results_3(path: Path, description: Any, expected: Table, signals: Table | None) -> dict[str, Floats]:
+def _results_3(
+    path: Path, description: Any, variables: Mapping[str, Any], expected: Table, signals: Table | None
+) -> dict[str, Floats]:
     """Return the results of an FMU 3.0 at the times of a table: arrays set and read at every communication point."""
-    variables = _known(description, expected, signals)
-    fed = {} if signals is None else signals.columns
-    for name in (*expected.columns, *fed):
-        kind = str(variables[name].type)
-        if kind not in _NUMBERS:
-            raise _NotComparedError(f"{name!r} is of type {kind}, which a table of numbers does not hold")
     folder = fmpy.extract(str(path))
     slave = FMU3Slave(
         guid=description.guid,

@@ -11,8 +11,11 @@ import tempfile
 from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
+from typing import Any
 
 import fmpy
+import numpy as np
+import numpy.typing as npt
 
 from vdfmu.cosim.master import simulate
 from vdfmu.errors import StorageError, VdfmuError
@@ -113,7 +116,7 @@ def _run_unit(path: Path, phase: Callable[[str], None]) -> Findings:
     start = float(experiment.startTime) if experiment and experiment.startTime else 0.0
     step = float(experiment.stepSize) if experiment and experiment.stepSize else 1e-3
     try:
-        fmpy.simulate_fmu(
+        results = fmpy.simulate_fmu(
             str(path),
             validate=False,  # its problems are known by now
             start_time=start,
@@ -130,7 +133,23 @@ def _run_unit(path: Path, phase: Callable[[str], None]) -> Findings:
     if messages:
         return Findings([f"{STEPS} steps of {step:g} s gave: {message}" for message in messages])
     phase("the comparison with the reference results")
-    return compare(path)
+    findings = compare(path)
+    findings.notes += _not_finite(results)
+    return findings
+
+
+def _not_finite(results: npt.NDArray[Any]) -> list[str]:
+    """Return a note on each signal of a run that is not finite all the time, with its first time."""
+    notes: list[str] = []
+    for name in (results.dtype.names or ())[1:]:
+        rows = results[name].reshape(len(results), -1)
+        bad = np.argwhere(~np.isfinite(rows)) if rows.dtype.kind == "f" else np.empty((0, 2), int)
+        for row, column in bad[:1]:
+            notes.append(
+                f"{name} is {rows[row, column]} at t = {results['time'][row]:.9g} s, inputs at their start values; "
+                "a co-simulation that reads or records it ends there"
+            )
+    return notes
 
 
 def master_of(system: System) -> str:

@@ -161,6 +161,9 @@ def _experiment(description: Any) -> list[str]:
 def _read(path: Path, label: str, findings: Findings) -> _Unit:
     """Read what an FMU holds; XML that must not be parsed is told and goes no further."""
     with Archive(path, label) as archive:
+        findings.notes += [
+            f"entry {name!r} occurs more than once, with the same content" for name in archive.doubled
+        ]
         if DESCRIPTION not in archive:
             hint = "; it is a package of SSP, name it .ssp" if "SystemStructure.ssd" in archive else ""
             raise SspError(f"it has no {DESCRIPTION!r}{hint}")

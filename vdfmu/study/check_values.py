@@ -6,6 +6,8 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
+from vdfmu.cosim.conversion import between
+from vdfmu.cosim.description import limit_fault, limits_of
 from vdfmu.ssp.archive import NAMESPACES
 from vdfmu.ssp.elements import Node
 from vdfmu.ssp.structure import BASE_UNITS, Connector, Unit
@@ -235,7 +237,8 @@ def parameter_faults(
         None if d.get("size") is None else int(d.get("size"))
         for d in item.iterfind("ssc:Dimension", NAMESPACES)
     )
-    count = len((value.get("value") or "").split())
+    texts = str(value.get("value") or "").split()
+    count = len(texts)
     if None not in sizes and math.prod(s or 0 for s in sizes) != count:
         faults.append(f"{count} value(s) for {show_shape(sizes)}")
     elif variable is not None and not _fit(sizes, shape_of(variable)):
@@ -248,7 +251,23 @@ def parameter_faults(
         pair = unit.exponents, declared.exponents
         if None not in pair and pair[0] != pair[1]:  # what differs in factor and offset is converted
             faults.append(f"unit mismatch, the value is in {_full(unit)}, the FMU declares {_full(declared)}")
+    if variable is not None and not faults and kind != "Boolean":
+        faults += _limit_faults(texts, variable, unit, declared)
     return faults
+
+
+def _limit_faults(texts: list[str], variable: Any, unit: Unit | None, declared: Unit | None) -> list[str]:
+    """Return which values lie outside of the limits of a variable, as far as they can be converted."""
+    relative = variable.relativeQuantity or getattr(variable.declaredType, "relativeQuantity", False)
+    factor, offset = 1.0, 0.0
+    try:
+        values = [float(text) for text in texts]
+        if unit is not None and declared is not None:
+            factor, offset = between(unit, declared, bool(relative))
+    except (ValueError, ZeroDivisionError):  # reported with the types and units
+        return []
+    found = [limit_fault(factor * value + offset, limits_of(variable)) for value in values]
+    return [fault for fault in dict.fromkeys(found) if fault]
 
 
 def _setting_faults(kind: str, variable: Any) -> list[str]:

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from vdfmu.cosim import Interrupted, Results
-from vdfmu.cosim.master import InterruptGuard
+from vdfmu.cosim.interrupt import InterruptGuard
 from vdfmu.errors import CosimError, UsageError, VdfmuError
 
 __all__ = ["RUN_OUTPUTS", "SYSTEM_OUTPUTS", "keep", "make_empty", "write", "write_summary", "written"]

@@ -7,19 +7,23 @@ import math
 import os
 import tempfile
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from vdfmu import __version__
 from vdfmu.cosim import Interrupted, LogMessage, Results, simulate
 from vdfmu.cosim.container import simulate_container, write_container
 from vdfmu.cosim.master import check_coupling
 from vdfmu.cosim.reference import REFERENCE_OF, reference
-from vdfmu.errors import CosimError, StorageError, UsageError
+from vdfmu.errors import CosimError, UsageError
 from vdfmu.fmu import build_fmus
 from vdfmu.fmu.build import choose_backend
 from vdfmu.fmu.content import Content
-from vdfmu.kernel.cache import cache_folder
+from vdfmu.fmu.interface import MODEL_NAMES
+from vdfmu.kernel.cache import cache_folder, load, store
 from vdfmu.model import Robot, Scenario, load_robot, load_scenario
 from vdfmu.model.check import check_step
 from vdfmu.model.read import Problems
@@ -31,14 +35,25 @@ from vdfmu.ssp.system_file import units_of
 from vdfmu.ssp.write import write_ssp
 from vdfmu.study.contrast import contrast
 from vdfmu.study.folder import RUN_OUTPUTS, keep, make_empty, write, write_summary
-from vdfmu.study.summary import compare, estimation_errors, power_bond, sampling_warnings, tracking_errors
+from vdfmu.study.summary import (
+    compare,
+    compare_statistics,
+    estimation_errors,
+    implied_gains,
+    power_bond,
+    sampling_warnings,
+    tracking_errors,
+)
 
 __all__ = ["cached_fmus", "prepare", "run"]
 
 Progress = Callable[[str, int, int], None]
 """Called with the stage, the number of finished steps and their total."""
 
-_spare_folders: list[tempfile.TemporaryDirectory[str]] = []
+_VISIBLE = 1e-3
+"""Share of the largest position error above which a difference to a reference shows in the tables of three digits."""
+_NUDGE = 1e-9
+"""Relative change of the rotor inertias that must not show; below every tolerance that a scenario has."""
 
 
 def prepare(
@@ -74,18 +89,24 @@ def prepare(
     return scenario
 
 
-def cached_fmus(scenario: Scenario, backend: str | None = None) -> dict[str, Path]:
-    """FMUs of a scenario's system in the cache, built if they are not there: their folder is named by their content.
-
-    Where the cache cannot be written they are built in a temporary folder, which goes with the process.
-    """
+def cached_fmus(
+    scenario: Scenario, folder: str | os.PathLike[str], backend: str | None = None
+) -> dict[str, Path]:
+    """FMUs of a scenario's system in `folder`: those that the cache has, by their content, and the others built."""
     robot, units, backend = scenario.robot, units_of(scenario), choose_backend(backend)
-    folder = cache_folder() / "fmus" / Content("plant", robot, {}, backend).guid.strip("{}")
-    try:
-        return build_fmus(robot, folder, units=units, backend=backend)
-    except StorageError:
-        _spare_folders.append(tempfile.TemporaryDirectory(prefix="vdfmu_fmus_"))
-        return build_fmus(robot, _spare_folders[-1].name, units=units, backend=backend)
+    cached: dict[str, bytes | None] = {}
+    places = {u: cache_folder() / "fmus" / Content(u, robot, {}, backend).guid.strip("{}") for u in units}
+    for unit, place in places.items():
+        cached[unit] = content = load(place)
+        if content is not None:
+            with suppress(OSError):  # of which the build then says more
+                (Path(folder) / f"{MODEL_NAMES[unit]}.fmu").write_bytes(content)
+    fmus = build_fmus(robot, folder, units=units, backend=backend)
+    for unit, fmu in fmus.items():
+        content = fmu.read_bytes()
+        if content != cached[unit]:
+            store(places[unit], content)
+    return fmus
 
 
 def run(
@@ -127,7 +148,8 @@ def run(
     container : bool, optional
         Fold the native units into one FMU, ``container.fmu``, and run that. It steps them as ``jacobi`` does.
     settings : mapping of str to value, optional
-        Parameters, ``{"controller.K_p[1]": 3000}``; without an index for all joints.
+        Parameters and inputs that nothing feeds, ``{"controller.K_p[1]": 3000}``; without an index for all elements,
+        one value or a list or array with one for each.
     progress : callable, optional
         Called with stage, done, total.
     log : callable, optional
@@ -166,7 +188,7 @@ def run(
     if container:
         scenario = _for_container(scenario, backend, master)
     text_settings = {key: str(value) for key, value in (settings or {}).items()}
-    values = system_values(scenario, text_settings)
+    values = system_values(scenario, settings)
     free = scenario.master == "iterative" or scenario.adaptive is not None
     warnings = sampling_warnings(values, scenario.robot, None if free else scenario.step)
     if log is not None:
@@ -174,7 +196,9 @@ def run(
             log(LogMessage("", 0.0, "warning", "", warning))
     make_empty(folder, RUN_OUTPUTS)
     report("build", 0, 1)
-    package = write_ssp(scenario, cached_fmus(scenario, backend), folder / "system.ssp", values)
+    with tempfile.TemporaryDirectory(prefix="vdfmu_fmus_") as fmus:
+        built = cached_fmus(scenario, fmus, backend)
+        package = write_ssp(scenario, built, folder / "system.ssp", values)
     if container:
         write_container(package, folder / "container.fmu", step=scenario.step)
     report("build", 1, 1)
@@ -196,10 +220,11 @@ def run(
     if "estimator" in units_of(scenario):
         summary |= estimation_errors(results, scenario.master)
     summary["paper"] = dict(scenario.paper)
+    summary |= implied_gains(scenario.paper, scenario.robot, values)
     results.summary = summary
     write(results, folder)
     if reference:
-        summary["reference"] = _references(scenario, values, results, report)
+        summary |= _references(scenario, package, values, results, report)
         write_summary(summary, folder)
     run_figures(results, scenario, folder)
     return results
@@ -244,10 +269,21 @@ def _run_contrast(scenario: Scenario, folder: Path) -> Results:
 
 
 def _references(
-    scenario: Scenario, values: Mapping[str, Mapping[str, Any]], results: Results, report: Progress
+    scenario: Scenario,
+    package: Path,
+    values: Mapping[str, Mapping[str, Any]],
+    results: Results,
+    report: Progress,
 ) -> dict[str, Any]:
-    """Solve the sampled reference of the algorithm, if it samples, and the continuous one, and compare."""
+    """Solve the sampled reference of the algorithm, if it samples, and the continuous one, and compare.
+
+    If the first of them differs visibly from the run, the run is held against itself with a change that should not
+    show. If that shows as well, single solutions separate: then ``separation`` says how far, and the references are
+    compared by their statistics too.
+    """
     compared: dict[str, Any] = {}
+    found: dict[str, Any] = {"reference": compared}
+    visible = _VISIBLE * float(np.abs(results.array("trajectory.q_d") - results.array("plant.q")).max())
     wanted = {"sampled": REFERENCE_OF.get(scenario.master), "continuous": "continuous"}
     for key, name in ((key, name) for key, name in wanted.items() if name is not None):
         stage = f"{name} reference"
@@ -262,7 +298,26 @@ def _references(
         )
         report(stage, 1, 1)
         compared[key] = compare(results, solution, scenario.robot)
-    return compared
+        if len(compared) == 1 and compared[key]["max_position_difference_rad"] > visible:
+            separation = _separation(scenario, package, values, results)
+            if separation > visible:
+                found["separation"] = {"change": _NUDGE, "max_position_difference_rad": separation}
+        if "separation" in found:
+            compared[key] |= compare_statistics(results, solution)
+    return found
+
+
+def _separation(
+    scenario: Scenario, package: Path, values: Mapping[str, Mapping[str, Any]], results: Results
+) -> float:
+    """Largest difference [rad, m] of link positions to the same run with rotor inertias larger by `_NUDGE` of them."""
+    inertias = {f"I_m[{i + 1}]": values["plant"][f"I_m[{i + 1}]"] for i in range(scenario.robot.n)}
+    nudged = simulate(
+        package, start=0.0, stop=scenario.stop, step=scenario.step, algorithm=scenario.master,
+        adaptive=scenario.adaptive, record=["plant.q[*]"],
+        parameters={f"plant.{name}": (1.0 + _NUDGE) * inertia for name, inertia in inertias.items()},
+    )  # fmt: skip
+    return float(np.abs(nudged.array("plant.q") - results.array("plant.q")).max())
 
 
 def _head(scenario: Scenario) -> dict[str, Any]:
@@ -270,6 +325,7 @@ def _head(scenario: Scenario) -> dict[str, Any]:
         "scenario": scenario.name,
         "kind": scenario.kind,
         "robot": scenario.robot.name,
+        "friction": scenario.robot.friction,
         "joints": scenario.robot.n,
         "vdfmu": __version__,
         "master": scenario.master,

@@ -6,13 +6,19 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from vdfmu.cosim.reference import REFERENCE_OF, Reference
 from vdfmu.cosim.results import Results
 from vdfmu.fmu.units import unit_of
 from vdfmu.model import Robot
 
-__all__ = ["compare", "estimation_errors", "power_bond", "sampling_warnings", "tracking_errors"]
+__all__ = [
+    "compare", "compare_statistics", "estimation_errors", "implied_gains", "power_bond", "sampling_warnings",
+    "tracking_errors",
+]  # fmt: skip
+
+Floats = npt.NDArray[np.float64]
 
 _SAMPLING_LIMIT = 0.5
 
@@ -37,6 +43,35 @@ def tracking_errors(results: Results, robot: Robot) -> dict[str, Any]:
     }
 
 
+def implied_gains(
+    paper: Mapping[str, Any], robot: Robot, values: Mapping[str, Mapping[str, Any]]
+) -> dict[str, Any]:
+    """Position gains that the paper's errors imply, beside those of the run, link-side [N m/rad, N/m].
+
+    Where the errors change slowly, the torque of Eq. (58) is ``K_p (q_d - q)``: its RMS value over that of the position
+    error is K_p.
+
+    Returns
+    -------
+    dict
+        ``implied_gains``: ``K_p_paper`` and ``K_p``, for the joints that both lists of the paper have. Empty where the
+        paper has not both, or an error of 0.
+    """
+    torque, position = (
+        paper.get(key, ()) for key in ("rms_torque_compensation_error_nm", "rms_position_error_deg")
+    )
+    si = [np.pi / 180.0 if joint == "revolute" else 1e-3 for joint in robot.joint_types]
+    joints = range(min(len(torque), len(position)))
+    if not joints or not all(position[i] for i in joints):
+        return {}
+    return {
+        "implied_gains": {
+            "K_p_paper": [torque[i] / (position[i] * si[i]) for i in joints],
+            "K_p": [values["controller"][f"K_p[{i + 1}]"] for i in joints],
+        }
+    }
+
+
 def compare(results: Results, reference: Reference, robot: Robot) -> dict[str, Any]:
     """Largest absolute differences of link positions [rad or m] and control torques, link-side [N m or N]."""
     position = np.abs(results.array("plant.q") - reference.q)
@@ -46,6 +81,26 @@ def compare(results: Results, reference: Reference, robot: Robot) -> dict[str, A
         "max_position_difference_rad": float(position.max()),
         "max_torque_difference_nm": float(torque.max()),
         "at_s": float(results.time[position.max(axis=1).argmax()]),
+    }
+
+
+def compare_statistics(results: Results, reference: Reference) -> dict[str, float]:
+    """Largest relative differences of a joint between the RMS errors of a run and of its reference.
+
+    For loops whose single solutions separate, see `vdfmu.study.run`. Errors as in :func:`tracking_errors`.
+    """
+    q_d, tau_m = results.array("trajectory.q_d"), reference.tau_m
+    if reference.name == "sampled-delayed":  # the controller added to the feedforward of one step ago
+        tau_m = np.vstack([tau_m[:1], tau_m[:-1]])
+
+    def difference(ours: Floats, theirs: Floats) -> float:
+        a, b = (np.sqrt(np.mean(error**2, axis=0)) for error in (ours, theirs))
+        return float((np.abs(a - b) / np.maximum(b, np.finfo(float).tiny)).max())
+
+    ours = results.array("controller.tau") - results.array("controller.tau_m")
+    return {
+        "rms_position_difference": difference(q_d - results.array("plant.q"), q_d - reference.q),
+        "rms_torque_difference": difference(ours, reference.tau - tau_m),
     }
 
 
@@ -68,7 +123,7 @@ def estimation_errors(results: Results, master: str) -> dict[str, Any]:
 
 
 def power_bond(results: Results, robot: Robot) -> dict[str, Any]:
-    """Energy residual of the coupling at tau and kappa_dot, link-side [J].
+    """Energy residual of the coupling at tau and kappa_dot, link-side [J]; printed is the sum of its absolute values.
 
     Torque and rotor velocity carry power from controller to plant. The plant takes up ``ell tau_in kappa_dot`` with the
     torque that it was given, the controller gives ``ell tau kappa_dot_in`` with the velocity that it was given; with

@@ -56,7 +56,7 @@ def run_system(
         As ``algorithm``, ``adaptive``, ``tolerance``, ``record`` and ``ignore_unmatched`` of
         :func:`vdfmu.cosim.simulate`.
     settings : mapping of str to value, optional
-        Values of ``component.variable``, without an index of all its elements; they win over those of the package.
+        Values of ``component.variable``, as ``parameters`` of :func:`vdfmu.cosim.simulate`.
     out : path, optional
         Folder for the files; default :func:`default_folder`. Files of an earlier run in it are replaced.
     progress : callable, optional

@@ -25,7 +25,7 @@ from pathlib import Path, PurePosixPath
 
 from vdfmu.errors import FmuError
 from vdfmu.fmu.native.platforms import PLATFORMS, Platform, this_platform
-from vdfmu.kernel.cache import cache_folder, load, store
+from vdfmu.kernel.cache import COMPILER, cache_folder, load, store
 
 __all__ = ["Job", "compile_libraries", "compile_library", "compiler_version", "native_available"]
 
@@ -188,7 +188,7 @@ class _Workshop:
 
     def _support_folder(self) -> str:
         """Folder in which zig keeps what it compiles of its own for each platform, with locks of its own."""
-        folder = cache_folder() / "zig"
+        folder = cache_folder() / COMPILER
         try:
             folder.mkdir(parents=True, exist_ok=True)
             with tempfile.TemporaryFile(dir=folder):

@@ -103,8 +103,8 @@ def _use(content: Content, layout: Layout) -> str:
     if layout.states.stop > layout.states.start:
         lines += [
             f"<p><b>Co-simulation.</b> The solver is Rodas4 (implicit, order 4) with error control; the parameter "
-            f"<code>tolerance</code> bounds the local error, relative and absolute in SI units. A tolerance of the "
-            f"experiment replaces it. Any communication step will do; 1 ms suits a sampled controller. {held}</p>",
+            "<code>tolerance</code> bounds the local error, relative and absolute in SI units. A smaller tolerance of "
+            f"the experiment replaces it. Any communication step will do; 1 ms suits a sampled controller. {held}</p>",
             "<p><b>Model exchange.</b> The equations are stiff: use an implicit solver (CVODE with BDF, Radau, Rodas) "
             "with a tolerance of 1e-6 or less.</p>",
         ]

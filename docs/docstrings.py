@@ -1,0 +1,25 @@
+"""What the documentation does to docstrings: types and references in them are text, not Python and not Sphinx."""
+
+from __future__ import annotations
+
+import re
+from typing import Any
+
+import griffe
+
+_TYPE = re.compile(r"^ *[\w*, ]+ : .*$", re.MULTILINE)
+_ROLE = re.compile(r":\w+:`~?([^`]+)`")
+
+
+class PlainDocstrings(griffe.Extension):
+    """Keep units of measurement as they are written, and show ``:func:`name` `` as code.
+
+    As Python, the type ``(n,) [N.m]`` is an index and shows as ``(n,)[m]``. A space that does not break before the
+    bracket makes it no Python.
+    """
+
+    def on_object(self, *, obj: griffe.Object, **_: Any) -> None:
+        """Change the docstring of one object."""
+        if obj.docstring is not None:
+            text = _TYPE.sub(lambda line: line[0].replace(" [", "\u00a0["), obj.docstring.value)
+            obj.docstring.value = _ROLE.sub(r"`\1`", text)

@@ -1,0 +1,48 @@
+"""Everything that a command writes passes the check of this project, which is that of the standards."""
+
+import pytest
+from typer.testing import CliRunner
+
+from vdfmu.cli import app
+from vdfmu.study.check import inspect_file
+
+WRITERS = [
+    ("build planar_tracking --backend python", 4),
+    ("build planar_tracking --backend native", 4),
+    ("build slider_tracking --backend native --fmi 3.0", 4),
+    ("ssp planar_tracking --backend python", 1),
+    ("ssp slider_tracking --backend native", 1),
+    ("ssp planar_tracking --format 2.0", 1),
+    ("ssp planar_tracking --format osp", 1),
+    ("container planar_tracking", 1),
+    ("container slider_tracking --step 0.0005", 1),
+    ("run planar_tracking --stop 0.02 --no-reference", 1),
+    ("run planar_tracking --stop 0.02 --no-reference --container", 2),
+]
+"""Commands, and how many files they write that can be checked: the FMUs beside an OSP description go with it."""
+READERS = {"check", "models", "simulate"}
+
+
+def test_every_command_that_writes_is_among_these():
+    commands = {c.callback.__name__ for c in app.registered_commands} | {
+        g.name for g in app.registered_groups
+    }
+    assert commands == READERS | {text.split()[0] for text, _ in WRITERS}
+
+
+@pytest.mark.parametrize(("command", "count"), WRITERS, ids=[text for text, _ in WRITERS])
+def test_what_a_command_writes_has_no_problems(command, count, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    done = CliRunner().invoke(app, command.split())
+    assert done.exit_code == 0, done.output
+    beside = {path.parent for path in tmp_path.rglob("OspSystemStructure.xml")}
+    files = [
+        path
+        for pattern in ("*.fmu", "*.ssp", "*.ssd", "OspSystemStructure.xml")
+        for path in tmp_path.rglob(pattern)
+        if path.suffix == ".xml" or path.parent not in beside
+    ]
+    assert len(files) == count
+    for path in files:
+        report = inspect_file(path)
+        assert (report.problems, report.ran) == ([], True), path

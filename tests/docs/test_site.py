@@ -1,0 +1,57 @@
+"""The documentation as it is built: what the page of the Python API shows."""
+
+import html
+import inspect
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import vdfmu
+from vdfmu import dynamics
+
+ROOT = Path(__file__).resolve().parents[2]
+DOCUMENTED = [vdfmu.Robot, vdfmu.Results, *(f for f in vars(dynamics).values() if inspect.isfunction(f)),
+              vdfmu.run, vdfmu.simulate, vdfmu.build_fmus, vdfmu.write_container]  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def api(tmp_path_factory):
+    """Return the page of the API as HTML, from a build that stops at any warning."""
+    folder = tmp_path_factory.mktemp("site")
+    done = subprocess.run(
+        [sys.executable, "-m", "mkdocs", "build", "--strict", "--site-dir", str(folder)],
+        cwd=ROOT, env=os.environ | {"NO_MKDOCS_2_WARNING": "1", "PYTHONPATH": str(ROOT)},
+        stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stdout
+    return (folder / "api.html").read_text(encoding="utf-8")
+
+
+def words(text):
+    return " ".join(html.unescape(text).split())
+
+
+@pytest.mark.slow
+def test_units_are_shown_as_the_docstrings_have_them(api):
+    shown = words(re.sub(r"<[^>]+>", "", api))
+    found = 0
+    for documented in DOCUMENTED:
+        for names, kind in re.findall(
+            r"^ *(\w[\w, ]*) : (.*\[.*)$", inspect.getdoc(documented) or "", re.MULTILINE
+        ):
+            for name in names.split(", "):
+                found += 1
+                what = words(kind).replace(", optional", "")
+                assert re.search(rf"{name} \( ?{re.escape(what)}", shown), (documented.__name__, name, what)
+    assert found > 40
+
+
+@pytest.mark.slow
+def test_formulas_in_docstrings_are_no_emphasis(api):
+    assert "<code>A*sin(2*ell*kappa + phase)</code>" in api
+    assert re.findall(r"<em>.*?</em>", api) == []
+    assert re.findall(r":(?:func|class|mod|meth|data):", api) == []
