@@ -119,7 +119,7 @@ def test_findings_that_a_unit_wrote_are_bounded(unit, monkeypatch):
     monkeypatch.setattr(check_run, "_ANSWER_LIMIT", 10)
 
     def answer(command):
-        Path(command[-1], "findings.json").write_text("[" * 1000)
+        Path(command[-2], "findings.json").write_text("[" * 1000)
         return 0, ""
 
     monkeypatch.setattr(check_run, "_contained", answer)
