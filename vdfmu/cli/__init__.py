@@ -5,9 +5,11 @@ Exit codes: 0 done, 1 a check or a unit failed, 2 wrong usage or input, 130 stop
 
 from __future__ import annotations
 
+import io
 import logging
 import os
 import sys
+import warnings
 from typing import Annotated
 
 import typer
@@ -57,9 +59,19 @@ def _options(
 def main() -> None:
     """Entry point: run a command and turn errors into a message and an exit code."""
     # Units in this process say what they say through FMI; their own logger would say it again.
-    logging.getLogger("vdfmu.fmu").addHandler(logging.NullHandler())
+    for speaks in ("vdfmu.fmu", "matplotlib"):
+        logging.getLogger(speaks).addHandler(logging.NullHandler())
+    if not sys.warnoptions:  # what libraries warn their programmers of is no message of a command
+        warnings.simplefilter("ignore")
+    for stream in (sys.stdout, sys.stderr):  # of any encoding, such as ASCII
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")
     try:
         app()
+    except ModuleNotFoundError as error:
+        fail(f"the Python package {error.name} is not installed. Install vdfmu again with pip.", 1)
+    except MemoryError:
+        fail("the memory does not hold it: choose fewer steps or signals.", 1)
     except (UsageError, ModelError, SspError) as error:
         fail(error, 2)
     except VdfmuError as error:
