@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 PIP_INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt
 
-.PHONY: demo test test-all bench docs lint clean
+.PHONY: demo test test-all hostile bench docs lint clean
 
 demo: $(VENV)/demo  ## run the paper's tracking simulation (Section IV-B)
 	$(BIN)/vdfmu run tracking
@@ -14,6 +14,9 @@ test: $(VENV)/test  ## run the tests, but for the heavy ones: some minutes
 
 test-all: test $(VENV)/platforms  ## run the heavy ones too: all platforms, emulators, sanitizers, C++ templates, installs
 	$(BIN)/python -m pytest -n 2 -m heavy $(PYTEST_ARGS)
+
+hostile: $(VENV)/test  ## try thousands of hostile inputs, print what came of them: minutes
+	$(BIN)/python -m tests.hostile
 
 bench: $(VENV)/bench  ## measure times and growth exponents
 	$(BIN)/python -m benchmarks

@@ -26,7 +26,7 @@ def kernel_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     support = os.environ.get("ZIG_GLOBAL_CACHE_DIR") or str(cache_folder() / "zig")
     base = tmp_path_factory.getbasetemp()
     folder = (base.parent if "PYTEST_XDIST_WORKER" in os.environ else base) / "vdfmu_cache"
-    folder.mkdir(exist_ok=True)
+    folder.mkdir(exist_ok=True, mode=0o700)
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("VDFMU_CACHE_DIR", str(folder))
         patch.setenv("ZIG_GLOBAL_CACHE_DIR", support)

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+import hashlib
 import os
-import re
 import secrets
 import stat
 import zipfile
@@ -14,11 +14,11 @@ from pathlib import Path
 from typing import BinaryIO
 
 from vdfmu.errors import StorageError
+from vdfmu.kernel.cache import cache_folder, load, store
 
-__all__ = ["guid_of", "pack_zip", "read_member", "regular_target", "replacing"]
+__all__ = ["is_built", "keep_record", "pack_zip", "read_member", "regular_target", "replacing"]
 
 _EPOCH = (1980, 1, 1, 0, 0, 0)
-_GUID = re.compile(rb'<fmiModelDescription[^>]* (?:guid|instantiationToken)="([^"]*)"')
 
 
 def pack_zip(path: Path, members: Mapping[str, bytes]) -> None:
@@ -75,16 +75,25 @@ def regular_target(path: Path) -> Path:
     return target
 
 
-def guid_of(path: Path) -> str | None:
-    """GUID or instantiation token of an FMU on disk; None if there is none that can be read to its end."""
+def keep_record(path: Path, guid: str) -> None:
+    """Note in the user's cache that an FMU of these bytes was built here, and its GUID or instantiation token."""
+    store(_record(path), guid.encode())
+
+
+def is_built(path: Path, guid: str) -> bool:
+    """Whether an FMU on disk is, to the byte, one that was built here with this GUID or instantiation token.
+
+    The GUID inside would not do: whoever changes a library leaves it as it is.
+    """
     try:
-        with zipfile.ZipFile(path) as archive:
-            if archive.testzip() is not None:  # a damaged member
-                return None
-            found = _GUID.search(archive.read("modelDescription.xml"))
-    except (OSError, KeyError, ValueError, zipfile.BadZipFile, zlib.error):
-        return None
-    return found[1].decode() if found else None
+        return path.is_file() and load(_record(path)) == guid.encode()
+    except OSError:
+        return False
+
+
+def _record(path: Path) -> Path:
+    with path.open("rb") as file:
+        return cache_folder() / "built" / hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def read_member(path: Path, name: str) -> bytes | None:

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from vdfmu.errors import StorageError, UsageError
-from vdfmu.fmu.archive import guid_of
+from vdfmu.fmu.archive import is_built, keep_record
 from vdfmu.fmu.behaviour import robot_problems
 from vdfmu.fmu.content import BACKENDS, FMI_VERSIONS, Content
 from vdfmu.fmu.interface import MODEL_NAMES, UNIT_NAMES, start_values
@@ -61,8 +61,9 @@ def build_fmus(
 ) -> dict[str, Path]:
     """Build the FMUs of a robot: Trajectory, Feedforward, PDController, Plant and TorqueEstimator, each ``.fmu``.
 
-    The same sources, robot, start values and options give the same bytes. An FMU that is up to date and has the
-    platforms asked for is left alone, with others that it may have; any other is replaced.
+    The same sources, robot, start values and options give the same bytes. An FMU that is, to the byte, one that the
+    user built of these before, and has the platforms asked for, is left alone, with others that it may have; any
+    other is replaced.
 
     Parameters
     ----------
@@ -122,10 +123,11 @@ def build_fmus(
         path = built[content.unit]
         try:
             out.mkdir(parents=True, exist_ok=True)
-            if guid_of(path) != content.guid:
+            if not is_built(path, content.guid):
                 from vdfmu.fmu.python_backend import build_python_fmu
 
                 build_python_fmu(content, path)
+                keep_record(path, content.guid)
         except OSError as error:
             raise StorageError(
                 f"{path}: cannot be written: {error}. Choose another folder or free space."

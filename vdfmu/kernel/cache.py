@@ -1,20 +1,23 @@
-"""The user's cache: files behind the digest of their content, the least recently used removed beyond a total size.
+"""The user's cache: files behind the digest of name and content, the least recently used removed beyond a total size.
 
-What depends on the structure of a robot alone, such as traced functions and their objects, has a key of that structure
+What is loaded from it runs: only what belongs to the user, and nobody else may write, is taken. What depends on the structure of a robot alone, such as traced functions and their objects, has a key of that structure
 and serves all values. An FMU and its library state the values of their robot, so each value makes new ones.
 """
 
 from __future__ import annotations
 
+import logging
 import os
+import stat
 import tempfile
 from contextlib import suppress
+from functools import lru_cache
 from hashlib import sha256
 from pathlib import Path
 
 from platformdirs import user_cache_path
 
-__all__ = ["COMPILER", "cache_folder", "load", "store"]
+__all__ = ["COMPILER", "cache_folder", "load", "store", "trusted"]
 
 _LINE = 65
 """Length of the digest and its end of line, which come before the content."""
@@ -25,21 +28,71 @@ COMPILER = "zig"
 
 
 def cache_folder() -> Path:
-    """Folder of the cache: ``VDFMU_CACHE_DIR``, else ``vdfmu`` in the user's cache folder."""
+    """Folder of the cache: ``VDFMU_CACHE_DIR``, else ``vdfmu`` in the user's cache folder.
+
+    One that others may write to is not used: the next is, at last a temporary one of this process.
+    """
     chosen = os.environ.get("VDFMU_CACHE_DIR")
-    return Path(chosen) if chosen else user_cache_path("vdfmu", appauthor=False)
+    own = user_cache_path("vdfmu", appauthor=False)
+    for folder in (Path(chosen), own) if chosen else (own,):
+        if trusted(folder):
+            return folder
+    return Path(_private().name)
+
+
+def trusted(folder: Path) -> bool:
+    """Whether a folder belongs to the user and nobody else may write to it; if not, a message says so, once.
+
+    One that does not exist is trusted: it is made for the user alone. Windows has no such modes; there the user's
+    profile is closed to others.
+    """
+    try:
+        fault = _fault(folder.stat())
+    except OSError:  # what cannot be read is not loaded from
+        return True
+    if fault:
+        _say(
+            f"the cache {str(folder)!r} is not used: {fault}, and what is in it would be run; expected a folder of the "
+            "user that nobody else may write to. Remove it and what is in it, or choose another with VDFMU_CACHE_DIR"
+        )
+    return not fault
+
+
+def _fault(status: os.stat_result) -> str:
+    """Return why a file or folder may hold what somebody else wrote; empty if it may not."""
+    if os.name != "posix":
+        return ""
+    if status.st_uid != os.geteuid():
+        return f"it belongs to user {status.st_uid}, not to {os.geteuid()}"
+    if status.st_mode & (stat.S_IWGRP | stat.S_IWOTH):
+        return f"others may write to it (mode {stat.S_IMODE(status.st_mode):o})"
+    return ""
+
+
+@lru_cache
+def _say(text: str) -> None:
+    logging.getLogger("vdfmu.cache").warning("%s", text)
+
+
+@lru_cache
+def _private() -> tempfile.TemporaryDirectory[str]:
+    """Return a cache for this process alone, removed at its end."""
+    return tempfile.TemporaryDirectory(prefix="vdfmu_cache_", ignore_cleanup_errors=True)
 
 
 def load(path: Path) -> bytes | None:
-    """Content of a file of the cache; None if there is none, or not the one that was written."""
+    """Content of a file of the cache; None if there is none, or not the one that the user wrote under this name."""
     try:
-        data = path.read_bytes()
+        with path.open("rb") as file:
+            if _fault(os.fstat(file.fileno())):
+                return None
+            data = file.read()
     except OSError:
         return None
     digest, content = data[:_LINE], data[_LINE:]
-    if digest != _digest(content):
+    if digest != _digest(path, content):
         return None
-    with suppress(OSError):  # another process may have removed it, or may own it
+    with suppress(OSError):  # another process may have removed it
         os.utime(path)
     return content
 
@@ -55,10 +108,11 @@ def store(path: Path, content: bytes) -> None:
     """
     temporary = None
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
+        for folder in (path.parent.parent, path.parent):
+            folder.mkdir(parents=True, exist_ok=True, mode=0o700)
         handle, temporary = tempfile.mkstemp(dir=path.parent, suffix=".tmp")
         with os.fdopen(handle, "wb") as stream:
-            stream.write(_digest(content) + content)
+            stream.write(_digest(path, content) + content)
         os.replace(temporary, path)
         temporary = None
         _evict(path.parent.parent, path)
@@ -95,5 +149,6 @@ def _evict(cache: Path, new: Path) -> None:
             path.parent.rmdir()
 
 
-def _digest(content: bytes) -> bytes:
-    return sha256(content).hexdigest().encode() + b"\n"
+def _digest(path: Path, content: bytes) -> bytes:
+    """Return the first line of a file: it holds for this name alone, so that no entry can stand for another."""
+    return sha256(f"{path.parent.name}/{path.name}\n".encode() + content).hexdigest().encode() + b"\n"

@@ -25,7 +25,7 @@ from pathlib import Path, PurePosixPath
 
 from vdfmu.errors import FmuError
 from vdfmu.fmu.native.platforms import PLATFORMS, Platform, this_platform
-from vdfmu.kernel.cache import COMPILER, cache_folder, load, store
+from vdfmu.kernel.cache import COMPILER, cache_folder, load, store, trusted
 
 __all__ = ["Job", "compile_libraries", "compile_library", "compiler_version", "native_available"]
 
@@ -178,7 +178,7 @@ class _Workshop:
         self._stopped = False
         self._environment = os.environ | {
             "ZIG_LOCAL_CACHE_DIR": str(self._folder / "zig"),
-            "ZIG_GLOBAL_CACHE_DIR": os.environ.get("ZIG_GLOBAL_CACHE_DIR") or self._support_folder(),
+            "ZIG_GLOBAL_CACHE_DIR": self._support_folder(),
         }
         return self
 
@@ -188,9 +188,14 @@ class _Workshop:
 
     def _support_folder(self) -> str:
         """Folder in which zig keeps what it compiles of its own for each platform, with locks of its own."""
-        folder = cache_folder() / COMPILER
+        chosen = os.environ.get("ZIG_GLOBAL_CACHE_DIR")
+        if chosen and trusted(Path(chosen)):
+            return chosen
+        cache = cache_folder()
+        folder = cache / COMPILER
         try:
-            folder.mkdir(parents=True, exist_ok=True)
+            for made in (cache, folder):
+                made.mkdir(parents=True, exist_ok=True, mode=0o700)
             with tempfile.TemporaryFile(dir=folder):
                 return str(folder)
         except OSError:

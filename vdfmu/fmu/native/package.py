@@ -12,7 +12,7 @@ from typing import Literal
 
 from vdfmu.data import PACKAGE, data_path
 from vdfmu.errors import FmuError, StorageError
-from vdfmu.fmu.archive import guid_of, pack_zip, read_member
+from vdfmu.fmu.archive import is_built, keep_record, pack_zip, read_member
 from vdfmu.fmu.content import CONTENT_FILE, Content
 from vdfmu.fmu.description import document, native_model_description
 from vdfmu.fmu.description3 import build_description, model_description_3
@@ -62,6 +62,7 @@ def build_native_fmus(
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
             pack_zip(path, _members(content, layout, files, libraries))
+            keep_record(path, content.guid)
         except OSError as error:
             raise StorageError(
                 f"{path}: cannot be written: {error}. Choose another folder or free space."
@@ -97,7 +98,7 @@ def fmi_headers(fmi_version: str) -> dict[str, bytes]:
 
 
 def _up_to_date(path: Path, content: Content, platforms: Sequence[str]) -> bool:
-    if guid_of(path) != content.guid:
+    if not is_built(path, content.guid):
         return False
     try:
         inside = json.loads(read_member(path, _CONTENT) or b"{}").get("platforms", [])

@@ -1,0 +1,35 @@
+"""A few inputs of each hostile corpus; `make hostile` tries them all."""
+
+from __future__ import annotations
+
+import pytest
+
+from vdfmu.errors import SspError
+
+from .corpora import CORPORA
+from .table import Corpus, table, tried
+
+
+@pytest.mark.parametrize("corpus", CORPORA, ids=lambda corpus: corpus.name)
+def test_hostile_inputs_are_read_or_refused_in_words(corpus: Corpus) -> None:
+    row = tried(corpus, range(corpus.quick))
+    assert (row.tries, row.examples) == (corpus.quick, [])
+
+
+def test_the_table_counts_failures() -> None:
+    """A refusal without words, another exception and a slow try are failures; a refusal in words is none."""
+
+    def attempt(number: int, _folder: object) -> None:
+        if number < 2:
+            raise SspError(["", "no zip"][number])
+        if number == 2:
+            raise KeyError("name")
+
+    row = tried(Corpus("made up", 4, attempt), range(4))
+    assert (row.refused, row.failures) == (2, 2)
+    assert row.examples == [
+        "made up, number 0: is refused without a word",
+        "made up, number 2: KeyError: 'name'",
+    ]
+    assert "| made up | 4 | 2 | 2 |" in table([row])
+    assert tried(Corpus("slow", 1, lambda *_: None, seconds=0.0), [0]).failures == 1
