@@ -1,5 +1,5 @@
 """All corpora: each module of this folder that has some is named here."""
 
-from . import packages
+from . import models, packages
 
-CORPORA = [*packages.CORPORA]
+CORPORA = [*packages.CORPORA, *models.CORPORA]

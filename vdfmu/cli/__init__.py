@@ -69,14 +69,20 @@ def main() -> None:
     try:
         app()
     except ModuleNotFoundError as error:
-        fail(f"the Python package {error.name} is not installed. Install vdfmu again with pip.", 1)
+        fail(
+            f"the Python package {(error.name or str(error)).partition('.')[0]} is not installed. Install vdfmu again with pip.",
+            1,
+        )
     except MemoryError:
         fail("the memory does not hold it: choose fewer steps or signals.", 1)
     except (UsageError, ModelError, SspError) as error:
         fail(error, 2)
     except VdfmuError as error:
         fail(error, 1)
-    except OSError as error:  # of the output of a command: files have errors of their own
+    except OSError as error:
+        if error.filename is not None:  # such as a name that is too long
+            fail(f"{error.filename}: {error.strerror}", 2)
+        # else of the output of a command
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         if not isinstance(error, BrokenPipeError):
             fail(f"the output cannot be written: {error.strerror or error}", 1)

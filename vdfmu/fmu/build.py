@@ -22,8 +22,8 @@ _SLOW_JOINTS = 9
 
 
 def _build_seconds(n: int) -> float:
-    """Processor time of a first native build of all units for `n` joints [s], as measured for 6 to 20."""
-    return 35.0 * (n / 6.0) ** 1.5
+    """Processor time of a first native build of all units for `n` joints [s], as measured for 6 to 30."""
+    return 35.0 * (n / 6.0) ** 1.6
 
 
 def build_notes(robot: Robot, backend: str | None = None) -> list[str]:
@@ -104,7 +104,7 @@ def build_fmus(
     if robot.n > _MOST_JOINTS:
         raise UsageError(
             f"robot {robot.name}: expected at most {_MOST_JOINTS} joints for FMUs, got {robot.n}. Tracing and "
-            f"compiling its equations would take {_build_seconds(robot.n) / 60:.0f} minutes or more and gigabytes of memory; "
+            f"compiling would take some {_build_seconds(robot.n) / 60:.0f} minutes or more, and gigabytes of memory; "
             "vdfmu.inverse_dynamics and forward_dynamics take more joints."
         )
     out = Path(out_dir)
