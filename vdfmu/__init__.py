@@ -12,6 +12,8 @@ Python API
     A whole scenario: co-simulation, references, comparison, files.
 ``simulate``, ``load_ssp``
     The master, for any SSP 1.0 of FMI 2.0 co-simulation units.
+``package_limit``
+    How much may be unpacked of a package.
 """
 
 from importlib import import_module
@@ -34,6 +36,7 @@ if TYPE_CHECKING:
     from vdfmu.fmu import build_fmus
     from vdfmu.model import Robot, Scenario, load_robot, load_scenario, robot_names, scenario_names
     from vdfmu.ssp import load_ssp
+    from vdfmu.ssp.archive import package_limit
     from vdfmu.ssp.write import write_osp, write_ssp
     from vdfmu.study.run import run
 
@@ -52,6 +55,7 @@ _WHERE = {
     "load_scenario": "vdfmu.model",
     "load_ssp": "vdfmu.ssp",
     "mass_matrix": "vdfmu.dynamics",
+    "package_limit": "vdfmu.ssp.archive",
     "robot_names": "vdfmu.model",
     "run": "vdfmu.study.run",
     "scenario_names": "vdfmu.model",
@@ -77,6 +81,7 @@ __all__ = [
     "load_scenario",
     "load_ssp",
     "mass_matrix",
+    "package_limit",
     "robot_names",
     "run",
     "scenario_names",

@@ -1,5 +1,5 @@
 """All corpora: each module of this folder that has some is named here."""
 
-from . import models, packages
+from . import bombs, models, packages
 
-CORPORA = [*packages.CORPORA, *models.CORPORA]
+CORPORA = [*packages.CORPORA, *bombs.CORPORA, *models.CORPORA]

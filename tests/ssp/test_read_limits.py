@@ -3,11 +3,16 @@
 from __future__ import annotations
 
 import io
+import os
+import subprocess
+import sys
+import tracemalloc
 import zipfile
 from pathlib import Path
 
 import pytest
 
+import vdfmu
 from vdfmu.errors import SspError
 from vdfmu.ssp import archive, load_ssp
 from vdfmu.study.check import check_file
@@ -112,3 +117,78 @@ def test_ssp_2_has_the_same_limits(tmp_path, monkeypatch):
         members = {n: file.read(n).replace(b'version="1.0"', b'version="2.0"') for n in file.namelist()}
     path.write_bytes(pack(dict(members)))
     assert any("ELEMENT_LIMIT" in text for text in check_file(path))
+
+
+ZEROS = bytes(600_000)
+
+
+def nested(path: Path, count: int) -> Path:
+    """Write a package with packages that are read, each with 600 kB of an FMU that the system names."""
+    values = "<ssd:ParameterBindings><ssd:ParameterBinding source='a.ssv'/></ssd:ParameterBindings>"
+    inner = pack(
+        {"SystemStructure.ssd": ssd("").replace("</ssd:System>", f"{values}</ssd:System>"), "a.ssv": ZEROS}
+    )
+    names = [f"{i}.ssp" for i in range(count)]
+    elements = "".join(
+        f'<ssd:Component name="c{n[0]}" type="application/x-ssp-package" source="{n}"/>' for n in names
+    )
+    path.write_bytes(pack({"SystemStructure.ssd": ssd(elements), **dict.fromkeys(names, inner)}))
+    return path
+
+
+def test_what_packages_inside_unpack_to_counts(tmp_path, monkeypatch):
+    """Each by itself is below the limit; the fourth is not read."""
+    monkeypatch.setattr(archive, "TOTAL_LIMIT", 2_000_000)
+    found = problems(nested(tmp_path / "x.ssp", 4))
+    assert "x.ssp: has more than 2000000 bytes unpacked, those of packages inside it" in found[-1]
+    assert "--unpack-limit, or vdfmu.package_limit in Python" in found[-1]
+    with vdfmu.package_limit(4_000_000):
+        assert not any("bytes unpacked" in text for text in problems(tmp_path / "x.ssp"))
+
+
+def test_what_is_taken_into_memory_counts_each_time(tmp_path, monkeypatch):
+    monkeypatch.setattr(archive, "MEMORY_LIMIT", 1_500_000)
+    assert "has more than 1500000 bytes of XML" in problems(nested(tmp_path / "x.ssp", 4))[-1]
+
+
+def test_packages_inside_have_a_limit_in_number(tmp_path, monkeypatch):
+    monkeypatch.setattr(archive, "PACKAGE_LIMIT", 3)
+    assert "x.ssp: has more than 3 packages inside it; that is the limit" in problems(
+        nested(tmp_path / "x.ssp", 4)
+    )
+
+
+def test_a_long_directory_is_refused_before_it_is_read(tmp_path, monkeypatch):
+    monkeypatch.setattr(archive, "DIRECTORY_LIMIT", 100)
+    (found,) = problems(chain(tmp_path / "x.ssp", "definition", levels=8, fan=1))
+    assert "bytes; the limit is 100. Pack fewer files" in found
+
+
+def test_nothing_stays_in_memory_of_a_package_inside(tmp_path):
+    """30 MB inside 30 MB: neither is held, only pieces of 256 KiB with the buffers of the zip file, some MiB."""
+    large = os.urandom(30_000_000)
+    inner = pack({"SystemStructure.ssd": ssd(""), "large": large})
+    path = tmp_path / "x.ssp"
+    path.write_bytes(pack({"SystemStructure.ssd": ssd(refer(1, "in.ssp", "package")), "in.ssp": inner}))
+    del large, inner
+    load_ssp(path)
+    tracemalloc.start()
+    load_ssp(path)
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert peak < 8 * 2**20
+
+
+def test_the_option_says_what_it_expects(tmp_path):
+    path = nested(tmp_path / "x.ssp", 2)
+    done = {
+        size: subprocess.run(
+            [sys.executable, "-m", "vdfmu.cli", "check", path, "--unpack-limit", size],
+            capture_output=True,
+            text=True,
+        )
+        for size in ("1M", "much")
+    }
+    assert "the limit is 262144" in done["1M"].stdout  # of a member: a quarter of the whole
+    assert done["much"].returncode == 2
+    assert "expected a size such as 500M or 4G" in " ".join(done["much"].stderr.replace("│", " ").split())

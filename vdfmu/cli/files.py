@@ -15,6 +15,8 @@ from vdfmu.cli.terminal import (
     RobotOption,
     ScenarioArgument,
     SetOption,
+    UnpackOption,
+    errors,
     fail,
     parse_settings,
     say,
@@ -139,12 +141,23 @@ def check(
     file: Annotated[Path, typer.Argument(help="An FMU, SSP, SSD or OSP file, of this or any other tool.")],
     no_run: Annotated[bool, typer.Option("--no-run", help="Read only; do not run the units' code.")] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print the findings as JSON.")] = False,
+    unpack_limit: UnpackOption = None,
 ) -> None:
-    """Check an FMU or a system: schema, rules, binaries for this platform, ten steps, reference results."""
+    """Check an FMU or a system: schema, rules, binaries for this platform, ten steps, reference results.
+
+    Steps run code of the file, in a process of its own that is limited in time and memory; not with --no-run.
+    """
+    from vdfmu.ssp.archive import package_limit
     from vdfmu.study.check import inspect_file
 
+    if not no_run:
+        errors.print(
+            f"note: runs code of {file}, in a process of its own; --no-run reads only",
+            markup=False, soft_wrap=True,
+        )  # fmt: skip
     try:
-        report = inspect_file(file, run=not no_run)
+        with package_limit(unpack_limit):
+            report = inspect_file(file, run=not no_run)
     except StorageError as error:
         fail(error, 2)
     if as_json:

@@ -14,6 +14,7 @@ from vdfmu.cli.terminal import (
     RobotOption,
     ScenarioArgument,
     SetOption,
+    UnpackOption,
     console,
     parse_settings,
     say,
@@ -119,16 +120,18 @@ def simulate(
             "--ignore-unmatched", help="Ignore values of the package's parameter sets that no variable takes."
         ),
     ] = False,
+    unpack_limit: UnpackOption = None,
 ) -> None:
     """Run a system package, and write its signals and a picture of them.
 
     Start, stop, step and master that are not given are those of the package's default experiment and its annotations.
     """
     from vdfmu.report import tables
+    from vdfmu.ssp.archive import package_limit
     from vdfmu.study.folder import SYSTEM_OUTPUTS
     from vdfmu.study.system import default_folder, run_system
 
-    with Bars() as bars:
+    with Bars() as bars, package_limit(unpack_limit):
         results = run_system(
             package,
             variant=variant,

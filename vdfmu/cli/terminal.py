@@ -2,28 +2,43 @@
 
 from __future__ import annotations
 
+import re
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from functools import wraps
 from typing import TYPE_CHECKING, Annotated, Any, NoReturn
 
 import typer
-from rich.console import Console
+from rich.console import Console, ConsoleOptions, RenderableType
 from rich.markup import escape
 from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.segment import Segment
 
 from vdfmu.errors import UsageError
+from vdfmu.text import shown
 
 if TYPE_CHECKING:
     from vdfmu.cosim import LogMessage
 
 __all__ = [
-    "BackendOption", "Bars", "RobotOption", "ScenarioArgument", "SetOption", "console", "fail", "parse_settings",
-    "say", "say_notes", "stoppable",
+    "BackendOption", "Bars", "RobotOption", "ScenarioArgument", "SetOption", "UnpackOption", "console", "errors",
+    "fail", "parse_settings", "say", "say_notes", "stoppable",
 ]  # fmt: skip
 
-console = Console(highlight=False)
-errors = Console(stderr=True, highlight=False)
+
+class _Terminal(Console):
+    """The one place through which text goes to the terminal: what it would act on is shown, but for rich's own."""
+
+    def print(self, *objects: Any, **options: Any) -> None:
+        super().print(*(shown(item) if isinstance(item, str) else item for item in objects), **options)
+
+    def render(self, renderable: RenderableType, options: ConsoleOptions | None = None) -> Iterable[Segment]:
+        for segment in super().render(renderable, options):
+            yield segment if segment.control else segment._replace(text=shown(segment.text))
+
+
+console = _Terminal(highlight=False)
+errors = _Terminal(stderr=True, highlight=False)
 
 ScenarioArgument = Annotated[str, typer.Argument(help="Name of a shipped scenario, or path of a TOML file.")]
 RobotOption = Annotated[
@@ -42,6 +57,26 @@ SetOption = Annotated[
         "--set",
         metavar="UNIT.PARAMETER=VALUE",
         help="Set a parameter or free input; without an index, all elements. Repeatable.",
+    ),
+]
+
+
+def _bytes(text: str) -> int:
+    """Read a size such as ``500M`` or ``4G``."""
+    found = re.fullmatch(r"([1-9]\d{0,11})([KMGT]?)(i?B)?", text.strip(), re.IGNORECASE)
+    if not found:
+        raise typer.BadParameter(f"expected a size such as 500M or 4G, got {text!r}")
+    return int(found[1]) * 1024 ** " KMGT".index(found[2].upper() or " ")
+
+
+UnpackOption = Annotated[
+    int | None,
+    typer.Option(
+        "--unpack-limit",
+        metavar="SIZE",
+        parser=_bytes,
+        help="Most bytes that the package may unpack to, packages inside it included, such as 4G; default 2G.",
+        show_default=False,
     ),
 ]
 

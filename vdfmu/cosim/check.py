@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 from vdfmu.cosim.abilities import check_abilities
 from vdfmu.cosim.conversion import Conversion, Value, as_type, compose
@@ -36,8 +36,6 @@ class Checked:
         What to set in each component before initialization, in the units of the FMU.
     notes : tuple of str
         What is worth knowing and no fault: inputs that nothing feeds, for example.
-    fmus : mapping of str to bytes
-        The FMUs, by member of the package.
     """
 
     system: System
@@ -47,7 +45,6 @@ class Checked:
     schedule: Schedule
     starts: Mapping[str, Sequence[tuple[Variable, Value]]]
     notes: tuple[str, ...]
-    fmus: Mapping[str, bytes] = field(repr=False)
 
 
 def check_system(
@@ -124,7 +121,6 @@ def check_system(
         schedule=schedule,
         starts={name: list(values.values()) for name, values in starts.items()},
         notes=tuple(checker.notes),
-        fmus=checker.fmus,
     )
 
 
@@ -138,7 +134,6 @@ class _Checker:
         self.problems = list(system.problems)
         self.notes = list(system.notes)
         self.descriptions: dict[str, Description] = {}
-        self.fmus: dict[str, bytes] = {}
         self.ignore_unmatched = ignore_unmatched
         for text in system.unmatched:
             self._unmatched(text)
@@ -162,8 +157,8 @@ class _Checker:
                 key = component.source, component.implementation
                 if key not in read:
                     try:
-                        data = self.fmus.setdefault(component.source, archive.read(component.source))
-                        read[key], problems = inspect_description(data, *key)
+                        with archive.opened(component.source, component.source) as unit:
+                            read[key], problems = inspect_description(unit, *key)
                     except SspError as error:
                         read[key], problems = None, error.problems
                     self.problems += [f"{component.name}: {problem}" for problem in problems]

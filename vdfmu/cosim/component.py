@@ -18,6 +18,7 @@ from fmpy import fmi2
 
 from vdfmu.cosim.description import Description, Variable, library_name
 from vdfmu.errors import CosimError
+from vdfmu.text import shown
 
 try:
     from fmpy.logging import addLoggerProxy
@@ -34,6 +35,8 @@ _LAST_SUCCESSFUL_TIME, _TERMINATED = 2, 3
 """Of fmi2StatusKind."""
 _FAILURE = re.compile("error|fatal|discard", re.IGNORECASE)
 """In the category of a message that is worse than its status says."""
+_LENGTH = 10_000
+"""Bytes of a message that are kept."""
 _LEVEL = {"ok": logging.DEBUG, "note": logging.INFO, "warning": logging.WARNING}
 
 
@@ -82,6 +85,13 @@ class MessageBox:
         self.ended: dict[str, float] = {}
         self.time = 0.0
         self._log = log or log_to_logging
+        self._limit = limit
+
+    def add(self, message: LogMessage) -> None:
+        """Take a message; of a flood between two flushes the last are kept."""
+        self.pending.append(message)
+        if len(self.pending) >= 2 * self._limit:
+            del self.pending[: self._limit]
 
     def flush(self) -> None:
         """Show and keep what is pending."""
@@ -111,7 +121,9 @@ _tokens = itertools.count(1)
 
 def _on_message(token: int | None, instance: bytes, status: int, category: bytes, text: bytes) -> None:
     """Receive a message of any unit of the process."""
-    words = text.decode("utf-8", "replace") if text else ""
+    words = shown(text[:_LENGTH].decode("utf-8", "replace")) if text else ""
+    if text and len(text) > _LENGTH:
+        words += f" ... ({len(text) - _LENGTH} bytes more)"
     entry = _boxes.get(token or 0)
     if (
         entry is None
@@ -121,9 +133,8 @@ def _on_message(token: int | None, instance: bytes, status: int, category: bytes
         return
     name, box = entry
     label = STATUS[status] if 0 <= status < len(STATUS) else str(status)
-    box.pending.append(
-        LogMessage(name, box.time, label, category.decode("utf-8", "replace") if category else "", words)
-    )
+    kind = shown(category[:_LENGTH].decode("utf-8", "replace")) if category else ""
+    box.add(LogMessage(name, box.time, label, kind, words))
 
 
 _RECEIVER = fmi2.fmi2CallbackLoggerTYPE(_on_message)

@@ -35,6 +35,7 @@ from vdfmu.cosim.results import Results
 from vdfmu.cosim.schedule import cycles, topological
 from vdfmu.errors import CosimError, FmuError, UsageError
 from vdfmu.fmu.archive import pack_zip
+from vdfmu.ssp.archive import Archive
 from vdfmu.ssp.read import load_ssp
 from vdfmu.ssp.structure import Component as Component_
 from vdfmu.ssp.structure import Connection as Connection_
@@ -101,7 +102,8 @@ def _write(checked: Checked, path: Path, step: float, folder: Path) -> None:
     components: dict[str, Component] = {}
     for name, description in checked.descriptions.items():
         file = folder / f"{name}.fmu"
-        file.write_bytes(checked.fmus[description.source])
+        with Archive(checked.system.path, checked.system.path.name) as package, file.open("wb") as target:
+            package.copy(description.source, target)
         model = read_model_description(str(file))
         if model.coSimulation is not None and model.coSimulation.needsExecutionTool:
             raise UsageError(

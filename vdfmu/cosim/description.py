@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
@@ -12,7 +11,7 @@ import fmpy
 from fmpy.model_description import ModelDescription, ValidationError, read_model_description
 
 from vdfmu.errors import SspError
-from vdfmu.ssp.archive import XML_LIMIT, Archive, parse_xml
+from vdfmu.ssp.archive import Archive, parse_xml
 from vdfmu.ssp.structure import BASE_UNITS, Unit
 
 
@@ -111,34 +110,19 @@ def library_name(identifier: str) -> str:
     return f"binaries/{fmpy.platform}/{identifier}{fmpy.sharedLibraryExtension}"
 
 
-def read_description(data: bytes, source: str, implementation: str = "any") -> Description:
-    """Read an FMU.
+def inspect_description(
+    unit: Archive, source: str, implementation: str = "any"
+) -> tuple[Description | None, list[str]]:
+    """Read an FMU as far as it goes, with all problems.
 
     Parameters
     ----------
-    data : bytes
+    unit : Archive
         The FMU.
     source : str
-        Its name, for messages.
+        Its name in messages.
     implementation : str
-        What the SSD asks for: ``any``, ``CoSimulation`` or ``ModelExchange``.
-
-    Raises
-    ------
-    SspError
-        The FMU cannot be used by this master: other FMI version, no co-simulation, no binary for this
-        platform, faulty model description.
-    """
-    description, problems = inspect_description(data, source, implementation)
-    if description is None or problems:
-        raise SspError(problems)
-    return description
-
-
-def inspect_description(
-    data: bytes, source: str, implementation: str = "any"
-) -> tuple[Description | None, list[str]]:
-    """Read an FMU as far as it goes, with all problems; `read_description` raises them instead.
+        What the SSD asks for.
 
     Returns
     -------
@@ -148,27 +132,25 @@ def inspect_description(
         The problems, empty for an FMU that the master can use.
     """
     try:
-        return _inspect(data, source, implementation)
+        return _inspect(unit, source, implementation)
     except SspError as error:
         return None, error.problems
 
 
-def _inspect(data: bytes, source: str, implementation: str) -> tuple[Description | None, list[str]]:
-    with Archive(data, source) as archive:
-        xml = archive.read("modelDescription.xml", XML_LIMIT)
-        names = archive.names
+def _inspect(unit: Archive, source: str, implementation: str) -> tuple[Description | None, list[str]]:
+    xml, names = unit.read("modelDescription.xml"), unit.names
     root = parse_xml(xml, f"{source}: modelDescription.xml")
     version = root.get("fmiVersion")
     if version != "2.0":
         raise SspError(f"{source}: is an FMU of FMI {version}; the master runs FMI 2.0")
     problems: list[str] = []
     try:
-        model = read_model_description(io.BytesIO(data))
+        model = read_model_description(unit.file)
     except Exception as error:  # fmpy raises bare exceptions
         faults = error.problems if isinstance(error, ValidationError) else [error]
         problems += [f"{source}: faulty model description: {fault}" for fault in faults]
         try:
-            model = read_model_description(io.BytesIO(data), validate=False)
+            model = read_model_description(unit.file, validate=False)
         except Exception:
             raise SspError(problems) from None
     if model.coSimulation is None:

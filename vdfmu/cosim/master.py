@@ -242,16 +242,18 @@ class _Run:
     def _load(self, folder: Path) -> None:
         corrupt: set[str] = set()
         unpacked: dict[str, Path] = {}
+        path = self.checked.system.path
+        with Archive(path, path.name) as package:
+            for source in dict.fromkeys(d.source for d in self.checked.descriptions.values()):
+                unpacked[source] = folder / f"{len(unpacked)}"
+                try:
+                    with package.opened(source, source) as unit:
+                        unit.extract(unpacked[source], _needed)
+                except OSError as error:
+                    raise _no_room(str(folder), error) from error
+                _refuse_escapes(unpacked[source])
         for name, description in self.checked.descriptions.items():
             source = description.source
-            if source not in unpacked:
-                unpacked[source] = folder / f"{len(unpacked)}"
-                with Archive(self.checked.fmus[source], source) as archive:
-                    try:
-                        archive.extract(unpacked[source], _needed)
-                    except OSError as error:
-                        raise _no_room(str(folder), error) from error
-                _refuse_escapes(unpacked[source])
             slave = Slave(name, description, unpacked[source], self.box, corrupt)
             self.slaves[name] = slave
             slave.instantiate()

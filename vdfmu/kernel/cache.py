@@ -1,6 +1,8 @@
 """The user's cache: files behind the digest of name and content, the least recently used removed beyond a total size.
 
-What is loaded from it runs: only what belongs to the user, and nobody else may write, is taken. What depends on the structure of a robot alone, such as traced functions and their objects, has a key of that structure
+What is loaded from it runs: only what belongs to the user, and nobody else may write, is taken.
+
+What depends on the structure of a robot alone, such as traced functions and their objects, has a key of that structure
 and serves all values. An FMU and its library state the values of their robot, so each value makes new ones.
 """
 

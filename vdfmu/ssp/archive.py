@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
-import io
 import stat
+import tempfile
 import zipfile
+from collections.abc import Generator, Iterator
+from contextlib import ExitStack, closing, contextmanager
+from contextvars import ContextVar
+from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path, PurePosixPath
-from typing import Any
+from typing import IO, Any
 from urllib.parse import unquote, urlsplit
 
 import fmpy.ssp
@@ -16,13 +20,19 @@ from lxml import etree  # pyright: ignore[reportAttributeAccessIssue]
 from vdfmu.errors import SspError
 
 XML_LIMIT = 64 * 2**20
-"""Largest XML member that is parsed [byte]."""
+"""Largest member that is taken into memory, such as XML [byte]."""
 MEMBER_LIMIT = 512 * 2**20
 """Largest member of any kind [byte]."""
 TOTAL_LIMIT = 2 * 2**30
-"""Largest sum of all members of one package [byte]."""
+"""Most bytes that are unpacked of one package, packages and FMUs inside it included; `package_limit` changes it."""
+MEMORY_LIMIT = 256 * 2**20
+"""Most bytes of these that are taken into memory."""
 COUNT_LIMIT = 65_535
 """Most members of one package: more need the ZIP64 format, which SSP 1.0 excludes."""
+DIRECTORY_LIMIT = 16 * 2**20
+"""Largest directory of a zip file [byte]: some 250 for each of the most members."""
+PACKAGE_LIMIT = 256
+"""Most packages inside one package, on all levels; each is a file that is open."""
 NESTING_LIMIT = 8
 """Most packages inside each other."""
 ELEMENT_LIMIT = 10_000
@@ -33,6 +43,60 @@ INSIDE = "!/"
 """Between the name of a package inside a package and the name of a member of it."""
 _SHOWN = 50
 """Most faulty members that one message lists."""
+_BLOCK = 2**18
+"""Bytes that are unpacked at once."""
+
+_chosen: ContextVar[int | None] = ContextVar("_chosen", default=None)
+
+
+@contextmanager
+def package_limit(total: int | None) -> Generator[None]:
+    """Set how much may be unpacked of each package that is opened in a ``with`` block.
+
+    Parameters
+    ----------
+    total : int or None [byte]
+        In place of `TOTAL_LIMIT`; None leaves it. The limits of single members and of memory change in proportion.
+    """
+    token = _chosen.set(_chosen.get() if total is None else total)
+    try:
+        yield
+    finally:
+        _chosen.reset(token)
+
+
+def unpack_limit() -> int:
+    """Return how many bytes may be unpacked of each package that is opened now."""
+    return _chosen.get() or TOTAL_LIMIT
+
+
+@dataclass
+class _Budget:
+    """What a package has cost, with all inside it, in bytes that were really unpacked."""
+
+    label: str
+    scale: float
+    unpacked: int = 0
+    kept: int = 0
+    packages: int = 0
+
+    def spend(self, count: int, kept: bool) -> None:
+        """Count bytes that were unpacked; SspError beyond the limit."""
+        self.unpacked += count
+        self.kept += count if kept else 0
+        for spent, limit, what in (
+            (self.unpacked, TOTAL_LIMIT, "bytes unpacked"),
+            (self.kept, MEMORY_LIMIT, "bytes of XML"),
+        ):
+            if spent > limit * self.scale:
+                raise SspError(
+                    f"{self.label}: has more than {limit * self.scale:.0f} {what}, those of packages inside it and of "
+                    f"what is named several times included; {_WAY}"
+                )
+
+
+_WAY = "that is the limit. If you trust the file: --unpack-limit, or vdfmu.package_limit in Python"
+
 
 NAMESPACES = {
     prefix: f"http://ssp-standard.org/SSP1/{name}"
@@ -51,10 +115,11 @@ class Archive:
 
     Parameters
     ----------
-    source : path or bytes
-        The file, or its content.
+    source : path or open file
     label : str
         The name used in messages.
+    outer : Archive, optional
+        The package in which it lies: they share one limit of what may be unpacked.
 
     Raises
     ------
@@ -67,31 +132,44 @@ class Archive:
     ----------
     doubled : list of str
         Members that occur more than once, with the same content.
+    file : file
+        The zip file, open.
 
     Notes
     -----
     ``package.ssp!/member`` names a member of a package inside the package.
     """
 
-    def __init__(self, source: Path | bytes, label: str, depth: int = 0) -> None:
+    def __init__(self, source: Path | IO[bytes], label: str, outer: Archive | None = None) -> None:
         self.label = label
-        self._depth = depth
+        self._depth = 0 if outer is None else outer._depth + 1
+        self._budget = outer._budget if outer else _Budget(label, unpack_limit() / TOTAL_LIMIT)
         self._inner: dict[str, Archive] = {}
         self.doubled: list[str] = []
-        try:
-            self._zip = zipfile.ZipFile(io.BytesIO(source) if isinstance(source, bytes) else source)
-        except FileNotFoundError:
-            raise SspError(f"{label}: there is no such file") from None
-        except (OSError, zipfile.BadZipFile) as error:
-            raise SspError(
-                f"{label}: cannot be read as a zip package: {error}. "
-                "It may be cut off; export or copy it again"
-            ) from None
-        try:
+        with ExitStack() as opened:
+            try:
+                self.file: IO[bytes] = source.open("rb") if isinstance(source, Path) else source
+                opened.push(closing(self.file))
+                self._zip = self._directory()
+            except FileNotFoundError:
+                raise SspError(f"{label}: there is no such file") from None
+            except (OSError, NotImplementedError, ValueError, zipfile.BadZipFile) as error:
+                raise SspError(
+                    f"{label}: cannot be read as a zip package: {error}. "
+                    "It may be cut off; export or copy it again"
+                ) from None
             self._members = self._check()
-        except SspError:
-            self._zip.close()
-            raise
+            opened.pop_all()
+
+    def _directory(self) -> zipfile.ZipFile:
+        """Read the directory of the file, whose size is known before: each entry of it takes memory."""
+        end: Any = zipfile._EndRecData(self.file)  # pyright: ignore[reportAttributeAccessIssue]
+        size = end[zipfile._ECD_SIZE] if end else 0  # pyright: ignore[reportAttributeAccessIssue]
+        if size > DIRECTORY_LIMIT:
+            raise SspError(
+                f"{self.label}: has a directory of {size} bytes; the limit is {DIRECTORY_LIMIT}. Pack fewer files"
+            )
+        return zipfile.ZipFile(self.file)
 
     def _check(self) -> dict[str, zipfile.ZipInfo]:
         problems: list[str] = []
@@ -111,10 +189,10 @@ class Archive:
                 problems.append(
                     f"{self.label}: entry {info.filename!r} is a symbolic link; pack the file itself"
                 )
-            elif info.file_size > MEMBER_LIMIT:
+            elif info.file_size > MEMBER_LIMIT * self._budget.scale:
                 problems.append(
                     f"{self.label}: entry {info.filename!r} has {info.file_size} bytes; "
-                    f"the limit is {MEMBER_LIMIT}"
+                    f"the limit is {MEMBER_LIMIT * self._budget.scale:.0f}"
                 )
             elif info.flag_bits & 0x1:
                 problems.append(
@@ -142,8 +220,11 @@ class Archive:
                     f"{self.label}: entry {clash!r} is a file and the folder of {info.filename!r}"
                 )
         total = sum(info.file_size for info in self._zip.infolist())
-        if not problems and total > TOTAL_LIMIT:
-            problems.append(f"{self.label}: holds {total} bytes unpacked; the limit is {TOTAL_LIMIT}")
+        if not problems and total > TOTAL_LIMIT * self._budget.scale:
+            limit = TOTAL_LIMIT * self._budget.scale
+            problems.append(
+                f"{self.label}: holds {total} bytes unpacked; the limit is {limit:.0f} (--unpack-limit)"
+            )
         unpack = not problems  # what is unpacked is bounded then
         for one, other in twice:
             if (one.file_size, one.CRC) == (other.file_size, other.CRC) and (
@@ -161,7 +242,14 @@ class Archive:
     def _same(self, one: zipfile.ZipInfo, other: zipfile.ZipInfo) -> bool:
         """Whether two entries have the same content; what cannot be unpacked has not."""
         try:
-            return self._zip.read(one) == self._zip.read(other)
+            with self._zip.open(one) as first, self._zip.open(other) as second:
+                while block := first.read(_BLOCK):
+                    self._budget.spend(2 * len(block), False)
+                    if second.read(_BLOCK) != block:
+                        return False
+                return not second.read(1)
+        except SspError:
+            raise
         except Exception:  # zlib.error and its like have no common base
             return False
 
@@ -183,25 +271,70 @@ class Archive:
 
     def inside(self, name: str) -> Archive:
         """Return a package inside the package; it is closed with this one."""
+        if name not in self._inner:
+            if self._budget.packages >= PACKAGE_LIMIT:
+                raise SspError(
+                    f"{self._budget.label}: has more than {PACKAGE_LIMIT} packages inside it; that is the limit"
+                )
+            self._inner[name] = self._open(name)
+            self._budget.packages += 1
+        return self._inner[name]
+
+    @contextmanager
+    def opened(self, name: str, label: str = "") -> Generator[Archive]:
+        """Open a package or FMU inside the package, for a ``with`` block."""
+        archive, name = self._split(name) or (self, name)
+        with archive._open(name, label) as inner:
+            yield inner
+
+    def _open(self, name: str, label: str = "") -> Archive:
+        """Unpack a package into a file without a name, which is gone when it is closed."""
         if self._depth >= NESTING_LIMIT:
             raise SspError(
                 f"{self.label}: {name!r} is a package inside {NESTING_LIMIT} others; that is the limit"
             )
-        if name not in self._inner:
-            self._inner[name] = Archive(self.read(name), f"{self.label}: {name}", self._depth + 1)
-        return self._inner[name]
+        file = tempfile.TemporaryFile(prefix="vdfmu_")
+        try:
+            self.copy(name, file)
+        except BaseException:
+            file.close()
+            raise
+        return Archive(file, label or f"{self.label}: {name}", self)
 
-    def read(self, name: str, limit: int = MEMBER_LIMIT) -> bytes:
-        """Return the content of one member; SspError when it is missing, damaged or too large."""
+    def read(self, name: str) -> bytes:
+        """Return the content of one member; SspError when it is missing, damaged or too large for the memory."""
+        archive, name = self._split(name) or (self, name)
+        return b"".join(archive._blocks(name, XML_LIMIT, kept=True))
+
+    def head(self, name: str) -> bytes:
+        """Return the first bytes of one member, 256 KiB at most; the rest is unpacked, and its check sum held."""
+        blocks = self._blocks(name)
+        head = next(blocks, b"")
+        for _ in blocks:
+            pass
+        return head
+
+    def copy(self, name: str, target: IO[bytes]) -> None:
+        """Write one member to a file, piece by piece."""
+        archive, name = self._split(name) or (self, name)
+        for block in archive._blocks(name):
+            target.write(block)
+
+    def _blocks(self, name: str, limit: int | None = None, kept: bool = False) -> Iterator[bytes]:
+        """Yield one member piece by piece: what it really has is counted, never more than it declares."""
         info = self._members.get(name)
-        if info is None and (found := self._split(name)) is not None:
-            return found[0].read(found[1], limit)
         if info is None:
             raise SspError(f"{self.label}: the package has no {name!r}")
-        if info.file_size > limit:
-            raise SspError(f"{self.label}: {name!r} has {info.file_size} bytes; the limit is {limit}")
+        if limit is not None and info.file_size > limit * self._budget.scale:
+            most = f"{limit * self._budget.scale:.0f}"
+            raise SspError(f"{self.label}: {name!r} has {info.file_size} bytes; the limit is {most}")
         try:
-            return self._zip.read(info)  # never returns more than file_size
+            with self._zip.open(info) as stream:
+                while block := stream.read(_BLOCK):
+                    self._budget.spend(len(block), kept)
+                    yield block
+        except SspError:
+            raise
         except (OSError, zipfile.BadZipFile, EOFError, NotImplementedError, ValueError) as error:
             raise SspError(f"{self.label}: {name!r} cannot be unpacked: {error}") from None
         except Exception as error:  # zlib.error and its like have no common base
@@ -213,13 +346,15 @@ class Archive:
             if keep is None or keep(name):
                 target = folder / name
                 target.parent.mkdir(parents=True, exist_ok=True)
-                target.write_bytes(self.read(name))
+                with target.open("wb") as file:
+                    self.copy(name, file)
 
     def close(self) -> None:
         """Close the file."""
         for inner in self._inner.values():
             inner.close()
         self._zip.close()
+        self.file.close()
 
     def __enter__(self) -> Archive:
         return self
@@ -256,8 +391,6 @@ def parse_xml(data: bytes, where: str) -> Any:
     SspError
         The text is not well-formed XML, or has a document type declaration or an XInclude.
     """
-    if len(data) > XML_LIMIT:
-        raise SspError(f"{where}: has {len(data)} bytes of XML; the limit is {XML_LIMIT}")
     parser = etree.XMLParser(
         resolve_entities=False, no_network=True, load_dtd=False, dtd_validation=False, huge_tree=False,
         remove_comments=True, remove_pis=True,

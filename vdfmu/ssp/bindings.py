@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from vdfmu.errors import SspError
-from vdfmu.ssp.archive import NAMESPACES, Archive, parse_ssp_xml, resolve, validate
+from vdfmu.ssp.archive import NAMESPACES, parse_ssp_xml, resolve, validate
 from vdfmu.ssp.elements import Node, Scope, read_boolean, read_transformation, read_units
 from vdfmu.ssp.structure import Hop, Parameter, Unit
 from vdfmu.ssp.wiring import Key, Wiring, show
@@ -169,8 +169,8 @@ class Bindings:
                 if node.kind != "component":
                     raise SspError(f"{where}: sourceBase 'component' needs a component")
                 fmu = node.source.removeprefix(scope.prefix)
-                with Archive(scope.archive.read(fmu), f"{scope.label}: {fmu}") as inner:
-                    return parse_ssp_xml(inner.read(member), kind, f"{scope.label}: {member}")
+                inner = scope.archive.inside(fmu)
+                return parse_ssp_xml(inner.read(member), kind, f"{scope.label}: {member}")
             member = scope.member(source, where)
             return parse_ssp_xml(scope.archive.read(member), kind, f"{scope.label}: {member}")
         tag, box = (

@@ -5,10 +5,12 @@ from __future__ import annotations
 import errno
 import json
 import os
+import signal
 import subprocess
 import sys
 import tempfile
-from collections.abc import Callable
+import threading
+from collections.abc import Callable, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -19,6 +21,7 @@ import numpy.typing as npt
 
 from vdfmu.cosim.master import simulate
 from vdfmu.errors import StorageError, VdfmuError
+from vdfmu.ssp.archive import package_limit, unpack_limit
 from vdfmu.ssp.read import load_ssp
 from vdfmu.ssp.structure import System
 from vdfmu.study.check_reference import compare
@@ -29,6 +32,18 @@ __all__ = ["master_of", "run_apart"]
 STEPS = 10
 SECONDS = 60.0
 """Time that the short run may take, with the start of Python and the preparation of the unit."""
+MEMORY = 4 * 2**30
+"""Address space that the process may have [byte], on Linux; Python and fmpy take 0.3 GiB of it."""
+FILE_SIZE = 2**30
+"""Largest file that it may write [byte], on Linux and macOS."""
+_KEPT = 4096
+"""Bytes that are kept of its error output: the last."""
+_MESSAGES = 20
+"""Most messages of a unit that are kept: the first."""
+_TEXT = 1000
+"""Most characters of one of them."""
+_ANSWER_LIMIT = 16 * 2**20
+"""Largest text of findings that is read [byte]."""
 _ANSWER = "findings.json"
 _PHASE = "phase.txt"
 _FULL = (errno.ENOSPC, errno.EDQUOT)
@@ -53,24 +68,29 @@ def run_apart(path: Path, kind: str = "FMU") -> Findings:
     findings = Findings(ran=True)
     with tempfile.TemporaryDirectory(prefix="vdfmu_check_") as folder:
         try:
-            done = subprocess.run(
-                [sys.executable, "-P", "-m", "vdfmu.study.check_run", kind, str(path.resolve()), folder],
-                stdin=subprocess.DEVNULL,
-                stdout=subprocess.DEVNULL,
-                stderr=subprocess.PIPE,
-                env={**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
-                timeout=SECONDS,
-                check=False,
+            code, words = _contained(
+                [
+                    sys.executable,
+                    "-P",
+                    "-m",
+                    "vdfmu.study.check_run",
+                    kind,
+                    str(path.resolve()),
+                    folder,
+                    str(unpack_limit()),
+                ]
             )
-        except subprocess.TimeoutExpired:
+        except OSError as error:
+            return Findings([f"{STEPS} steps could not be tried: {error}"])
+        if code is None:
             phase = Path(folder, _PHASE)
             what = phase.read_text(encoding="utf-8") if phase.is_file() else "the start of the process"
             return Findings([f"{what} did not end within {SECONDS:g} s"], ran=True)
-        except OSError as error:
-            return Findings([f"{STEPS} steps could not be tried: {error}"])
         answer = Path(folder, _ANSWER)
         answered = False
         try:
+            if answer.stat().st_size > _ANSWER_LIMIT:
+                raise ValueError(f"they have more than {_ANSWER_LIMIT} bytes")
             findings.add(Findings(**json.loads(answer.read_text(encoding="utf-8"))))
             answered = True
         except FileNotFoundError:
@@ -78,14 +98,13 @@ def run_apart(path: Path, kind: str = "FMU") -> Findings:
         except (ValueError, TypeError) as error:  # cut off, or written by the unit
             findings.problems.append(f"the findings of the run of {STEPS} steps cannot be read: {error}")
             answered = True
-    said = done.stderr.decode(errors="replace").strip().splitlines()[-1:]
-    if done.returncode and said == [_FULL_SAID]:
+    said = words.strip().splitlines()[-1:]
+    if code and said == [_FULL_SAID]:
         raise StorageError(
             f"{path.name}: the run needs a temporary folder, and {tempfile.gettempdir()} is full; "
             "free space there, or name another folder in TMPDIR"
         )
-    if done.returncode:
-        code = done.returncode
+    if code:
         how = f"signal {-code}" if code < 0 else f"exit code {code}"
         findings.problems.append(
             f"the process crashed ({how}) in a run of {STEPS} steps{''.join(f': {s}' for s in said)}"
@@ -95,13 +114,77 @@ def run_apart(path: Path, kind: str = "FMU") -> Findings:
     return findings
 
 
+def _contained(command: Sequence[str]) -> tuple[int | None, str]:
+    """Run a process that may do anything; its children end with it.
+
+    Returns
+    -------
+    int or None
+        Its exit code; None if it did not end in time.
+    str
+        The end of its error output: no more is kept.
+    """
+    said = bytearray()
+    process = subprocess.Popen(
+        command, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE,
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
+        start_new_session=os.name == "posix",
+    )  # fmt: skip
+
+    def listen() -> None:
+        assert process.stderr is not None
+        with process.stderr as stream:
+            while block := os.read(stream.fileno(), 2**16):
+                said.extend(block)
+                del said[:-_KEPT]
+
+    listener = threading.Thread(target=listen, daemon=True)  # a child that fled may hold the pipe open
+    listener.start()
+    try:
+        code = process.wait(SECONDS)
+    except subprocess.TimeoutExpired:
+        code = None
+    finally:
+        try:
+            if os.name == "posix":
+                os.killpg(process.pid, signal.SIGKILL)
+            else:
+                process.kill()
+        except OSError:  # all have ended
+            pass
+        process.wait()
+    listener.join(1.0)
+    return code, bytes(said).decode(errors="replace")
+
+
+def _limit() -> None:
+    """Limit what this process may take, before foreign code runs in it."""
+    if sys.platform == "win32":
+        return
+    import resource
+
+    for kind, size in (
+        (resource.RLIMIT_AS, MEMORY),
+        (resource.RLIMIT_FSIZE, FILE_SIZE),
+        (resource.RLIMIT_CORE, 0),
+    ):
+        _, most = resource.getrlimit(kind)
+        size = size if most == resource.RLIM_INFINITY else min(size, most)
+        try:
+            resource.setrlimit(kind, (size, size))
+        except (OSError, ValueError):  # macOS has no limit of the address space
+            continue
+
+
 def _run_unit(path: Path, phase: Callable[[str], None]) -> Findings:
     """Make ten steps of an FMU, then compare with the reference results that it carries."""
     messages: list[str] = []
 
     def note(status: int, message: bytes | str) -> None:
-        if status > 1:
-            messages.append(message if isinstance(message, str) else message.decode(errors="replace"))
+        if status > 1 and len(messages) <= _MESSAGES:
+            text = message if isinstance(message, str) else message.decode(errors="replace")
+            text = text if len(text) <= _TEXT else f"{text[:_TEXT]} ... ({len(text) - _TEXT} characters more)"
+            messages.append(text if len(messages) < _MESSAGES else f"more than {_MESSAGES} messages")
 
     def logger(_environment: int, _instance: bytes, status: int, _category: bytes, message: bytes) -> None:
         note(status, message)
@@ -132,8 +215,15 @@ def _run_unit(path: Path, phase: Callable[[str], None]) -> Findings:
         return Findings([f"{STEPS} steps of {step:g} s failed: {'; '.join([*messages, str(error)])}"])
     if messages:
         return Findings([f"{STEPS} steps of {step:g} s gave: {message}" for message in messages])
-    phase("the comparison with the reference results")
-    findings = compare(path)
+    findings = Findings()
+    kind = description.coSimulation or description.modelExchange
+    if kind is not None and kind.canBeInstantiatedOnlyOncePerProcess:
+        findings.notes.append(
+            "reference results not compared: the unit can be instantiated only once per process"
+        )
+    else:
+        phase("the comparison with the reference results")
+        findings = compare(path)
     findings.notes += _not_finite(results)
     return findings
 
@@ -177,15 +267,17 @@ def _run_system(path: Path) -> Findings:
     return Findings()
 
 
-def _main(kind: str, path: str, folder: str) -> None:
+def _main(kind: str, path: str, folder: str, unpacked: str) -> None:
     tempfile.tempdir = folder  # what a crash leaves there goes with the folder
 
     def phase(what: str) -> None:
         Path(folder, _PHASE).write_text(what, encoding="utf-8")
 
     try:
+        _limit()
         phase(f"a run of {STEPS} steps")
-        findings = _run_system(Path(path)) if kind == "SSP" else _run_unit(Path(path), phase)
+        with package_limit(int(unpacked)):
+            findings = _run_system(Path(path)) if kind == "SSP" else _run_unit(Path(path), phase)
         Path(folder, _ANSWER).write_text(json.dumps(asdict(findings)), encoding="utf-8")
     except OSError as error:
         if error.errno not in _FULL:

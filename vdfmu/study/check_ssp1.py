@@ -51,7 +51,8 @@ def check_ssp1(path: Path, variant: str, folder: Path, checked: set[str]) -> Fin
             sources = [c.source for c in system.components if c.source]
         for source in dict.fromkeys(sources):
             try:
-                unit, _ = check_unit(store(archive.read(source), folder), False, posixpath.basename(source))
+                fmu = store(archive, source, folder)
+                unit, _ = check_unit(fmu, False, posixpath.basename(source), archive)
                 units[source] = unit.problems
             except SspError as error:
                 units[source] = error.problems

@@ -192,13 +192,13 @@ class _Check:
         if source not in self.archive:
             return None  # reported by the reader
         try:
-            fmu = store(self.archive.read(source), self.folder)
+            fmu = store(self.archive, source, self.folder)
         except SspError as error:
             self.findings.problems += error.problems
             return None
         if source not in self.checked:
             self.checked.add(source)
-            self.findings.add(check_unit(fmu, self.run, PurePosixPath(source).name)[0], source)
+            self.findings.add(check_unit(fmu, self.run, PurePosixPath(source).name, self.archive)[0], source)
         try:
             description = read_unit(fmu)
             self._units[source] = fmu_units(description)

@@ -12,7 +12,7 @@ from typing import Any
 import fmpy
 
 from vdfmu.errors import SspError, StorageError
-from vdfmu.ssp.archive import XML_LIMIT, Archive, parse_xml
+from vdfmu.ssp.archive import Archive, parse_xml
 from vdfmu.study.check_binary import ENDINGS, architecture_fault, library_fault
 from vdfmu.study.check_description import DESCRIPTION, description_faults
 from vdfmu.study.check_fmi import BUILD, TERMINALS, build_faults, terminal_faults, variable_faults
@@ -35,11 +35,12 @@ class _Unit:
     """Libraries in a folder of this platform that are for another processor, and what to say of them."""
 
 
-def store(data: bytes, folder: Path) -> Path:
+def store(archive: Archive, source: str, folder: Path) -> Path:
     """Write an FMU of a package into a temporary folder, under a number: its name there may be too long for a file."""
     path = folder / f"{sum(1 for _ in folder.iterdir())}.fmu"
     try:
-        path.write_bytes(data)
+        with path.open("wb") as file:
+            archive.copy(source, file)
     except OSError as error:
         raise StorageError(
             f"{path}: cannot be written: {error.strerror}; free space there, or name another folder in TMPDIR"
@@ -47,7 +48,9 @@ def store(data: bytes, folder: Path) -> Path:
     return path
 
 
-def check_unit(path: Path, run: bool = True, name: str = "") -> tuple[Findings, str | None]:
+def check_unit(
+    path: Path, run: bool = True, name: str = "", outer: Archive | None = None
+) -> tuple[Findings, str | None]:
     """Check an FMU of FMI 1.0, 2.0 or 3.0.
 
     Parameters
@@ -57,6 +60,8 @@ def check_unit(path: Path, run: bool = True, name: str = "") -> tuple[Findings, 
         Its name in messages, if not that of the file.
     run : bool, optional
         Whether to make ten steps and to compare with reference results, in a process of its own.
+    outer : Archive, optional
+        The package of which it is: they share one limit of what may be unpacked.
 
     Returns
     -------
@@ -66,7 +71,7 @@ def check_unit(path: Path, run: bool = True, name: str = "") -> tuple[Findings, 
     """
     findings = Findings()
     try:
-        unit = _read(path, name or path.name, findings)
+        unit = _read(path, name or path.name, findings, outer)
     except SspError as error:
         name = name or path.name
         why = [problem.removeprefix(f"{name}: ") for problem in error.problems]
@@ -158,28 +163,28 @@ def _experiment(description: Any) -> list[str]:
     return problems
 
 
-def _read(path: Path, label: str, findings: Findings) -> _Unit:
+def _read(path: Path, label: str, findings: Findings, outer: Archive | None) -> _Unit:
     """Read what an FMU holds; XML that must not be parsed is told and goes no further."""
-    with Archive(path, label) as archive:
+    with Archive(path, label, outer) as archive:
         findings.notes += [
             f"entry {name!r} occurs more than once, with the same content" for name in archive.doubled
         ]
         if DESCRIPTION not in archive:
             hint = "; it is a package of SSP, name it .ssp" if "SystemStructure.ssd" in archive else ""
             raise SspError(f"it has no {DESCRIPTION!r}{hint}")
-        root = parse_xml(archive.read(DESCRIPTION, XML_LIMIT), DESCRIPTION)
+        root = parse_xml(archive.read(DESCRIPTION), DESCRIPTION)
         if root.tag != "fmiModelDescription":
             raise SspError(f"{DESCRIPTION}: expected the root fmiModelDescription, got {root.tag!r}")
         roots, misbuilt = {DESCRIPTION: root}, dict[str, str]()
         for name in archive.names:
             if name.endswith(".xml") and name.startswith(_XML_FOLDERS):
                 try:
-                    roots[name] = parse_xml(archive.read(name, XML_LIMIT), name)
+                    roots[name] = parse_xml(archive.read(name), name)
                 except SspError as error:
                     findings.problems += error.problems
         for name in archive.names:
             if name.startswith("binaries/") and name.count("/") == 2 and name.endswith(ENDINGS):
-                data = archive.read(name)
+                data = archive.head(name)
                 fault = library_fault(name, data)
                 if fault is not None:
                     findings.problems.append(fault)

@@ -1,0 +1,194 @@
+"""Components that mean harm: what the checker keeps of them, and what it lets them take."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import time
+import zipfile
+from pathlib import Path
+
+import fmpy
+import pytest
+
+from vdfmu.cosim.component import MessageBox, _boxes, _on_message
+from vdfmu.fmu import build_fmus
+from vdfmu.fmu.archive import pack_zip
+from vdfmu.model import Robot
+from vdfmu.study import check_run
+from vdfmu.study.check import inspect_file
+from vdfmu.study.findings import Findings
+from vdfmu.text import shown
+
+XML = """<?xml version="1.0" encoding="UTF-8"?>
+<fmiModelDescription fmiVersion="2.0" modelName="Bad" guid="{bad}">
+  <CoSimulation modelIdentifier="bad"/>
+  <ModelVariables>
+    <ScalarVariable name="y" valueReference="0" causality="output"><Real/></ScalarVariable>
+  </ModelVariables>
+  <ModelStructure><Outputs><Unknown index="1"/></Outputs>
+  <InitialUnknowns><Unknown index="1"/></InitialUnknowns></ModelStructure>
+</fmiModelDescription>"""
+ESCAPE = "\\033[2J\\033]0;owned\\007"
+FLOOD = 'for (int i = 0; i < 300000; i++) fputs("0123456789012345678901234567890123456789\\n", stderr);'
+CODE = {
+    "flood": f'{FLOOD} fputs("{ESCAPE}\\n", stderr); _exit(3);',
+    "memory": "for (int i = 0; i < 64; i++) { char *p = malloc(1 << 28); if (!p) _exit(7); memset(p, 1, 1 << 28); }",
+    "hang": "for (;;) sleep(1);",
+}
+
+
+@pytest.fixture
+def unit(tmp_path: Path):
+    """Return a function that makes an FMU whose library runs code when it is loaded."""
+
+    def make(code: str, xml: str = XML) -> Path:
+        source = tmp_path / "bad.c"
+        source.write_text(
+            "#include <stdio.h>\n#include <stdlib.h>\n#include <string.h>\n#include <unistd.h>\n"
+            f"__attribute__((constructor)) static void run(void) {{ {code} }}\n"
+        )
+        library = tmp_path / f"bad{fmpy.sharedLibraryExtension}"
+        subprocess.run(["cc", "-shared", "-fPIC", "-o", library, source], check=True)
+        path = tmp_path / "Bad.fmu"
+        with zipfile.ZipFile(path, "w") as archive:
+            archive.writestr("modelDescription.xml", xml)
+            archive.write(library, f"binaries/{fmpy.platform}/{library.name}")
+        return path
+
+    return make
+
+
+@pytest.fixture
+def controller(planar: Robot, tmp_path: Path):
+    """Return a function that makes the FMU of a controller, changed so that a process may have one instance or more."""
+    built = build_fmus(planar, tmp_path, units=["controller"], backend="native")["controller"]
+
+    def make(once: bytes) -> Path:
+        with zipfile.ZipFile(built) as archive:
+            members = {name: archive.read(name) for name in archive.namelist()}
+        name = b'canBeInstantiatedOnlyOncePerProcess="%s"'
+        assert name % b"false" in members["modelDescription.xml"]
+        text = members["modelDescription.xml"].replace(name % b"false", name % once)
+        path = tmp_path / "Changed.fmu"
+        pack_zip(path, {**members, "modelDescription.xml": text})
+        return path
+
+    return make
+
+
+def test_a_flood_of_output_is_not_kept(unit, monkeypatch):
+    kept = []
+    contained = check_run._contained
+    monkeypatch.setattr(check_run, "_contained", lambda command: kept.append(contained(command)) or kept[-1])
+    (problem,) = check_run.run_apart(unit(CODE["flood"])).problems
+    assert problem.startswith("the process crashed (exit code 3) in a run of 10 steps: ")
+    ((_, words),) = kept
+    assert len(words) <= check_run._KEPT  # of 12 MB
+
+
+def test_memory_is_limited(unit, monkeypatch):
+    """16 GiB are asked for in blocks of 256 MiB; the first that is refused ends the process."""
+    monkeypatch.setenv("PYTHONMALLOC", "malloc")
+    (problem,) = check_run.run_apart(unit(CODE["memory"])).problems
+    assert "exit code 7" in problem
+
+
+def test_children_end_with_the_process(unit, tmp_path):
+    """One that holds the error output open, too: it would be waited for. Its heart beats every 20 ms."""
+    beats = tmp_path / "beats"
+    code = f'if (fork() == 0) for (;;) {{ FILE *f = fopen("{beats}", "a"); fputc(1, f); fclose(f); usleep(20000); }}'
+    begin = time.monotonic()
+    (problem,) = check_run.run_apart(unit(f"{code} usleep(500000); _exit(4);")).problems
+    assert "exit code 4" in problem
+    assert time.monotonic() - begin < check_run.SECONDS  # the child would go on for ever
+    count = beats.stat().st_size
+    assert count > 0
+    time.sleep(1.0)
+    assert beats.stat().st_size == count
+
+
+def test_a_unit_that_never_answers_is_ended(unit, monkeypatch):
+    monkeypatch.setattr(check_run, "SECONDS", 3.0)
+    (problem,) = check_run.run_apart(unit(CODE["hang"])).problems
+    assert problem == "a run of 10 steps did not end within 3 s"
+
+
+def test_findings_that_a_unit_wrote_are_bounded(unit, monkeypatch):
+    """The process is the unit's: it may write any findings."""
+    monkeypatch.setattr(check_run, "_ANSWER_LIMIT", 10)
+
+    def answer(command):
+        Path(command[-1], "findings.json").write_text("[" * 1000)
+        return 0, ""
+
+    monkeypatch.setattr(check_run, "_contained", answer)
+    (problem,) = check_run.run_apart(unit("")).problems
+    assert problem.endswith("cannot be read: they have more than 10 bytes")
+
+
+def test_what_the_description_forbids_is_not_run(unit, tmp_path):
+    """A description against the schema; and a second instance in a process that may have one only."""
+    proof = tmp_path / "ran"
+    path = unit(f'fclose(fopen("{proof}", "w"));', XML.replace('causality="output"', 'causality="outputs"'))
+    report = inspect_file(path)
+    assert report.problems and not report.ran
+    assert not proof.exists()
+
+
+def test_a_unit_that_may_have_one_instance_gets_one(controller, monkeypatch):
+    monkeypatch.setattr(check_run, "compare", lambda path: Findings(compared=["reference"]))
+    assert check_run._run_unit(controller(b"false"), lambda _: None).compared == ["reference"]
+    once = check_run._run_unit(controller(b"true"), lambda _: None)
+    assert once.problems == once.compared == []
+    assert once.notes == [
+        "reference results not compared: the unit can be instantiated only once per process"
+    ]
+
+
+def test_check_says_that_it_runs_code(unit):
+    path = unit("_exit(0);")
+
+    def said(*options: str) -> tuple[str, str]:
+        done = subprocess.run(
+            [sys.executable, "-m", "vdfmu.cli", "check", path, *options],
+            capture_output=True,
+            text=True,
+            timeout=300,
+        )
+        return done.stdout, done.stderr
+
+    assert "note: runs code of" in said()[1]
+    assert "note: runs code of" not in said("--no-run")[1]
+
+
+def test_escapes_are_shown_and_not_executed(unit):
+    """Those of a component's output, and of a name of a file."""
+    path = unit(CODE["flood"])
+    hostile = path.with_name("a\x1b[2Jb.fmu")
+    path.rename(hostile)
+    done = subprocess.run(
+        [sys.executable, "-m", "vdfmu.cli", "check", hostile], capture_output=True, timeout=300, check=False
+    )
+    assert b"\x1b" not in done.stdout + done.stderr and b"\x07" not in done.stdout
+    assert b"\\x1b[2J\\x1b]0;owned\\x07" in done.stdout
+    assert b"a\\x1b[2Jb.fmu" in done.stdout
+
+
+def test_what_a_terminal_acts_on_is_written_out():
+    assert (
+        shown("a\x1b[2J\tb\nc\r\x7f\x9b\u202e\udcff é 中")
+        == "a\\x1b[2J\tb\nc\\r\\x7f\\x9b\\u202e\\udcff é 中"
+    )
+    assert shown(shown("\x1b")) == shown("\x1b")
+
+
+def test_messages_of_components_are_bounded_and_shown(monkeypatch):
+    box = MessageBox(lambda message: None, limit=100)
+    monkeypatch.setitem(_boxes, 7, ("a", box))
+    for _ in range(1000):
+        _on_message(7, b"a", 3, b"error\x1b", b"\x1b[31m" + bytes(100) + b"x" * 100_000)
+        assert len(box.pending) < 200
+    last = box.pending[-1]
+    assert last.text.startswith("\\x1b[31m") and last.category == "error\\x1b"
+    assert last.text.endswith("(90105 bytes more)") and len(last.text) < 5 * 10_000

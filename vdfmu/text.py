@@ -1,0 +1,15 @@
+"""Text of others, such as messages of units and names in files, made safe to show."""
+
+from __future__ import annotations
+
+import re
+
+__all__ = ["shown"]
+
+_ACTING = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069\ud800-\udfff]")
+"""What a terminal acts on: controls but tab and newline, directions of writing, halves of characters."""
+
+
+def shown(text: str) -> str:
+    r"""Return a text with what a terminal would act on written out: an escape as ``\x1b``."""
+    return _ACTING.sub(lambda found: ascii(found[0])[1:-1], text)
