@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 PIP_INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt
 
-.PHONY: demo test test-all hostile bench docs lint clean
+.PHONY: demo test test-all hostile bench docs lint sbom audit clean
 
 demo: $(VENV)/demo  ## run the paper's tracking simulation (Section IV-B)
 	$(BIN)/vdfmu run tracking
@@ -29,6 +29,20 @@ lint: $(VENV)/dev  ## ruff and pyright
 	$(BIN)/ruff format --check .
 	$(BIN)/pyright --pythonpath $(BIN)/python
 
+sbom: $(VENV)/demo $(VENV)/supply  ## write dist/sbom.cdx.json: what is installed with vdfmu, as CycloneDX
+	mkdir -p dist
+	$(VENV)/tools/bin/cyclonedx-py environment $(BIN)/python --pyproject pyproject.toml --output-reproducible \
+		--output-format JSON --output-file dist/sbom.cdx.json
+
+# A known vulnerability fails; a service that cannot be reached does not, and is said.
+audit: $(VENV)/supply  ## ask for known vulnerabilities of the versions in constraints.txt
+	mkdir -p dist && rm -f dist/audit.json
+	$(VENV)/tools/bin/pip-audit -r constraints.txt --no-deps --disable-pip --progress-spinner off \
+		--format json --output dist/audit.json || test ! -s dist/audit.json
+	@$(BIN)/python -c "import json, os; \
+		found = json.load(open('dist/audit.json'))['dependencies'] if os.path.exists('dist/audit.json') else []; \
+		print(sum('vulns' in one for one in found), 'of', len(found), 'packages were found at the advisory service')"
+
 clean:  ## remove the environment and all that was built
 	rm -rf $(VENV) build dist site results .pytest_cache .ruff_cache .hypothesis
 
@@ -45,6 +59,11 @@ $(VENV)/demo: $(VENV)/python pyproject.toml constraints.txt
 
 $(VENV)/test $(VENV)/bench $(VENV)/docs $(VENV)/dev: $(VENV)/%: $(VENV)/python pyproject.toml constraints.txt
 	$(PIP_INSTALL) -e ".[$*]"
+	touch $@
+
+$(VENV)/supply: $(VENV)/python pyproject.toml constraints.txt
+	$(PYTHON) -m venv $(VENV)/tools
+	$(VENV)/tools/bin/python -m pip install --quiet --disable-pip-version-check -c constraints.txt cyclonedx-bom pip-audit
 	touch $@
 
 $(VENV)/platforms: $(VENV)/test

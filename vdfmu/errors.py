@@ -24,7 +24,12 @@ class _ProblemsError(VdfmuError):
         super().__init__(self.problems)
 
     def __str__(self) -> str:
-        return "\n".join(self.problems)
+        more = len(self.problems) - _SHOWN
+        return "\n".join([*self.problems[:_SHOWN], *([f"and {more} more"] if more > 0 else [])])
+
+
+_SHOWN = 20
+"""Most problems that the text of an error has in full; `problems` has all."""
 
 
 class ModelError(_ProblemsError):

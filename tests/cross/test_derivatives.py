@@ -10,6 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from vdfmu.errors import KernelError, ModelError
+from vdfmu.kernel import c_code
 from vdfmu.kernel.c_code import c_function, c_prototype
 from vdfmu.kernel.requirements import margins, requirements
 from vdfmu.kernel.structure import parameters, set_parameters
@@ -73,10 +74,14 @@ def test_reverse_is_the_transpose_of_forward(robot, kernel_of, name):
     assert left.sum() == pytest.approx(right.sum(), abs=1e-12 * (np.abs(left).sum() + np.abs(right).sum()))
 
 
+@pytest.mark.parametrize("part", [None, 37], ids=["whole", "in parts"])
 @pytest.mark.parametrize(
     "name", ["plant_derivative", "feedforward_vdc", "trajectory", "pd_control", "margins"]
 )
-def test_c_text_computes_what_the_trace_computes(robot, kernel_of, name, tmp_path):
+def test_c_text_computes_what_the_trace_computes(robot, kernel_of, name, part, tmp_path, monkeypatch):
+    if part is not None:
+        monkeypatch.setattr(c_code, "_WHOLE", part)
+        monkeypatch.setattr(c_code, "_PART", part)
     kernel, rng = kernel_of(robot), np.random.default_rng(77)
     function = kernel.casadi_function(name)
     source, library = tmp_path / "kernel.c", tmp_path / "kernel.so"

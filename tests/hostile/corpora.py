@@ -1,5 +1,5 @@
 """All corpora: each module of this folder that has some is named here."""
 
-from . import bombs, packages
+from . import bombs, models, packages
 
-CORPORA = [*packages.CORPORA, *bombs.CORPORA]
+CORPORA = [*packages.CORPORA, *bombs.CORPORA, *models.CORPORA]

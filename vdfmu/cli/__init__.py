@@ -5,9 +5,11 @@ Exit codes: 0 done, 1 a check or a unit failed, 2 wrong usage or input, 130 stop
 
 from __future__ import annotations
 
+import io
 import logging
 import os
 import sys
+import warnings
 from typing import Annotated
 
 import typer
@@ -57,14 +59,28 @@ def _options(
 def main() -> None:
     """Entry point: run a command and turn errors into a message and an exit code."""
     # Units in this process say what they say through FMI; their own logger would say it again.
-    logging.getLogger("vdfmu.fmu").addHandler(logging.NullHandler())
+    for speaks in ("vdfmu.fmu", "matplotlib"):
+        logging.getLogger(speaks).addHandler(logging.NullHandler())
+    if not sys.warnoptions:  # what libraries warn their programmers of is no message of a command
+        warnings.simplefilter("ignore")
+    for stream in (sys.stdout, sys.stderr):  # of any encoding, such as ASCII
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")
     try:
         app()
+    except ModuleNotFoundError as error:
+        package = (error.name or str(error)).partition(".")[0]
+        fail(f"the Python package {package} is not installed. Install vdfmu again with pip.", 1)
+    except MemoryError:
+        fail("the memory does not hold it: choose fewer steps or signals.", 1)
     except (UsageError, ModelError, SspError) as error:
         fail(error, 2)
     except VdfmuError as error:
         fail(error, 1)
-    except OSError as error:  # of the output of a command: files have errors of their own
+    except OSError as error:
+        if error.filename is not None:  # such as a name that is too long
+            fail(f"{error.filename}: {error.strerror}", 2)
+        # else of the output of a command
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         if not isinstance(error, BrokenPipeError):
             fail(f"the output cannot be written: {error.strerror or error}", 1)

@@ -20,9 +20,11 @@ from vdfmu.cli.terminal import (
     fail,
     parse_settings,
     say,
+    say_notes,
 )
 from vdfmu.errors import StorageError
 from vdfmu.model import load_scenario
+from vdfmu.model.check import model_notes
 
 
 def build(
@@ -41,10 +43,12 @@ def build(
 ) -> None:
     """Build the FMUs of a scenario's system, with the scenario's values as start values."""
     from vdfmu.fmu import build_fmus
+    from vdfmu.fmu.build import build_notes
     from vdfmu.ssp.parameters import system_values
     from vdfmu.ssp.system_file import units_of
 
     chosen = load_scenario(scenario, robot)
+    say_notes([*model_notes(chosen), *build_notes(chosen.robot, backend)])
     built = build_fmus(
         chosen.robot,
         out,
@@ -69,11 +73,13 @@ def container(
     import tempfile
 
     from vdfmu.cosim.container import write_container
+    from vdfmu.fmu.build import build_notes
     from vdfmu.ssp.parameters import system_values
     from vdfmu.ssp.write import write_ssp
     from vdfmu.study.run import cached_fmus, prepare
 
     chosen = prepare(scenario, robot=robot, step=step)
+    say_notes([*model_notes(chosen), *build_notes(chosen.robot, "native")])
     values = system_values(chosen, parse_settings(settings))
     with tempfile.TemporaryDirectory(prefix="vdfmu_") as folder:
         package = write_ssp(
@@ -109,6 +115,7 @@ def ssp(
     import tempfile
 
     from vdfmu.fmu import build_fmus
+    from vdfmu.fmu.build import build_notes
     from vdfmu.ssp.parameters import system_values
     from vdfmu.ssp.system_file import units_of
     from vdfmu.ssp.versions import fmi_of_format
@@ -116,6 +123,7 @@ def ssp(
 
     fmi_version = fmi_of_format(form, backend)
     chosen = load_scenario(scenario, robot)
+    say_notes([*model_notes(chosen), *build_notes(chosen.robot, backend)])
     values = system_values(chosen, parse_settings(settings))
     with tempfile.TemporaryDirectory(prefix="vdfmu_") as folder:
         units = units_of(chosen)

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import re
 import sys
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from functools import wraps
-from typing import Annotated, Any, NoReturn
+from typing import TYPE_CHECKING, Annotated, Any, NoReturn
 
 import typer
 from rich.console import Console, ConsoleOptions, RenderableType
@@ -14,13 +14,15 @@ from rich.markup import escape
 from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.segment import Segment
 
-from vdfmu.cosim import Interrupted, LogMessage
 from vdfmu.errors import UsageError
 from vdfmu.text import shown
 
+if TYPE_CHECKING:
+    from vdfmu.cosim import LogMessage
+
 __all__ = [
     "BackendOption", "Bars", "RobotOption", "ScenarioArgument", "SetOption", "UnpackOption", "console", "errors",
-    "fail", "parse_settings", "say", "stoppable",
+    "fail", "parse_settings", "say", "say_notes", "stoppable",
 ]  # fmt: skip
 
 
@@ -87,6 +89,8 @@ def stoppable(command: Callable[..., None]) -> Callable[..., None]:
         try:
             command(*args, **kwargs)
         except KeyboardInterrupt as stopped:
+            from vdfmu.cosim import Interrupted
+
             kept = "; the rows so far are kept" if isinstance(stopped, Interrupted) else ""
             errors.print(f"stopped: {stopped}{kept}" if str(stopped) else "stopped", markup=False)
             raise typer.Exit(130) from None
@@ -97,6 +101,12 @@ def stoppable(command: Callable[..., None]) -> Callable[..., None]:
 def say(text: str) -> None:
     """Print a line that may hold a path: unbroken, so that it can be copied or read by a program."""
     console.print(text, markup=False, soft_wrap=True)
+
+
+def say_notes(notes: Sequence[str]) -> None:
+    """Print notes beside what a command writes."""
+    for note in notes:
+        errors.print(f"note: {note}", markup=False, soft_wrap=True)
 
 
 def parse_settings(items: list[str] | None) -> dict[str, str]:

@@ -20,6 +20,7 @@ from vdfmu.cosim.interrupt import InterruptGuard
 from vdfmu.cosim.results import Results
 from vdfmu.cosim.schedule import ALGORITHMS, DEFAULT
 from vdfmu.errors import CosimError, UsageError, VdfmuError
+from vdfmu.model.check import MOST_STEPS
 from vdfmu.model.scenario import CONTINUOUS
 from vdfmu.ssp.archive import Archive
 from vdfmu.ssp.experiment import Experiment
@@ -185,6 +186,8 @@ def _grid(
     if end <= begin:
         raise UsageError(f"stop must be after start, got {begin} s to {end} s")
     ratio = (end - begin) / step
+    if ratio > MOST_STEPS:
+        raise UsageError(f"expected at most {MOST_STEPS:g} steps of {step:g} s, got a stop of {end:g} s")
     n = max(1, round(ratio))
     if abs(ratio - n) > 1e-9 * ratio:
         raise UsageError(

@@ -14,7 +14,24 @@ from vdfmu.fmu.interface import MODEL_NAMES, UNIT_NAMES, start_values
 from vdfmu.fmu.native import native_available
 from vdfmu.model import Robot, check_robot
 
-__all__ = ["build_fmus", "choose_backend"]
+__all__ = ["build_fmus", "build_notes", "choose_backend"]
+
+_MOST_JOINTS = 30
+_SLOW_JOINTS = 9
+"""Joints from which on a first build is announced."""
+
+
+def _build_seconds(n: int) -> float:
+    """Processor time of a first native build of all units for `n` joints [s], as measured for 6 to 30."""
+    return 35.0 * (n / 6.0) ** 1.6
+
+
+def build_notes(robot: Robot, backend: str | None = None) -> list[str]:
+    """Return what to say before the FMUs of a robot are built: how long the first build of many joints takes."""
+    if robot.n < _SLOW_JOINTS or choose_backend(backend) == "python":
+        return []
+    seconds = _build_seconds(robot.n)
+    return [f"the first build for {robot.n} joints takes some {seconds:.0f} s of processor time; it is kept."]
 
 
 def choose_backend(backend: str | None) -> str:
@@ -84,6 +101,12 @@ def build_fmus(
     backend = choose_backend(backend)
     _check_names(units, start_values or {}, backend, fmi_version, platforms)
     check_robot(robot)
+    if robot.n > _MOST_JOINTS:
+        raise UsageError(
+            f"robot {robot.name}: expected at most {_MOST_JOINTS} joints for FMUs, got {robot.n}. Tracing and "
+            f"compiling would take some {_build_seconds(robot.n) / 60:.0f} minutes or more, and gigabytes of memory; "
+            "vdfmu.inverse_dynamics and forward_dynamics take more joints."
+        )
     out = Path(out_dir)
     contents = [
         Content(unit, robot, dict((start_values or {}).get(unit, {})), backend, fmi_version) for unit in units

@@ -14,14 +14,14 @@ from typing import Any
 from vdfmu.fmu.units import UNITS, unit_of
 from vdfmu.kernel.structure import parameters
 from vdfmu.model import Robot
+from vdfmu.model.check import LARGEST
+from vdfmu.model.read import POSITIVE
 from vdfmu.model.robot import SPRING_KEYS, WHOLE_FIELDS
 
 __all__ = ["NO_LIMIT", "POSITIVE", "TABLES", "Variable"]
 
 NO_LIMIT = 1e12
 """Start value of a limit that does not limit; FMI has no portable infinity."""
-POSITIVE = 1e-12
-"""Smallest value of what must be positive; FMI has no strict bounds."""
 
 
 @dataclass(frozen=True)
@@ -225,11 +225,16 @@ def _robot_parameters(robot: Robot) -> list[Variable]:
         one_a_joint = p.field not in WHOLE_FIELDS and len(p.index) == 1
         text = f"Joint {counted}: {text}" if one_a_joint else f"{text} {counted}".rstrip()
         unit = unit_of(quantity, joint_type)
-        start = float(getattr(robot, p.field)[p.index])
-        found.append(
-            Variable(p.field, p.index, "Real", "parameter", "fixed", unit, start, minimum, None, text)
-        )
+        found.append(_of_robot(robot, p.field, p.index, unit, minimum, text))
     return found
+
+
+def _of_robot(
+    robot: Robot, field: str, index: tuple[int, ...], unit: str, minimum: float | None, text: str
+) -> Variable:
+    start, most = float(getattr(robot, field)[index]), LARGEST[field]
+    low = -most if minimum is None else minimum
+    return Variable(field, index, "Real", "parameter", "fixed", unit, start, low, most, text)
 
 
 def _trajectory(robot: Robot) -> list[Variable]:
@@ -286,9 +291,9 @@ def _estimator(robot: Robot) -> list[Variable]:
     consistent = {"tau_s_hat": ("torque", "spring torque from the positions alone, link-side")}
     limits = _gain(robot, "tau_hat_max", "torque", limit, 0.0)
     springs = [
-        Variable(
-            field, (i,), "Real", "parameter", "fixed", unit_of(_ROBOT[field][0], robot.joint_types[i]),
-            float(getattr(robot, field)[i]), _ROBOT[field][1], None, f"Joint {i + 1}: {_ROBOT[field][2]}",
+        _of_robot(
+            robot, field, (i,), unit_of(_ROBOT[field][0], robot.joint_types[i]), _ROBOT[field][1],
+            f"Joint {i + 1}: {_ROBOT[field][2]}",
         )
         for field in SPRING_KEYS
         for i in range(robot.n)

@@ -8,6 +8,7 @@ it. The arithmetic is that of the trace, operation by operation.
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import casadi as ca
 
@@ -69,38 +70,96 @@ def c_function(function: ca.Function) -> str:
     ``void name(const double *restrict argument, .., double *restrict result_out, ..)``, with a pointer for
     scalars too, matrices as in :class:`~vdfmu.kernel.functions.KernelFunction`. It needs ``<math.h>``.
 
+    A trace of more than :data:`_WHOLE` operations becomes a chain of functions ``name_part_1``, ..: the time in which
+    compilers place variables in registers grows with the square of a function's length. The values are the same bits.
+
     Raises
     ------
     KernelError
         If the trace has an operation that this module does not know.
     """
+    operations = _operations(function)
+    if len(operations) <= _WHOLE:
+        read = {name for operation in operations for name in operation.arguments}
+        head = [f"(void){name};" for name in function.name_in() if name not in read]
+        return _definition(c_prototype(function), operations, head, [])
+    parts = [operations[i : i + _PART] for i in range(0, len(operations), _PART)]
+    live: set[int] = set()  # values that later parts read
+    texts: list[str] = []
+    for number, part in reversed(list(enumerate(parts, 1))):
+        written: set[int] = set()
+        needed: set[int] = set()
+        for operation in part:
+            needed |= set(operation.reads) - written
+            written |= set(operation.writes)
+        load = [f"w{i} = w[{i}];" for i in sorted(needed)]
+        keep = [f"w[{i}] = w{i};" for i in sorted(written & live)]
+        read = {name for operation in part for name in operation.arguments}
+        used = read | {name for operation in part for name in operation.results}
+        names = (*function.name_in(), *(f"{name}_out" for name in function.name_out()))
+        head = [f"(void){name};" for name in names if name not in used]
+        prototype = _part_prototype(function, number)
+        texts.append(f"{prototype};\n{_definition(prototype, part, [*head, '(void)w;', *load], keep)}")
+        live = (live - written) | needed
+    size = 1 + max(i for operation in operations for i in operation.writes)
+    call = ", ".join((*function.name_in(), *(f"{name}_out" for name in function.name_out()), "w"))
+    calls = "".join(f"    {function.name()}_part_{k}({call});\n" for k in range(1, len(parts) + 1))
+    texts.insert(0, f"{c_prototype(function)}\n{{\n    double w[{size}];\n{calls}}}\n")
+    return "\n".join(reversed(texts))
+
+
+_WHOLE = 40_000
+"""Operations that go into one C function; an arm of ten joints has no longer trace."""
+_PART = 2_000
+"""Operations of one part of a longer trace."""
+
+
+class _Operation(NamedTuple):
+    """One line of C: the values ``w`` that it reads and writes, and the arguments and results that it names."""
+
+    text: str
+    reads: tuple[int, ...] = ()
+    writes: tuple[int, ...] = ()
+    arguments: tuple[str, ...] = ()
+    results: tuple[str, ...] = ()
+
+
+def _operations(function: ca.Function) -> list[_Operation]:
     arguments, results = function.name_in(), function.name_out()
-    lines: list[str] = []
-    used: set[int] = set()
-    read: set[int] = set()
+    found: list[_Operation] = []
     for k in range(function.n_instructions()):
         operation = function.instruction_id(k)
-        source, target = function.instruction_input(k), function.instruction_output(k)
+        source, target = tuple(function.instruction_input(k)), tuple(function.instruction_output(k))
         if operation == ca.OP_OUTPUT:
-            lines.append(f"{results[target[0]]}_out[{target[1]}] = w{source[0]};")
-            continue
-        if operation == ca.OP_CONST:
+            name = f"{results[target[0]]}_out"
+            found.append(_Operation(f"{name}[{target[1]}] = w{source[0]};", source[:1], results=(name,)))
+        elif operation == ca.OP_CONST:
             value = _constant(function.instruction_constant(k))
+            found.append(_Operation(f"w{target[0]} = {value};", (), target))
         elif operation == ca.OP_INPUT:
-            read.add(source[0])
-            value = f"{arguments[source[0]]}[{source[1]}]"
+            name = arguments[source[0]]
+            found.append(_Operation(f"w{target[0]} = {name}[{source[1]}];", (), target, arguments=(name,)))
         else:
             pattern = _EXPRESSIONS.get(operation)
             if pattern is None:
                 raise KernelError(f"{function.name()}: operation {operation} of the trace has no C text.")
             value = pattern.format(*[f"w{i}" for i in source])
-        used.add(target[0])
-        lines.append(f"w{target[0]} = {value};")
-    head = [f"(void){name};" for i, name in enumerate(arguments) if i not in read]
-    if used:
-        head.append(f"double {', '.join(f'w{i}' for i in sorted(used))};")
-    body = "\n".join(f"    {line}" for line in (*head, *lines))
-    return f"{c_prototype(function)}\n{{\n{body}\n}}\n"
+            found.append(_Operation(f"w{target[0]} = {value};", source, target))
+    return found
+
+
+def _definition(prototype: str, operations: list[_Operation], head: list[str], tail: list[str]) -> str:
+    used = sorted({i for operation in operations for i in (*operation.reads, *operation.writes)})
+    declared = [f"double {', '.join(f'w{i}' for i in used)};"] if used else []
+    first = [line for line in head if line.startswith("(void)")]
+    lines = [*first, *declared, *(line for line in head if line not in first)]
+    body = "\n".join(f"    {line}" for line in (*lines, *(o.text for o in operations), *tail))
+    return f"{prototype}\n{{\n{body}\n}}\n"
+
+
+def _part_prototype(function: ca.Function, number: int) -> str:
+    head, _, arguments = c_prototype(function).partition("(")
+    return f"{head}_part_{number}({arguments.removesuffix(')')}, double *restrict w)"
 
 
 def _constant(value: float) -> str:

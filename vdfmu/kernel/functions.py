@@ -11,8 +11,9 @@ import numpy.typing as npt
 
 from vdfmu.errors import KernelError
 from vdfmu.kernel.cache import cache_folder, load, store
+from vdfmu.kernel.derivatives import DIRECTIONS
 from vdfmu.kernel.structure import structure_key, values
-from vdfmu.kernel.trace import FUNCTIONS, is_traceable, trace
+from vdfmu.kernel.trace import FUNCTIONS, derivative_of, trace
 from vdfmu.model import Robot
 
 __all__ = ["Kernel", "KernelFunction"]
@@ -101,19 +102,26 @@ class Kernel:
 
     def casadi_function(self, name: str) -> ca.Function:
         """CasADi function of one of the names in :data:`vdfmu.kernel.trace.FUNCTIONS`, or a derivative of one."""
-        if not is_traceable(name):
+        if name not in FUNCTIONS and derivative_of(name) is None:
             raise KernelError(f"There is no traced function {name!r}. There are: {', '.join(FUNCTIONS)}.")
         if self._cache is None:
-            return trace(name, self.robot)
+            return self._made(name)
         path = self._cache / self._key / f"{name}.casadi"
         stored = load(path)
         if stored is not None:
             loaded = ca.Function.deserialize(stored.decode("ascii"))
             if loaded.name() == name:
                 return loaded
-        function = trace(name, self.robot)  # an unreadable or wrong file is replaced
+        function = self._made(name)  # an unreadable or wrong file is replaced
         store(path, function.serialize().encode("ascii"))
         return function
+
+    def _made(self, name: str) -> ca.Function:
+        derivative = derivative_of(name)
+        if derivative is None:
+            return trace(name, self.robot)
+        base, direction = derivative
+        return DIRECTIONS[direction](self.casadi_function(base))
 
     def function(self, name: str, **buffers: npt.NDArray[np.float64]) -> KernelFunction:
         """Return a function with buffers of its own, so that two users of one kernel do not meet.

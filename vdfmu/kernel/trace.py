@@ -28,7 +28,7 @@ from vdfmu.kernel.symbol import from_sx, to_sx
 from vdfmu.model import Robot
 from vdfmu.model.robot import SPRING_KEYS
 
-__all__ = ["FUNCTIONS", "is_traceable", "trace"]
+__all__ = ["FUNCTIONS", "derivative_of", "trace"]
 
 Trace = Callable[[Robot], ca.Function]
 FUNCTIONS: dict[str, Trace] = {}
@@ -40,20 +40,17 @@ def _traced(make: Trace) -> Trace:
 
 
 def trace(name: str, robot: Robot) -> ca.Function:
-    """Trace one function of :data:`FUNCTIONS` for the structure of a robot.
-
-    ``<name>_forward`` and ``<name>_reverse`` are its derivatives, see :mod:`vdfmu.kernel.derivatives`.
-    """
-    base, _, direction = name.rpartition("_")
-    if direction in DIRECTIONS and base in FUNCTIONS:
-        return DIRECTIONS[direction](FUNCTIONS[base](robot))
+    """Trace one function of :data:`FUNCTIONS` for the structure of a robot."""
     return FUNCTIONS[name](robot)
 
 
-def is_traceable(name: str) -> bool:
-    """Tell whether a name is one of :data:`FUNCTIONS` or of a derivative of one."""
+def derivative_of(name: str) -> tuple[str, str] | None:
+    """Return the function of :data:`FUNCTIONS` and the direction of ``<name>_forward`` or ``<name>_reverse``.
+
+    None for any other name. :mod:`vdfmu.kernel.derivatives` has what makes it.
+    """
     base, _, direction = name.rpartition("_")
-    return name in FUNCTIONS or (direction in DIRECTIONS and base in FUNCTIONS)
+    return (base, direction) if direction in DIRECTIONS and base in FUNCTIONS else None
 
 
 def _function(name: str, inputs: dict[str, ca.SX], outputs: dict[str, ca.SX]) -> ca.Function:
@@ -124,6 +121,10 @@ def _trace_mass_matrix(robot: Robot) -> ca.Function:
     return _function("mass_matrix", inputs | {"p": p}, {"M": to_sx(M)})
 
 
+def _plant_inputs(n: int) -> dict[str, ca.SX]:
+    return _vectors(4 * n, "x") | _vectors(n, "tau") | _vectors(6, "F_e")
+
+
 class _Plant:
     """The plant's right-hand side and its linearisation, as expressions.
 
@@ -137,7 +138,7 @@ class _Plant:
     def __init__(self, robot: Robot) -> None:
         n = robot.n
         symbols, p = symbolic_robot(robot)
-        self.inputs = _vectors(4 * n, "x") | _vectors(n, "tau") | _vectors(6, "F_e")
+        self.inputs = _plant_inputs(n)
         x, tau, F_e = self.inputs.values()
         arrays = _arrays(self.inputs)
         self.x_dot = to_sx(plant_derivative(symbols, *arrays))
@@ -168,8 +169,10 @@ class _Plant:
 
 @_traced
 def _trace_plant_derivative(robot: Robot) -> ca.Function:
-    plant = _Plant(robot)
-    return _function("plant_derivative", plant.inputs, {"x_dot": plant.x_dot})
+    symbols, p = symbolic_robot(robot)
+    inputs = _plant_inputs(robot.n)
+    x_dot = plant_derivative(symbols, *_arrays(inputs))
+    return _function("plant_derivative", inputs | {"p": p}, {"x_dot": to_sx(x_dot)})
 
 
 @_traced

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import os
+import stat
 import tomllib
 from pathlib import Path
 from typing import Any, cast
 
 from vdfmu.data import data_path
 from vdfmu.errors import ModelError, UsageError
-from vdfmu.model.read import Problems, nearest
+from vdfmu.model.read import Problems, nearest, printable
 from vdfmu.model.robot import Robot
 from vdfmu.model.robot_file import check_robot, robot_from_dict
 from vdfmu.model.scenario import Scenario
@@ -99,14 +100,14 @@ def _locate(path_or_name: str | os.PathLike[str], folder: str, start: Path | Non
     text = os.fspath(path_or_name)
     path = (start or Path()) / text
     separators = tuple(s for s in (os.sep, os.altsep, "/") if s)
-    if path.is_file() or text.endswith(".toml") or any(s in text for s in separators):
+    if os.path.isfile(path) or text.endswith(".toml") or any(s in text for s in separators):
         return path
     if not isinstance(path_or_name, str):
         return path
     shipped = data_path("models") / folder / f"{text}.toml"
     if text not in _names(folder):
         raise UsageError(
-            f"no {folder[:-1]} {text!r}: expected a name or the path of a TOML file. "
+            f"no {folder[:-1]} '{printable(text)}': expected a name or the path of a TOML file. "
             + nearest(text, _names(folder))
         )
     return shipped
@@ -115,7 +116,7 @@ def _locate(path_or_name: str | os.PathLike[str], folder: str, start: Path | Non
 def _read(path: Path) -> dict[str, Any]:
     problem: str
     try:
-        data = tomllib.loads(path.read_bytes().decode("utf-8-sig"))
+        data = tomllib.loads(_content(path).decode("utf-8-sig"))
         if not _too_deep(data):
             return data
         problem = _TOO_DEEP
@@ -135,6 +136,27 @@ def _read(path: Path) -> dict[str, Any]:
         problem = f"expected UTF-8 text, got {byte}. Save the file as UTF-8."
     except tomllib.TOMLDecodeError as error:
         problem = f"expected TOML, got a syntax error: {error}. Correct that place; strings need quotes."
+    except ValueError as error:  # of a number of more digits than Python reads, or a path that no file has
+        problem = f"expected TOML, got what cannot be read: {error}. Correct it."
+    raise ModelError(f"{path}: {problem}")
+
+
+_LARGEST = 2**20
+"""Bytes of a file; a robot of 100 joints has 80 kB."""
+
+
+def _content(path: Path) -> bytes:
+    """Read a file; `ModelError` for what is no regular file, which may never end, and for one that is too large."""
+    status = path.stat()
+    if stat.S_ISREG(status.st_mode) or stat.S_ISDIR(status.st_mode):
+        with path.open("rb") as stream:
+            content = stream.read(_LARGEST + 1)
+        if len(content) <= _LARGEST:
+            return content
+        got = f"{max(status.st_size, len(content)) / 2**20:.3g} MiB"
+        problem = f"expected a file of at most {_LARGEST / 2**20:g} MiB, got {got}. Is it the right one?"
+    else:
+        problem = "expected a regular file, got a pipe, a device or another special file. Name a file."
     raise ModelError(f"{path}: {problem}")
 
 

@@ -10,7 +10,7 @@ import difflib
 import math
 import re
 from collections.abc import Sequence
-from typing import Any, cast
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 import numpy.typing as npt
@@ -18,6 +18,10 @@ import numpy.typing as npt
 from vdfmu.errors import ModelError
 
 FloatArray = npt.NDArray[np.float64]
+POSITIVE = 1e-12
+"""Smallest value of what must be positive, in SI units: smaller ones underflow in products."""
+LARGEST_NUMBER = 1e12
+"""Largest absolute value of a number that has no bound of its own."""
 
 
 class Problems:
@@ -35,6 +39,7 @@ class Problems:
 
     def add(self, key: str, expected: str, got: str, way_out: str) -> None:
         """Note that `key` holds something else than expected."""
+        key = printable(key)
         self.lines.append(f"{self.where}: {key}: expected {expected}, got {got}. {way_out}")
 
     def raise_any(self) -> None:
@@ -51,8 +56,25 @@ def shown(value: object) -> str:
         value = f'"{value}"'
     elif isinstance(value, bool):
         value = "true" if value else "false"
-    text = str(value)
-    return text if len(text) <= 70 else text[:66] + " ..."
+    try:
+        text = str(value)
+    except ValueError:  # of integers with more than 4300 digits
+        return "a number of thousands of digits"
+    return printable(text)
+
+
+def printable(text: str) -> str:
+    """Return a text of a file as it goes into a message: shortened, and control characters written out."""
+    text = text if len(text) <= 70 else text[:66] + " ..."
+    return _FORBIDDEN.sub(lambda found: ascii(found[0])[1:-1], text)
+
+
+_FORBIDDEN = re.compile("[\x00-\x1f\x7f-\x9f\ud800-\udfff\ufffe\uffff]")
+"""Characters that XML does not have or a terminal obeys."""
+_LONGEST_NAME = 100
+"""Characters of a name: with what is added to it, it must fit into the 255 bytes of a file's name."""
+_LONGEST_TEXT = 4000
+"""Characters of any other text."""
 
 
 def nearest(name: str, known: Sequence[str]) -> str:
@@ -136,7 +158,19 @@ class Table:
             self.problems.add(self.key(key), expected, shown(value), nearest(value, choices))
         elif not value.strip() and default != "":
             self.problems.add(self.key(key), expected, shown(value), "Write some text.")
+        else:
+            self.check_text(self.key(key), value)
         return value
+
+    def check_text(self, place: str, value: str) -> None:
+        """Note characters of a text that XML does not have or a terminal obeys, and a text that is too long."""
+        found = _FORBIDDEN.search(value.replace("\n", " ").replace("\t", " "))
+        if found:
+            expected = "a text without control characters"
+            self.problems.add(place, expected, shown(value[max(0, found.start() - 20) :]), "Remove them.")
+        if len(value) > _LONGEST_TEXT:
+            expected = f"at most {_LONGEST_TEXT} characters"
+            self.problems.add(place, expected, str(len(value)), "Shorten it.")
 
     def flag(self, key: str, default: bool) -> bool:
         """Return true or false."""
@@ -148,7 +182,7 @@ class Table:
 
     def name(self, key: str) -> str:
         """Return a string that can name a file: results of a scenario go into a folder of its name."""
-        value = self.text(key)
+        value = self.label(key)
         if value and not re.fullmatch(r"\w[\w .+-]*", value):
             self.problems.add(
                 self.key(key),
@@ -156,6 +190,16 @@ class Table:
                 shown(value),
                 "It names files and folders.",
             )
+        return value
+
+    def label(self, key: str) -> str:
+        """Return a string of one short line."""
+        value = self.text(key)
+        if len(value) > _LONGEST_NAME:
+            expected = f"at most {_LONGEST_NAME} characters"
+            self.problems.add(self.key(key), expected, str(len(value)), "It names files and folders.")
+        elif "\n" in value or "\t" in value:
+            self.problems.add(self.key(key), "one line without tabs", shown(value), "Write one line.")
         return value
 
     def number(
@@ -166,14 +210,16 @@ class Table:
         *,
         above: float | None = None,
         at_least: float | None = None,
+        at_most: float = LARGEST_NUMBER,
         way_out: str = "",
     ) -> float:
-        """Return one number, NaN where it is wrong."""
-        expected = _expected("a finite number", unit, above, at_least)
+        """Return one number, NaN where it is wrong; `at_most` bounds its absolute value."""
+        bounds = _Bounds(unit, above, at_least, at_most)
+        expected = bounds.expected("a finite number")
         value = self.value(key, expected, default)
         if value is None:
             return math.nan
-        return self._checked(value, self.key(key), expected, above, at_least, False, way_out)
+        return self._checked(value, self.key(key), bounds, way_out)
 
     def numbers(
         self,
@@ -185,6 +231,7 @@ class Table:
         scalar: bool = False,
         above: float | None = None,
         at_least: float | None = None,
+        at_most: float = LARGEST_NUMBER,
         infinite: bool = False,
         way_out: str = "",
     ) -> FloatArray:
@@ -194,15 +241,13 @@ class Table:
         """
         size = " x ".join(str(k) for k in shape)
         words = f"{size} finite numbers" + (" or one for all" if scalar else "")
-        expected = _expected(words, unit, above, at_least)
+        bounds = _Bounds(unit, above, at_least, at_most, infinite)
+        expected = bounds.expected(words)
         value = self.value(key, expected, cast(Any, default))
         if value is None:
             return np.full(shape, math.nan)
-        one = _expected("a finite number", unit, above, at_least)
         if scalar and as_number(value) is not None:
-            return np.full(
-                shape, self._checked(value, self.key(key), one, above, at_least, infinite, way_out)
-            )
+            return np.full(shape, self._checked(value, self.key(key), bounds, way_out))
         found = shape_of(value)
         if found != shape:
             got = shown(value) if found is None else f"{' x '.join(str(k) for k in found) or 'one number'}"
@@ -215,34 +260,52 @@ class Table:
             for k in index:
                 entry = entry[k]
             place = self.key(key) + "".join(f"[{k + 1}]" for k in index)
-            result[index] = self._checked(entry, place, one, above, at_least, infinite, way_out)
+            result[index] = self._checked(entry, place, bounds, way_out)
         return result
 
-    def _checked(
-        self,
-        value: object,
-        place: str,
-        expected: str,
-        above: float | None,
-        at_least: float | None,
-        infinite: bool,
-        way_out: str,
-    ) -> float:
+    def _checked(self, value: object, place: str, bounds: _Bounds, way_out: str) -> float:
         number = as_number(value)
         if number is None:
+            expected = bounds.expected("a finite number")
             self.problems.add(place, expected, shown(value), f"Write a number. {way_out}".strip())
             return math.nan
-        finite = math.isfinite(number) or (infinite and number == math.inf)
-        low = (above is not None and not number > above) or (at_least is not None and not number >= at_least)
-        if not finite or low:
+        expected = bounds.broken(number)
+        if expected is not None:
             self.problems.add(place, expected, shown(value), way_out or "Correct the number.")
             return math.nan
         return number
 
 
-def _expected(words: str, unit: str, above: float | None, at_least: float | None) -> str:
-    bound = f" > {above:g}" if above is not None else f" >= {at_least:g}" if at_least is not None else ""
-    return f"{words}{bound}{' in ' + unit if unit else ''}"
+class _Bounds(NamedTuple):
+    """What a number must be: above a number or at least one, and finite; `at_most` bounds its absolute value."""
+
+    unit: str
+    above: float | None
+    at_least: float | None
+    at_most: float
+    infinite: bool = False
+
+    def expected(self, words: str, bound: str | None = None) -> str:
+        """Return what is expected, in words."""
+        if bound is None:
+            low = f" >= {self.at_least:g}" if self.at_least is not None else ""
+            bound = f" > {self.above:g}" if self.above is not None else low
+        return f"{words}{bound}{' in ' + self.unit if self.unit else ''}"
+
+    def broken(self, number: float) -> str | None:
+        """Return what was expected of a number that is out of bounds; None for one that is not."""
+        words = "a finite number"
+        if self.infinite and number == math.inf:
+            return None
+        if not math.isfinite(number) or (self.above is not None and not number > self.above):
+            return self.expected(words)
+        if self.at_least is not None and not number >= self.at_least:
+            return self.expected(words, f" >= {self.at_least:g}")
+        if self.above == 0 and number < POSITIVE:
+            return self.expected(words, f" >= {POSITIVE:g}")
+        if abs(number) > self.at_most:
+            return self.expected("a number", f" of at most {self.at_most:g}")
+        return None
 
 
 def shape_of(value: object) -> tuple[int, ...] | None:

@@ -7,7 +7,14 @@ from typing import Any, cast
 
 import numpy as np
 
-from vdfmu.model.check import check_drive, check_friction, check_inertia, check_rotation, check_stops
+from vdfmu.model.check import (
+    LARGEST,
+    check_drive,
+    check_friction,
+    check_inertia,
+    check_rotation,
+    check_stops,
+)
 from vdfmu.model.read import FloatArray, Problems, Table, nearest, shape_of, shown
 from vdfmu.model.robot import (
     DRIVE_KEYS,
@@ -89,12 +96,14 @@ def robot_from_dict(data: Mapping[str, Any], where: str = "robot") -> Robot:
     """
     problems = Problems(where)
     file = Table(problems, data, "", ROBOT_KEYS)
-    name = file.text("name")
+    name = file.label("name")
     description = file.text("description", "")
     friction = file.text("friction", "lumped", FRICTION_ARRANGEMENTS)
     rotor_coupling = file.flag("rotor_coupling", True)
-    gravity = file.numbers("gravity", (3,), "m/s2", way_out="Write +9.81 along the upward axis.")
-    tool_offset = file.numbers("tool_offset", (3,), "m", np.zeros(3).tolist())
+    gravity = file.numbers(
+        "gravity", (3,), "m/s2", at_most=LARGEST["gravity"], way_out="Write +9.81 along the upward axis."
+    )
+    tool_offset = file.numbers("tool_offset", (3,), "m", np.zeros(3).tolist(), at_most=LARGEST["tool_offset"])
     payload = _payload(file) if "payload" in file.data else {}
     sources = _sources(file)
     joints = file.value("joints", "one table [[joints]] for each joint")
@@ -154,9 +163,14 @@ def _joint(problems: Problems, data: object, path: str) -> dict[str, Any]:
     joint: dict[str, Any] = {"type": table.text("type", choices=JOINT_TYPES)}
     joint["rotation"] = table.numbers("rotation", (3, 3), "", way_out="Its columns are the axes of B_i.")
     check_rotation(problems, table.key("rotation"), joint["rotation"])
-    joint["offset"] = table.numbers("offset", (3,), "m", way_out="It is the origin of B_i in B_(i-1).")
+    length = LARGEST["offset"]
+    joint["offset"] = table.numbers(
+        "offset", (3,), "m", at_most=length, way_out="It is the origin of B_i in B_(i-1)."
+    )
     link = table.table("link", LINK_KEYS)
-    joint["centroid"] = link.numbers("centroid", (3,), "m", way_out="It is the centre of mass in B_i.")
+    joint["centroid"] = link.numbers(
+        "centroid", (3,), "m", at_most=length, way_out="It is the centre of mass in B_i."
+    )
     joint["inertia"] = _inertia(link)
     check_inertia(problems, link.key("inertia"), joint["inertia"])
     drive = table.table("drive", DRIVE_KEYS)
@@ -164,7 +178,7 @@ def _joint(problems: Problems, data: object, path: str) -> dict[str, Any]:
     linear = int(joint["type"] == "prismatic")
     for key, (*units, bound, default, way_out) in _NUMBERS.items():
         group = link if key in LINK_KEYS else drive if key in DRIVE_KEYS else friction
-        joint[key] = group.number(key, units[linear], default, **bound, way_out=way_out)
+        joint[key] = group.number(key, units[linear], default, **bound, at_most=LARGEST[key], way_out=way_out)
     if "limits" in table.data:
         joint["limits"] = _limits(table.table("limits", LIMIT_KEYS), linear)
     check_drive(problems, drive.path, joint["ell"], joint["theta_err_amplitude"])
@@ -175,7 +189,7 @@ def _joint(problems: Problems, data: object, path: str) -> dict[str, Any]:
 def _limits(table: Table, linear: int) -> dict[str, float]:
     """Read [joints.limits] of one joint; its numbers are given together."""
     found = {
-        key: table.number(key, units[linear], **bound, way_out=way_out)
+        key: table.number(key, units[linear], **bound, at_most=LARGEST[key], way_out=way_out)
         for key, (*units, bound, way_out) in _LIMITS.items()
     }
     check_stops(table.problems, table.path, found["q_min"], found["q_max"])
@@ -185,9 +199,20 @@ def _limits(table: Table, linear: int) -> dict[str, float]:
 def _payload(file: Table) -> dict[str, Any]:
     """Read [payload]: field of `Robot` to its value; an inertia of 0, the default, is that of a point mass."""
     table = file.table("payload", LINK_KEYS)
-    mass = table.number("mass", "kg", at_least=0, way_out="Give 0 for none; it can be set at run time.")
+    mass = table.number(
+        "mass",
+        "kg",
+        at_least=0,
+        at_most=LARGEST["mass"],
+        way_out="Give 0 for none; it can be set at run time.",
+    )
     centroid = table.numbers(
-        "centroid", (3,), "m", np.zeros(3).tolist(), way_out="It is the centre of mass in {O}."
+        "centroid",
+        (3,),
+        "m",
+        np.zeros(3).tolist(),
+        at_most=LARGEST["centroid"],
+        way_out="It is the centre of mass in {O}.",
     )
     inertia = _inertia(table) if "inertia" in table.data else np.zeros((3, 3))
     if inertia.any():
@@ -204,11 +229,12 @@ def _inertia(link: Table) -> FloatArray:
     """Read an inertia as 3 x 3 matrix, from one number, three principal moments or the matrix itself."""
     shape = shape_of(link.data.get("inertia"))
     way_out = "One number (isotropic), 3 principal moments or a symmetric 3 x 3 matrix will do."
+    most = LARGEST["inertia"]
     if shape == (3, 3):
-        return link.numbers("inertia", (3, 3), "kg.m2", way_out=way_out)
+        return link.numbers("inertia", (3, 3), "kg.m2", at_most=most, way_out=way_out)
     if shape != () or "inertia" not in link.data:
-        return np.diag(link.numbers("inertia", (3,), "kg.m2", way_out=way_out))
-    return link.number("inertia", "kg.m2", way_out=way_out) * np.eye(3)
+        return np.diag(link.numbers("inertia", (3,), "kg.m2", at_most=most, way_out=way_out))
+    return link.number("inertia", "kg.m2", at_most=most, way_out=way_out) * np.eye(3)
 
 
 def _sources(file: Table) -> dict[str, str]:
@@ -226,6 +252,7 @@ def _sources(file: Table) -> dict[str, str]:
                 f"sources.{path}", "a key of this file", "an unknown one", nearest(path, SOURCE_KEYS)
             )
         else:
+            file.check_text(f"sources.{path}", value)
             found[path] = value
 
     sources = file.value("sources", "a table", {})

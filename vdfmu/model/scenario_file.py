@@ -10,7 +10,7 @@ import numpy as np
 
 from vdfmu.data import data_path
 from vdfmu.errors import ModelError
-from vdfmu.model.check import check_step
+from vdfmu.model.check import LARGEST, check_step
 from vdfmu.model.read import FloatArray, Problems, Table, as_number, shape_of, shown
 from vdfmu.model.robot import FRICTION_ARRANGEMENTS, WHOLE_FIELDS, Array, Robot, read_only
 from vdfmu.model.robot_file import check_robot
@@ -147,9 +147,9 @@ def _adaptive(file: Table, master: str) -> float | None:
 
 def _trajectory(table: Table, n: int | None) -> Trajectory:
     return Trajectory(
-        q_start=_per_joint(table, "q_start", n, "rad, or m"),
-        q_end=_per_joint(table, "q_end", n, "rad, or m"),
-        T=table.number("T", "s", above=0, way_out="Give the duration of the motion."),
+        q_start=_per_joint(table, "q_start", n, "rad, or m", at_most=LARGEST["q_max"]),
+        q_end=_per_joint(table, "q_end", n, "rad, or m", at_most=LARGEST["q_max"]),
+        T=table.number("T", "s", above=0, at_least=1e-6, way_out="Give the duration of the motion."),
         t_start=table.number("t_start", "s", 0.0, at_least=0),
     )
 

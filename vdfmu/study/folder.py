@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -10,6 +9,7 @@ from typing import Any
 from vdfmu.cosim import Interrupted, Results
 from vdfmu.cosim.interrupt import InterruptGuard
 from vdfmu.errors import CosimError, UsageError, VdfmuError
+from vdfmu.study.json_text import to_json
 
 __all__ = ["RUN_OUTPUTS", "SYSTEM_OUTPUTS", "keep", "make_empty", "write", "write_summary", "written"]
 
@@ -56,7 +56,7 @@ def write_summary(summary: Mapping[str, Any], folder: Path) -> None:
     """Write ``summary.json``."""
     path = folder / "summary.json"
     try:
-        path.write_text(json.dumps(summary, indent=2) + "\n", encoding="utf-8")
+        path.write_text(to_json(summary) + "\n", encoding="utf-8")
     except OSError as error:
         raise VdfmuError(
             f"{path}: cannot be written: {error}. Free space or choose another folder."

@@ -20,12 +20,12 @@ from vdfmu.cosim.master import check_coupling
 from vdfmu.cosim.reference import REFERENCE_OF, reference
 from vdfmu.errors import CosimError, UsageError
 from vdfmu.fmu import build_fmus
-from vdfmu.fmu.build import choose_backend
+from vdfmu.fmu.build import build_notes, choose_backend
 from vdfmu.fmu.content import Content
 from vdfmu.fmu.interface import MODEL_NAMES
 from vdfmu.kernel.cache import cache_folder, load, store
 from vdfmu.model import Robot, Scenario, load_robot, load_scenario
-from vdfmu.model.check import check_step
+from vdfmu.model.check import check_step, model_notes
 from vdfmu.model.read import Problems
 from vdfmu.model.scenario import MASTERS
 from vdfmu.report.plots import contrast_figures, run_figures
@@ -191,9 +191,11 @@ def run(
     values = system_values(scenario, settings)
     free = scenario.master == "iterative" or scenario.adaptive is not None
     warnings = sampling_warnings(values, scenario.robot, None if free else scenario.step)
-    if log is not None:
-        for warning in warnings:  # before the run, which may fail for what they say
+    if log is not None:  # before the run, which may fail for what they say
+        for warning in warnings:
             log(LogMessage("", 0.0, "warning", "", warning))
+        for note in (*model_notes(scenario), *build_notes(scenario.robot, backend)):
+            log(LogMessage("", 0.0, "note", "", f"{scenario.robot.name}: {note}"))
     make_empty(folder, RUN_OUTPUTS)
     report("build", 0, 1)
     with tempfile.TemporaryDirectory(prefix="vdfmu_fmus_") as fmus:

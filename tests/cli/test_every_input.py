@@ -1,0 +1,82 @@
+"""Commands end in words, whatever the input, the streams and the packages that are installed."""
+
+import json
+import math
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from vdfmu import __version__
+from vdfmu.study.json_text import to_json
+
+
+def vdfmu(*arguments: str, **environment: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, "-m", "vdfmu.cli", *arguments],
+        capture_output=True, encoding="utf-8", errors="surrogateescape", env=os.environ | environment, timeout=300,
+        check=False,
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("run", "a" * 300),
+        ("run", "--robot", "a" * 100_000),
+        ("run", "a" * 300 + ".toml"),
+        ("check", "a" * 300),
+        ("simulate", "a" * 300 + ".ssp"),
+        ("run", "planar_tracking", "--stop", "1e308"),
+        ("run", "planar_tracking", "--stop", "1e9"),
+        ("run", "planar_tracking", "--set", "plant.I_m=1e308"),
+        ("run", "planar_tracking", "--set", "plant.K_f0=5e-324"),
+    ],
+    ids=lambda arguments: " ".join(arguments)[:40],
+)
+def test_an_input_that_cannot_be_used_is_named(arguments: tuple[str, ...]) -> None:
+    done = vdfmu(*arguments)
+    assert done.returncode == 2, done.stderr[-500:]
+    assert done.stderr.splitlines()[-1].startswith("error: ")  # check says before that it runs code
+    assert "Traceback" not in done.stderr
+    assert "output cannot be written" not in done.stderr
+
+
+@pytest.mark.parametrize(
+    "environment",
+    [{"PYTHONIOENCODING": "ascii"}, {"LC_ALL": "C", "PYTHONCOERCECLOCALE": "0", "PYTHONUTF8": "0"}],
+    ids=["ascii", "C locale"],
+)
+def test_streams_of_ascii_take_every_text(environment: dict[str, str]) -> None:
+    done = vdfmu("models", "show", "tést·", **environment)
+    assert (done.returncode, done.stdout) == (2, "")
+    assert done.stderr.startswith("error: no robot 't\\")
+    assert done.stderr.isascii()
+    listed = vdfmu("models", "list", **environment)
+    assert listed.returncode == 0
+    assert listed.stdout.isascii()
+
+
+@pytest.mark.parametrize("package", ["fmpy", "casadi", "scipy", "lxml"])
+def test_a_missing_package_is_named_where_it_is_needed(package: str, tmp_path: Path) -> None:
+    (tmp_path / "sitecustomize.py").write_text(
+        f"import sys\nsys.modules[{package!r}] = None\n", encoding="utf-8"
+    )
+    path = os.pathsep.join([str(tmp_path), str(Path(__file__).parents[2])])
+    done = vdfmu("--version", PYTHONPATH=path)
+    assert (done.returncode, done.stdout) == (0, f"vdfmu {__version__}\n"), done.stderr
+    done = vdfmu("run", "planar_tracking", PYTHONPATH=path)
+    assert done.returncode == 1
+    assert done.stderr.startswith(f"error: the Python package {package} is not installed.")
+
+
+def test_a_summary_is_json_whatever_its_numbers() -> None:
+    text = to_json({"a": math.nan, "b": [math.inf, (-math.inf, 1.5)], "c": {"d": None, "e": True, "f": "é"}})
+
+    def refuse(constant: str) -> None:
+        raise AssertionError(f"{constant} is not JSON")
+
+    read = json.loads(text, parse_constant=refuse)
+    assert read == {"a": "nan", "b": ["inf", ["-inf", 1.5]], "c": {"d": None, "e": True, "f": "é"}}
