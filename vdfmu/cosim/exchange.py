@@ -5,7 +5,17 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from ctypes import addressof, byref, c_double, c_size_t, c_uint, c_void_p, create_string_buffer, string_at
+from ctypes import (
+    addressof,
+    byref,
+    c_double,
+    c_int,
+    c_size_t,
+    c_uint,
+    c_void_p,
+    create_string_buffer,
+    string_at,
+)
 from typing import Any
 
 import numpy as np
@@ -13,7 +23,7 @@ from numpy.typing import NDArray
 
 from vdfmu.cosim.broyden import Broyden
 from vdfmu.cosim.check import Checked
-from vdfmu.cosim.component import C_TYPE, FMI_TYPE, Slave, Value
+from vdfmu.cosim.component import C_TYPE, FMI_TYPE, MessageBox, Slave, Value
 from vdfmu.cosim.description import Variable
 from vdfmu.cosim.link import Link, Port
 from vdfmu.cosim.results import Signal
@@ -21,6 +31,18 @@ from vdfmu.errors import CosimError, UsageError
 
 Call = tuple[Any, Any, Any, Any, Any, str]
 """An FMI function, its four arguments, and its name for messages."""
+
+
+_KINDS = ("Real", "Integer", "Boolean", "String")
+_HEAD = 4
+"""Words before the values: clock, size, running, pressed."""
+
+
+def words_of(checked: Checked) -> int:
+    """Return the number of 8-byte words that an exchange needs at most."""
+    return (
+        _HEAD + sum(len(description.variables) for description in checked.descriptions.values()) + len(_KINDS)
+    )
 
 
 def largest_step(time: float, stop: float) -> float:
@@ -39,7 +61,7 @@ class Bank:
     the same for the same text, of copies that last as long as the bank: those of a unit last until its next step.
     """
 
-    def __init__(self, kind: str, checked: Checked) -> None:
+    def __init__(self, kind: str, checked: Checked, words: NDArray[np.float64]) -> None:
         self.kind = kind
         fresh = checked.schedule.fresh
         links = {link.end: link for link in checked.links if link.stepped}
@@ -61,7 +83,8 @@ class Bank:
         self.variables = [*outputs, *inputs]
         dtype = {"Real": np.float64, "String": np.uintp}.get(kind, np.int32)
         self._texts: dict[bytes, Any] = {}
-        self.memory: NDArray[Any] = np.zeros(len(self.variables), dtype)
+        self.memory: NDArray[Any] = words.view(dtype)[: len(self.variables)]
+        self.words = -(-self.memory.nbytes // words.itemsize)
         self.outputs = self.memory[: len(outputs)]
         self.inputs = self.memory[len(outputs) :]
         self.position: dict[Port, int] = {(u, v.name): i for i, (u, v) in enumerate(self.variables)}
@@ -147,18 +170,45 @@ def component_argument(slave: Slave) -> Any:
 
 
 class Exchange:
-    """Plans the data flow of a run: initialization, the stages of a step and the recording."""
+    """Plans the data flow of a run: initialization, the stages of a step and the recording.
 
-    def __init__(self, checked: Checked, slaves: Mapping[str, Slave]) -> None:
+    Parameters
+    ----------
+    checked : Checked
+    slaves : mapping of str to Slave
+        Empty where only the values are read, of components in another process.
+    box : MessageBox
+    words : (`words_of`,) array, optional
+        The memory for all values, zeros; default one of its own.
+
+    Attributes
+    ----------
+    clock, size : c_double
+        Arguments currentCommunicationPoint and communicationStepSize of every doStep.
+    running, pressed : c_int
+        For two processes that share the memory: what the components' process is doing, and whether to stop.
+    """
+
+    def __init__(
+        self,
+        checked: Checked,
+        slaves: Mapping[str, Slave],
+        box: MessageBox,
+        words: NDArray[np.float64] | None = None,
+    ) -> None:
         self.checked = checked
         self.slaves = slaves
-        self.banks = [Bank(kind, checked) for kind in ("Real", "Integer", "Boolean", "String")]
+        self.box = box
+        words = np.zeros(words_of(checked)) if words is None else words
+        self.clock, self.size = (c_double.from_buffer(words, 8 * i) for i in (0, 1))  # pyright: ignore[reportArgumentType]
+        self.running, self.pressed = (c_int.from_buffer(words, 8 * i) for i in (2, 3))  # pyright: ignore[reportArgumentType]
+        self.banks: list[Bank] = []
+        taken = _HEAD
+        for kind in _KINDS:
+            self.banks.append(Bank(kind, checked, words[taken:]))
+            taken += self.banks[-1].words
         self._watched = np.zeros(0, np.intp)
         self._zeros = np.zeros(0)
-        self.clock = c_double()
-        """Argument currentCommunicationPoint of every doStep."""
-        self.size = c_double()
-        """Argument communicationStepSize."""
 
     def initialize(self, time: float, convergence: float) -> None:
         """Carry the values over the connections in initialization mode, in the order of dependencies.
@@ -306,7 +356,7 @@ class Exchange:
             "" if read else ". No component reads it: run on without it by what you record (record, --record)"
         )
         raise CosimError(
-            unit, call, self.slaves[unit].box.time,
+            unit, call, self.box.time,
             f"{variable.name} is {bank.outputs[found[0]]} at t = {time:.9g} s, expected a finite number{also}{way}",
         )  # fmt: skip
 
