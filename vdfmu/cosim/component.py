@@ -232,7 +232,7 @@ class Slave:
         """Pass over a warning, and over a step in which the unit ends the simulation; else raise CosimError."""
         if status == 1 or (status == 2 and call == "doStep" and self._terminated()):
             return
-        label = STATUS[status] if 0 <= status < len(STATUS) else f"unknown status {status}"
+        label = STATUS[status] if 0 <= status < len(STATUS) else f"{status}, not of FMI 2.0"
         self.stage = "failed" if self.stage != "initialized" or status != 2 else self.stage
         if status == 4:
             self._corrupt.add(self.description.source)

@@ -51,7 +51,7 @@ _FAREWELL = 5.0
 
 @dataclass(frozen=True)
 class Limits:
-    """What the components of a run may take: `time` [s] for loading, initialization, freeing and each step, `memory` [MB]."""
+    """What components may take: `time` [s] for a step, and for loading and so on each, and `memory` [MB]."""
 
     time: float
     memory: float
@@ -127,7 +127,7 @@ class Isolated:
         self._stepping = False
         try:
             if self._process is not None and self._since == math.inf:
-                failure = self._ask("close")
+                failure = self._ask("close", self.box.time)
                 failure = None if failure is None else CosimError(*failure)
             elif self._process is not None:  # cut off in a call
                 _kill(self._process)
@@ -139,6 +139,7 @@ class Isolated:
         return failure
 
     def _ask(self, name: str, *arguments: Any) -> Any:
+        """Have the process call a method of its `Server`."""
         request = pickle.dumps((name, arguments))
         return self._send(REQUEST.pack(len(request), 0.0, 0.0, 0.0) + request)
 

@@ -15,7 +15,6 @@ from typing import Any, BinaryIO
 
 import numpy as np
 
-from vdfmu.cosim.check import Checked
 from vdfmu.cosim.component import LogMessage, MessageBox
 from vdfmu.cosim.components import Components
 from vdfmu.cosim.exchange import Exchange
@@ -27,7 +26,7 @@ _PDEATHSIG = 1
 
 
 class Server:
-    """What runs in the process."""
+    """What runs in the process: the methods of `Isolated` call those of the same name here."""
 
     def __init__(self, memory: str) -> None:
         self._said: list[LogMessage] = []
@@ -35,6 +34,7 @@ class Server:
         self._words = mapped(Path(memory))
 
     def load(self, start: bytes) -> None:
+        """Load what `start`, pickled, holds: a Checked, and where its FMUs are unpacked."""
         checked, folders = pickle.loads(start)
         positions = {name: i for i, name in enumerate(checked.descriptions)}
         running = Exchange(checked, {}, self._box, self._words).running
@@ -52,9 +52,11 @@ class Server:
         self._components.load()
 
     def initialize(self, *arguments: Any) -> None:
+        """See `Components.initialize`."""
         self._components.initialize(*arguments)
 
     def couple(self, adaptive: float | None, convergence: float | None, span: float, record: Any) -> None:
+        """See `Components.couple`."""
         exchange = self._components.exchange
         self._stepper = self._components.couple(adaptive, convergence, span, record)
         self._stepper.pressed = lambda: bool(exchange.pressed.value)
@@ -62,12 +64,16 @@ class Server:
             exchange.recorders(1, record)
 
     def facts(self) -> dict[str, Any]:
+        """Return what the summary says of the steps."""
         return self._stepper.facts()
 
     def notes(self) -> list[str]:
+        """Return what is worth knowing after the run."""
         return self._stepper.notes()
 
-    def close(self) -> list[Any] | None:
+    def close(self, time: float) -> list[Any] | None:
+        """See `Components.close`; `time` is that of the last row."""
+        self._box.time = time
         failure = self._components.close()
         return None if failure is None else list(failure.args[:4])
 

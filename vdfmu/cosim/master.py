@@ -61,7 +61,7 @@ def simulate(
     strict: bool = False,
     ignore_unmatched: bool = False,
     isolate: bool | None = None,
-    time_limit: float = TIME_LIMIT,
+    time_limit: float | None = None,
     memory_limit: float | None = None,
 ) -> Results:
     """Co-simulate a system of FMI 2.0 co-simulation units.
@@ -109,7 +109,7 @@ def simulate(
         memory, that is a CosimError, and else it would be the end of this process, or of its patience. Default: if one
         of the FMUs was not built by this project.
     time_limit : float, optional [s]
-        Time that isolated components have for a step, and for loading, initialization and freeing each.
+        Time that isolated components have for a step, and for loading, initialization and freeing each. Default: 300.
     memory_limit : float, optional [MB]
         Memory that isolated components have. Default: half of that of the machine.
 
@@ -146,7 +146,10 @@ def simulate(
         ignore_unmatched=ignore_unmatched,
     )  # fmt: skip
     algorithm = checked.algorithm
-    limits = Limits(time_limit, _half_of_memory() if memory_limit is None else memory_limit)
+    limits = Limits(
+        TIME_LIMIT if time_limit is None else time_limit,
+        _half_of_memory() if memory_limit is None else memory_limit,
+    )
     with _Run(checked, log, isolate, limits) as run:
         run.components.initialize(begin, end, tolerance, convergence or CONVERGENCE)
         run.summary |= {
@@ -243,6 +246,7 @@ class _Run:
         self.checked = checked
         self.box = MessageBox(log)
         self.summary: dict[str, Any] = {}
+        self.components: Components | Isolated
         self.results: Results
         self.isolated = isolate
         self.stepper: SampledStepper | ContinuousStepper | Isolated
@@ -257,7 +261,6 @@ class _Run:
         for note in self.checked.notes:
             self.box.pending.append(LogMessage("", 0.0, "note", "", note))
         self.box.flush()
-        self.components: Components | Isolated | None = None
         try:
             folders = self._unpack(self._folder)
             if self.isolated:
@@ -293,7 +296,7 @@ class _Run:
             self.box.time = float(results.time[-1])
         failure = None
         try:
-            if self.components is not None:
+            if hasattr(self, "components"):
                 failure = self.components.close()
         finally:
             shutil.rmtree(self._folder, ignore_errors=True)
