@@ -6,8 +6,10 @@ import itertools
 import logging
 import math
 import re
+import threading
 from collections import deque
 from collections.abc import Callable
+from contextlib import nullcontext
 from ctypes import CDLL, byref, c_char_p, c_double, c_int, c_size_t, c_uint, c_void_p, string_at
 from dataclasses import dataclass
 from pathlib import Path
@@ -134,6 +136,8 @@ def _on_message(token: int | None, instance: bytes, status: int, category: bytes
     )
 
 
+_MAKING = threading.Lock()
+"""Held while pythonfmu makes an instance: it changes ``sys.path`` and runs a script, for all threads."""
 _RECEIVER = fmi2.fmi2CallbackLoggerTYPE(_on_message)
 _ALLOCATE = fmi2.fmi2CallbackAllocateMemoryTYPE(fmpy.calloc)
 _FREE = fmi2.fmi2CallbackFreeMemoryTYPE(fmpy.free)
@@ -188,8 +192,9 @@ class Slave:
         self._callbacks.allocateMemory = _ALLOCATE
         self._callbacks.freeMemory = _FREE
         self._callbacks.componentEnvironment = self._token
+        self._python = (folder / "resources" / "slavemodule.txt").is_file()
         # pythonfmu passes its text as the format, without arguments: a percent sign must not be formatted.
-        if addLoggerProxy is not None and not (folder / "resources" / "slavemodule.txt").is_file():
+        if addLoggerProxy is not None and not self._python:
             addLoggerProxy(byref(self._callbacks))
         self.component = c_void_p()
 
@@ -198,10 +203,12 @@ class Slave:
         _boxes[self._token] = (self.name, self.box)
         # FMPy's container would log every call to its units, in a millisecond a step; their errors come anyway
         talkative = self.description.identifier == "container_fmu"
-        component = self.function("fmi2Instantiate")(
-            self.name.encode(), c_int(_CO_SIMULATION), self.description.guid.encode(), self._resources.encode(),
-            byref(self._callbacks), c_int(0), c_int(not talkative),
-        )  # fmt: skip
+        make = self.function("fmi2Instantiate")
+        with _MAKING if self._python else nullcontext():
+            component = make(
+                self.name.encode(), c_int(_CO_SIMULATION), self.description.guid.encode(), self._resources.encode(),
+                byref(self._callbacks), c_int(0), c_int(not talkative),
+            )  # fmt: skip
         if not component:
             self.stage = "failed"
             reason = self.box.words(self.name) or "the unit gave no reason"

@@ -45,6 +45,8 @@ CALLS = (
 )  # fmt: skip
 _TICK = 0.1
 """Interval at which the master looks after the process [s]."""
+_START = 60.0
+"""Time that the process has to start, beyond the limit [s]."""
 _FAREWELL = 5.0
 """Time that the process has to end after its components are freed [s]."""
 
@@ -96,6 +98,9 @@ class Isolated:
             start_new_session=True,
         )
         threading.Thread(target=self._look_after, args=(self._process,), daemon=True).start()
+        self._since = monotonic() + _START
+        assert self._process.stdout is not None
+        self._process.stdout.read(REPLY.size)
         self._ask("load", self._start)
 
     def initialize(self, *arguments: Any) -> None:

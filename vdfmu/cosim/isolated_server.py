@@ -121,9 +121,11 @@ def _main(memory: str, limit: str) -> None:
         most = min(int(float(limit) * 2**20), sys.maxsize)
         resource.setrlimit(resource.RLIMIT_DATA, (most, most))
     server = Server(memory)
-    while (reply := server.answer(requests)) is not None:
+    reply: bytes | None = REPLY.pack(0)  # it has started
+    while reply is not None:
         while reply:
             reply = reply[os.write(replies, reply) :]
+        reply = server.answer(requests)
 
 
 if __name__ == "__main__":
