@@ -19,7 +19,7 @@ import sys
 import threading
 from collections.abc import Callable, Mapping
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from time import monotonic
 from typing import Any
@@ -51,17 +51,26 @@ _FAREWELL = 5.0
 """Time that the process has to end after its components are freed [s]."""
 
 
-@dataclass(frozen=True)
 class Limits:
-    """What components may take: `time` [s] for a step, and for loading and so on each, and `memory` [MB]."""
+    """What components may take: `time` [s] for a step, and for loading and so on each, and `memory` [MB].
 
-    time: float
-    memory: float
+    Default: 300 s, and half of the machine's memory.
+    """
 
-    def __post_init__(self) -> None:
+    def __init__(self, time: float | None = None, memory: float | None = None) -> None:
+        self.time = 300.0 if time is None else time
+        self.memory = _half_of_memory() if memory is None else memory
         for name, value, unit in (("time_limit", self.time, "s"), ("memory_limit", self.memory, "MB")):
             if not value > 0.0:
                 raise UsageError(f"{name} must be positive, got {value:g} {unit}")
+
+
+def _half_of_memory() -> float:
+    """Return half of the machine's memory [MB]; infinite where it cannot be asked."""
+    try:
+        return os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE") / 2**21
+    except (AttributeError, ValueError, OSError):
+        return math.inf
 
 
 class Isolated:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 import pickle
 import signal
@@ -115,10 +116,12 @@ def _main(memory: str, limit: str) -> None:
     os.dup2(2, 1)
     if sys.platform == "linux":
         CDLL(None).prctl(_PDEATHSIG, signal.SIGKILL)
-    if sys.platform != "win32":
+    if sys.platform != "win32" and math.isfinite(float(limit)):
         import resource
 
-        most = min(int(float(limit) * 2**20), sys.maxsize)
+        _, hard = resource.getrlimit(resource.RLIMIT_DATA)
+        most = int(float(limit) * 2**20)
+        most = most if hard == resource.RLIM_INFINITY else min(most, hard)
         resource.setrlimit(resource.RLIMIT_DATA, (most, most))
     server = Server(memory)
     reply: bytes | None = REPLY.pack(0)  # it has started

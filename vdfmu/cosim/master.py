@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import shutil
 import tempfile
 import time as clock
@@ -31,8 +30,6 @@ from vdfmu.ssp.structure import System
 
 _OURS = {"resources/vdfmu.json", "extra/vdfmu/vdfmu.json"}
 """Members of which an FMU has one if this project built it; see `vdfmu.fmu.content`."""
-TIME_LIMIT = 300.0
-"""Default time that isolated components have for a step [s]."""
 
 
 class Interrupted(KeyboardInterrupt):
@@ -146,11 +143,7 @@ def simulate(
         ignore_unmatched=ignore_unmatched,
     )  # fmt: skip
     algorithm = checked.algorithm
-    limits = Limits(
-        TIME_LIMIT if time_limit is None else time_limit,
-        _half_of_memory() if memory_limit is None else memory_limit,
-    )
-    with _Run(checked, log, isolate, limits) as run:
+    with _Run(checked, log, isolate, Limits(time_limit, memory_limit)) as run:
         run.components.initialize(begin, end, tolerance, convergence or CONVERGENCE)
         run.summary |= {
             "system": system.name, "algorithm": algorithm, "adaptive": adaptive, "order": list(checked.schedule.units),
@@ -216,14 +209,6 @@ def _refuse_escapes(folder: Path) -> None:
         )
 
 
-def _half_of_memory() -> float:
-    """Return half of the machine's memory [MB]; infinite where it cannot be asked."""
-    try:
-        return os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE") / 2**21
-    except (AttributeError, ValueError, OSError):
-        return np.inf
-
-
 def _no_room(folder: str, error: OSError) -> VdfmuError:
     return VdfmuError(
         f"{folder}: FMUs cannot be unpacked there: {error}. Free space, or choose another folder with TMPDIR."
@@ -250,7 +235,7 @@ class _Run:
         self.results: Results
         self.isolated = isolate
         self.stepper: SampledStepper | ContinuousStepper | Isolated
-        self._limits = limits or Limits(TIME_LIMIT, _half_of_memory())
+        self._limits = limits or Limits()
         self._folder: Path
 
     def __enter__(self) -> _Run:
