@@ -47,6 +47,8 @@ _TICK = 0.1
 """Interval at which the master looks after the process [s]."""
 _START = 60.0
 """Time that the process has to start, beyond the limit [s]."""
+_PATIENCE = 0.5
+"""Time that a step has to end after Ctrl-C [s]."""
 _FAREWELL = 5.0
 """Time that the process has to end after its components are freed [s]."""
 
@@ -87,7 +89,7 @@ class Isolated:
         self._start = pickle.dumps((replace(checked, fmus={}), dict(folders)))
         self.pressed: Callable[[], bool] = lambda: False
         self._process: subprocess.Popen[bytes] | None = None
-        self._since, self._late, self._stepping = math.inf, False, False
+        self._since, self._late, self._cut_off, self._stepping = math.inf, False, False, False
         self._done = threading.Event()
 
     def load(self) -> None:
@@ -139,6 +141,7 @@ class Isolated:
         """Free all, end the process, and return the first failure in that."""
         failure = None
         self._stepping = False
+        self.pressed = lambda: False
         try:
             if self._process is not None and self._since == math.inf:
                 failure = self._ask("close", self.box.time)
@@ -180,7 +183,8 @@ class Isolated:
         try:
             said = json.loads(answer)
         except ValueError:
-            raise self._lost() from None
+            lost = self._lost()
+            raise KeyboardInterrupt if self._cut_off else lost from None
         self._since = math.inf
         self.box.pending += [LogMessage(**message) for message in said["messages"]]
         self.box.ended.clear()
@@ -214,10 +218,14 @@ class Isolated:
 
     def _look_after(self, process: subprocess.Popen[bytes]) -> None:
         """Pass Ctrl-C on, and end a process that takes too long."""
+        pressed = math.inf
         while not self._done.wait(_TICK):
-            self.exchange.pressed.value = int(self.pressed())
-            if monotonic() - self._since > self.limits.time:
-                self._late = True
+            if self.pressed():
+                self.exchange.pressed.value = 1
+                pressed = min(pressed, monotonic())
+            self._late = monotonic() - self._since > self.limits.time
+            self._cut_off = monotonic() - max(self._since, pressed) > _PATIENCE
+            if self._late or self._cut_off:
                 _kill(process)
                 return
 
