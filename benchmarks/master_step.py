@@ -15,8 +15,9 @@ from benchmarks.report import COLOURS, Report, Table, new_figure, tidy
 from benchmarks.system import packed, quiet_run
 from benchmarks.timing import Case, Stopwatch, measure, stopwatch_cost
 from vdfmu.cosim import Results
+from vdfmu.cosim.bank import Call
 from vdfmu.cosim.component import Slave
-from vdfmu.cosim.exchange import Call, Exchange, SampledStepper
+from vdfmu.cosim.exchange import Exchange, SampledStepper
 from vdfmu.kernel import Integrator, Kernel, KernelFunction
 from vdfmu.model import Scenario, load_scenario
 

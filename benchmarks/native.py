@@ -24,8 +24,9 @@ __all__ = ["Native", "run", "study"]
 
 TITLE = "Native FMUs: real-time factor and where the time of a step goes"
 UNITS = ("trajectory", "feedforward", "controller", "plant")
-PYTHON, NATIVE, JACOBI, CONTAINER = (
-    "Python FMUs", "native FMUs, gauss-seidel", "native FMUs, jacobi", "container FMU",
+PYTHON, NATIVE, ISOLATED, JACOBI, CONTAINER = (
+    "Python FMUs", "native FMUs, gauss-seidel", "native FMUs in a process of their own", "native FMUs, jacobi",
+    "container FMU",
 )  # fmt: skip
 EMPTY, EMPTY_CONTAINER = "empty FMUs, gauss-seidel", "container FMU of empty FMUs"
 LOOP, LOOP_CONTAINER = "native FMUs in a compiled loop", "container FMU in a compiled loop"
@@ -115,9 +116,10 @@ def study(
         loop: dict[str, dict[str, np.ndarray]] = {}
 
         def under_master(case: str, package: Path, stop: float, algorithm: str = "gauss-seidel") -> None:
+            isolate = case == ISOLATED
             clock = Clock()
             last[case] = quiet_run(
-                package, step=step, stop=stop, algorithm=algorithm, progress=clock.progress
+                package, step=step, stop=stop, algorithm=algorithm, progress=clock.progress, isolate=isolate
             )
             _note(found, case, clock.wall, clock.processor)
 
@@ -140,6 +142,7 @@ def study(
         for _ in range(rounds):
             under_master(PYTHON, python, stop_python)
             under_master(NATIVE, package, stop)
+            under_master(ISOLATED, package, stop)
             under_master(JACOBI, package, stop, "jacobi")
             in_container(CONTAINER, container)
             in_loop(LOOP, package, "gauss-seidel")
@@ -168,6 +171,7 @@ def study(
     shared = min(len(q[PYTHON]), len(q[NATIVE]))
     found.differences = {
         PYTHON: float(np.max(np.abs(q[PYTHON][:shared] - q[NATIVE][:shared]))),
+        ISOLATED: float(np.max(np.abs(q[ISOLATED] - q[NATIVE]))),
         CONTAINER: float(np.max(np.abs(q[CONTAINER] - q[JACOBI]))),
         LOOP: max(
             float(np.max(np.abs(loop[LOOP][name] - last[NATIVE][name]))) for name in last[NATIVE].names
@@ -194,7 +198,7 @@ def tabulate(found: Native, report: Report) -> None:
         [("form", ""), ("simulated [s]", "g"), ("least", ".2f"), ("median", ".2f"), ("processor", ".2f"),
          ("real-time factor", ".1f"), ("times as fast as Python FMUs", ".1f"), ("as native, gauss-seidel", ".2f")],
     )  # fmt: skip
-    for case in (PYTHON, NATIVE, JACOBI, CONTAINER, LOOP, LOOP_CONTAINER, EMPTY, EMPTY_CONTAINER):
+    for case in (PYTHON, NATIVE, ISOLATED, JACOBI, CONTAINER, LOOP, LOOP_CONTAINER, EMPTY, EMPTY_CONTAINER):
         time = found.least(case)
         real = case not in (EMPTY, EMPTY_CONTAINER)
         processor = found.processor.get(case)

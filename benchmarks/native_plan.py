@@ -67,7 +67,7 @@ def ready(path: Path, algorithm: str, stop: float) -> Generator[Exchange]:
     with tempfile.TemporaryDirectory(prefix="vdfmu-bench-") as folder:
         system = load_ssp(path) if path.suffix == ".ssp" else _alone(path, Path(folder))
         with _Run(check_system(system, algorithm=algorithm), quiet) as run:
-            run.initialize(0.0, stop, None)
+            run.components.initialize(0.0, stop, None)
             yield run.exchange
 
 

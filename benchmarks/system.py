@@ -72,6 +72,7 @@ def quiet_run(
     convergence: float | None = None,
     tolerance: float | None = None,
     progress: Callable[[int, int], None] | None = None,
+    isolate: bool | None = None,
 ) -> Results:
     """Run a package; messages of the units other than errors are dropped.
 
@@ -79,13 +80,13 @@ def quiet_run(
     ----------
     tolerance : float, optional
         Of the plant's solver, in place of the package's.
-    adaptive, convergence, progress : optional
+    adaptive, convergence, progress, isolate : optional
         See :func:`vdfmu.cosim.simulate`.
     """
     parameters = None if tolerance is None else {"plant.tolerance": tolerance}
     return simulate(
         package, start=0.0, stop=stop, step=step, algorithm=algorithm, adaptive=adaptive,
-        convergence=convergence, parameters=parameters, progress=progress, log=quiet,
+        convergence=convergence, parameters=parameters, progress=progress, log=quiet, isolate=isolate,
     )  # fmt: skip
 
 

@@ -333,6 +333,7 @@ def test_native(report: Report) -> None:
     )
     assert found.differences[native.PYTHON] < 1e-9  # the bound of the project
     assert found.differences[native.CONTAINER] < 1e-12  # the same calls in the same order
+    assert found.differences[native.ISOLATED] == 0.0  # the very calls, in another process
     assert found.differences[native.LOOP] == 0.0  # the very calls of the master
     assert {name: set(parts) for name, parts in found.units.items()} == {
         "trajectory": {"do_step", "get"},

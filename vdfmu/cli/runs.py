@@ -121,6 +121,22 @@ def simulate(
         ),
     ] = False,
     unpack_limit: UnpackOption = None,
+    isolate: Annotated[
+        bool | None,
+        typer.Option(
+            "--isolate/--no-isolate",
+            help="Run the components in a process of their own, which they may crash. Default: where an FMU was not "
+            "built by this project.",
+            show_default=False,
+        ),
+    ] = None,
+    time_limit: Annotated[
+        float | None, typer.Option(help="Seconds that isolated components have for a step; default 300.")
+    ] = None,
+    memory_limit: Annotated[
+        float | None,
+        typer.Option(help="Memory in MB that isolated components have; default half of the machine's."),
+    ] = None,
 ) -> None:
     """Run a system package, and write its signals and a picture of them.
 
@@ -144,6 +160,9 @@ def simulate(
             settings=parse_settings(settings),
             record=record or None,
             ignore_unmatched=ignore_unmatched,
+            isolate=isolate,
+            time_limit=time_limit,
+            memory_limit=memory_limit,
             out=out,
             progress=bars.update,
             log=bars.log,

@@ -6,9 +6,11 @@ import itertools
 import logging
 import math
 import re
+import threading
 from collections import deque
 from collections.abc import Callable
-from ctypes import byref, c_char_p, c_double, c_int, c_size_t, c_uint, c_void_p, string_at
+from contextlib import nullcontext
+from ctypes import CDLL, byref, c_char_p, c_double, c_int, c_size_t, c_uint, c_void_p, string_at
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -31,8 +33,16 @@ FMI_TYPE = {
     "Real": "Real", "Integer": "Integer", "Enumeration": "Integer", "Boolean": "Boolean", "String": "String",
 }  # fmt: skip
 C_TYPE = {"Real": c_double, "Integer": c_int, "Boolean": c_int, "String": c_void_p}
+Watch = Callable[[str, str, Any], Any]
+"""Returns a function that notes component and call before it calls the given function."""
+_RETURNS = {"fmi2Instantiate": c_void_p, "fmi2FreeInstance": None}
+"""Of the functions that return no status."""
 _LAST_SUCCESSFUL_TIME, _TERMINATED = 2, 3
 """Of fmi2StatusKind."""
+_CO_SIMULATION = 1
+"""Of fmi2Type."""
+_PASSED = ("ok", "warning", "discard", "pending")
+"""Of a message in fmi2FreeInstance, which has no status of its own: no failure."""
 _FAILURE = re.compile("error|fatal|discard", re.IGNORECASE)
 """In the category of a message that is worse than its status says."""
 _LENGTH = 10_000
@@ -137,6 +147,8 @@ def _on_message(token: int | None, instance: bytes, status: int, category: bytes
     box.add(LogMessage(name, box.time, label, kind, words))
 
 
+_MAKING = threading.Lock()
+"""Held while pythonfmu makes an instance: it changes ``sys.path`` and runs a script, for all threads."""
 _RECEIVER = fmi2.fmi2CallbackLoggerTYPE(_on_message)
 _ALLOCATE = fmi2.fmi2CallbackAllocateMemoryTYPE(fmpy.calloc)
 _FREE = fmi2.fmi2CallbackFreeMemoryTYPE(fmpy.free)
@@ -158,10 +170,18 @@ class Slave:
     box : MessageBox
     corrupt : set of str
         Sources of FMUs with a fatal error, shared by the units of a run.
+    watch : callable, optional
+        Around all that runs code of the FMU: its functions, and the loading of its library.
     """
 
     def __init__(
-        self, name: str, description: Description, folder: Path, box: MessageBox, corrupt: set[str]
+        self,
+        name: str,
+        description: Description,
+        folder: Path,
+        box: MessageBox,
+        corrupt: set[str],
+        watch: Watch | None = None,
     ) -> None:
         self.name = name
         self.description = description
@@ -170,23 +190,22 @@ class Slave:
         self._corrupt = corrupt
         self._functions: dict[str, Any] = {}
         self._token = next(_tokens)
+        self._watch = watch or (lambda unit, call, function: function)
+        self._resources = (folder / "resources").as_uri()
+        # not by fmpy's class: it changes the working directory of the process, which all threads share
         try:
-            self._fmu = fmi2.FMU2Slave(
-                guid=description.guid,
-                modelIdentifier=description.identifier,
-                unzipDirectory=str(folder),
-                instanceName=name,
-                libraryPath=str(folder / library_name(description.identifier)),
-            )
-        except Exception as error:  # fmpy raises bare exceptions
+            path = str(folder / library_name(description.identifier))
+            self._library: Any = self._watch(name, "load", CDLL)(path)
+        except OSError as error:
             raise CosimError(name, "load", box.time, str(error)) from None
         self._callbacks = fmi2.fmi2CallbackFunctions()
         self._callbacks.logger = _RECEIVER
         self._callbacks.allocateMemory = _ALLOCATE
         self._callbacks.freeMemory = _FREE
         self._callbacks.componentEnvironment = self._token
+        self._python = (folder / "resources" / "slavemodule.txt").is_file()
         # pythonfmu passes its text as the format, without arguments: a percent sign must not be formatted.
-        if addLoggerProxy is not None and not (folder / "resources" / "slavemodule.txt").is_file():
+        if addLoggerProxy is not None and not self._python:
             addLoggerProxy(byref(self._callbacks))
         self.component = c_void_p()
 
@@ -195,19 +214,30 @@ class Slave:
         _boxes[self._token] = (self.name, self.box)
         # FMPy's container would log every call to its units, in a millisecond a step; their errors come anyway
         talkative = self.description.identifier == "container_fmu"
-        try:
-            self._fmu.instantiate(callbacks=self._callbacks, loggingOn=not talkative)
-        except Exception as error:
+        make = self.function("fmi2Instantiate")
+        with _MAKING if self._python else nullcontext():
+            component = make(
+                self.name.encode(), c_int(_CO_SIMULATION), self.description.guid.encode(), self._resources.encode(),
+                byref(self._callbacks), c_int(0), c_int(not talkative),
+            )  # fmt: skip
+        if not component:
             self.stage = "failed"
-            reason = self.box.words(self.name) or str(error)
-            raise CosimError(self.name, "instantiate", self.box.time, reason) from None
-        self.component = c_void_p(self._fmu.component)  # type: ignore[arg-type]
+            reason = self.box.words(self.name) or "the unit gave no reason"
+            raise CosimError(self.name, "instantiate", self.box.time, reason)
+        self.component = c_void_p(component)
         self.stage = "instantiated"
 
     def function(self, name: str) -> Any:
-        """Return an FMI function as a private ctypes object (fmpy's own checks argument types: slower)."""
+        """Return an FMI function of the library as a ctypes object; CosimError if there is none."""
         if name not in self._functions:
-            self._functions[name] = self._fmu.dll[name]
+            call = name[4].lower() + name[5:]
+            try:
+                function = self._library[name]
+            except AttributeError:
+                reason = f"the library has no function {name}"
+                raise CosimError(self.name, call, self.box.time, reason) from None
+            function.restype = _RETURNS.get(name, c_int)
+            self._functions[name] = self._watch(self.name, call, function)
         return self._functions[name]
 
     def call(self, name: str, *arguments: Any) -> None:
@@ -220,7 +250,7 @@ class Slave:
         """Pass over a warning, and over a step in which the unit ends the simulation; else raise CosimError."""
         if status == 1 or (status == 2 and call == "doStep" and self._terminated()):
             return
-        label = STATUS[status] if 0 <= status < len(STATUS) else f"unknown status {status}"
+        label = STATUS[status] if 0 <= status < len(STATUS) else f"{status}, not of FMI 2.0"
         self.stage = "failed" if self.stage != "initialized" or status != 2 else self.stage
         if status == 4:
             self._corrupt.add(self.description.source)
@@ -238,7 +268,7 @@ class Slave:
                 self.function("fmi2GetRealStatus")(self.component, c_int(_LAST_SUCCESSFUL_TIME), byref(time))
                 self.box.ended[self.name] = time.value
                 return True
-        except AttributeError:  # a library without them
+        except CosimError:  # a library without them
             pass
         del self.box.pending[said:]  # what it says of these calls is not why it discarded the step
         return False
@@ -284,26 +314,30 @@ class Slave:
         """Tell whether the FMU has had a fatal error."""
         return self.description.source in self._corrupt
 
-    def close(self) -> None:
-        """Terminate and free the instance as far as FMI allows in its state."""
+    def close(self) -> CosimError | None:
+        """Terminate and free the instance as far as FMI allows in its state; return what failed in that."""
+        failure = None
         try:
             if self.stage == "initialized" and not self.dead:
                 try:
                     self.call("Terminate")
-                except CosimError:
-                    self.stage = "failed"
+                except CosimError as error:
+                    self.stage, failure = "failed", error
             if self.component and not self.dead:
-                free = self.function("fmi2FreeInstance")
-                free.restype = None
-                free(self.component)
+                self.box.flush()
+                self.function("fmi2FreeInstance")(self.component)
                 self.component = c_void_p()
-                self._fmu.freeLibrary()
+                if any(m.unit == self.name and m.status not in _PASSED for m in self.box.pending):
+                    words = self.box.words(self.name)
+                    failure = failure or CosimError(self.name, "freeInstance", self.box.time, words)
+                self._watch(self.name, "freeLibrary", fmpy.freeLibrary)(self._library._handle)
         finally:
             self.box.flush()
             if not self.dead:  # a dead instance keeps its callbacks: nothing may free what it may still use
                 _boxes.pop(self._token, None)
             else:
                 _graveyard.append(self)
+        return failure
 
 
 _graveyard: list[Slave] = []

@@ -295,8 +295,8 @@ def simulate_container(
 
         try:
             results = simulate(
-                folded, start=0.0, stop=stop, step=step, algorithm="jacobi", progress=progress, log=say
-            )
+                folded, start=0.0, stop=stop, step=step, algorithm="jacobi", progress=progress, log=say, isolate=False
+            )  # fmt: skip
         except (CosimError, Interrupted) as error:
             if error.results is not None:
                 error.results = _unfold(error.results, links)

@@ -10,9 +10,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vdfmu.cosim.bank import Bank, Call, component_argument
 from vdfmu.cosim.broyden import Broyden
 from vdfmu.cosim.component import Slave
-from vdfmu.cosim.exchange import Bank, Call, Exchange, component_argument
+from vdfmu.cosim.exchange import Exchange
 
 __all__ = ["Block", "Coupled", "Unit"]
 

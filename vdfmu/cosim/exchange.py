@@ -1,26 +1,34 @@
-"""The memory that units and master share: values of all connected variables, in place."""
+"""What flows between units and master: initialization, the calls of a step, recording."""
 
 from __future__ import annotations
 
 import math
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from ctypes import addressof, byref, c_double, c_size_t, c_uint, c_void_p, create_string_buffer, string_at
+from ctypes import c_double, c_int
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from vdfmu.cosim.bank import Bank, Call, component_argument
 from vdfmu.cosim.broyden import Broyden
 from vdfmu.cosim.check import Checked
-from vdfmu.cosim.component import C_TYPE, FMI_TYPE, Slave, Value
-from vdfmu.cosim.description import Variable
-from vdfmu.cosim.link import Link, Port
+from vdfmu.cosim.component import FMI_TYPE, MessageBox, Slave, Value
+from vdfmu.cosim.link import Link
 from vdfmu.cosim.results import Signal
 from vdfmu.errors import CosimError, UsageError
 
-Call = tuple[Any, Any, Any, Any, Any, str]
-"""An FMI function, its four arguments, and its name for messages."""
+_KINDS = ("Real", "Integer", "Boolean", "String")
+_HEAD = 4
+"""Words before the values: clock, size, running, pressed."""
+
+
+def words_of(checked: Checked) -> int:
+    """Return the number of 8-byte words that an exchange needs at most."""
+    return (
+        _HEAD + sum(len(description.variables) for description in checked.descriptions.values()) + len(_KINDS)
+    )
 
 
 def largest_step(time: float, stop: float) -> float:
@@ -31,134 +39,46 @@ def largest_step(time: float, stop: float) -> float:
     return step
 
 
-class Bank:
-    """All outputs and connected inputs of one FMI type, in one array: ``[outputs | inputs]``.
+class Exchange:
+    """Plans the data flow of a run: initialization, the stages of a step and the recording.
 
-    The ctypes arrays that FMI calls fill lie in the same memory, one window for each unit's outputs and one
-    for its inputs. In an input window the fresh inputs (see `Schedule`) come first. Of texts the array holds addresses,
-    the same for the same text, of copies that last as long as the bank: those of a unit last until its next step.
+    Parameters
+    ----------
+    checked : Checked
+    slaves : mapping of str to Slave
+        Empty where only the values are read, of components in another process.
+    box : MessageBox
+    words : (`words_of`,) array, optional
+        The memory for all values, zeros; default one of its own.
+
+    Attributes
+    ----------
+    clock, size : c_double
+        Arguments currentCommunicationPoint and communicationStepSize of every doStep.
+    running, pressed : c_int
+        For two processes that share the memory: what the components' process is doing, and whether to stop.
     """
 
-    def __init__(self, kind: str, checked: Checked) -> None:
-        self.kind = kind
-        fresh = checked.schedule.fresh
-        links = {link.end: link for link in checked.links if link.stepped}
-        outputs: list[tuple[str, Variable]] = []
-        inputs: list[tuple[str, Variable]] = []
-        self.output_windows: dict[str, slice] = {}
-        self.input_windows: dict[str, slice] = {}
-        for unit, description in checked.descriptions.items():
-            own = [v for v in description.named("output") if FMI_TYPE.get(v.type) == kind]
-            self.output_windows[unit] = slice(len(outputs), len(outputs) + len(own))
-            outputs += [(unit, v) for v in own]
-            fed = [
-                v for v in description.named("input")
-                if FMI_TYPE.get(v.type) == kind and (unit, v.name) in links
-            ]  # fmt: skip
-            fed.sort(key=lambda v, unit=unit: (unit, v.name) not in fresh)
-            self.input_windows[unit] = slice(len(inputs), len(inputs) + len(fed))
-            inputs += [(unit, v) for v in fed]
-        self.variables = [*outputs, *inputs]
-        dtype = {"Real": np.float64, "String": np.uintp}.get(kind, np.int32)
-        self._texts: dict[bytes, Any] = {}
-        self.memory: NDArray[Any] = np.zeros(len(self.variables), dtype)
-        self.outputs = self.memory[: len(outputs)]
-        self.inputs = self.memory[len(outputs) :]
-        self.position: dict[Port, int] = {(u, v.name): i for i, (u, v) in enumerate(self.variables)}
-        self.links: list[Link] = [links[u, v.name] for u, v in inputs]
-        self.fresh_counts = {
-            unit: sum((u, v.name) in fresh for u, v in inputs[window])
-            for unit, window in self.input_windows.items()
-        }
-
-    def gather(self, window: slice) -> Callable[[], None] | None:
-        """Return a function that brings the inputs of a window up to date; None for an empty window."""
-        links = self.links[window]
-        if not links:
-            return None
-        sources = np.array([self.position[link.start] for link in links], np.intp)
-        target, take = self.inputs[window], self.outputs.take
-        factor = np.array([link.conversion.factor for link in links])
-        offset = np.array([link.conversion.offset for link in links])
-        tables = [
-            (i, link.conversion.table) for i, link in enumerate(links) if link.conversion.table is not None
-        ]
-
-        def plain() -> None:
-            take(sources, None, target, "clip")  # the mode that needs no buffer; the indices are valid
-
-        def scaled() -> None:
-            take(sources, None, target, "clip")
-            np.multiply(target, factor, target)
-            np.add(target, offset, target)
-
-        def mapped() -> None:
-            take(sources, None, target, "clip")
-            for i, table in tables:
-                target[i] = table.get(int(target[i]), int(target[i]))
-
-        if tables:
-            return mapped
-        return plain if all(link.conversion.trivial for link in links) else scaled
-
-    def kept(self, text: bytes) -> int:
-        """Return the address of the copy of a text."""
-        return addressof(self._texts.setdefault(text, create_string_buffer(text)))
-
-    def call(self, slave: Slave, verb: str) -> Call | None:
-        """Return the vectorised ``Get`` or ``Set`` of a unit's window; None when it is empty."""
-        window = (self.output_windows if verb == "Get" else self.input_windows)[slave.name]
-        part = (self.outputs if verb == "Get" else self.inputs)[window]
-        n = part.size
-        if n == 0:
-            return None
-        shift = 0 if verb == "Get" else self.outputs.size
-        names = self.variables[window.start + shift : window.stop + shift]
-        references = (c_uint * n)(*(v.reference for _, v in names))
-        place = part.ctypes.data - self.memory.ctypes.data
-        values = (C_TYPE[self.kind] * n).from_buffer(self.memory, place)  # pyright: ignore[reportArgumentType]
-        function = slave.function(f"fmi2{verb}{self.kind}")
-        if self.kind == "String" and verb == "Get":
-            function = self._keeping(function, part)
-        name = f"{verb.lower()}{self.kind}"
-        return (
-            function,
-            component_argument(slave),
-            byref(references),
-            c_size_t.from_param(n),
-            byref(values),
-            name,
-        )
-
-    def _keeping(self, get: Callable[..., int], part: NDArray[Any]) -> Callable[..., int]:
-        """Return a fmi2GetString that leaves copies of the texts in `part`."""
-
-        def call(*arguments: Any) -> int:
-            status = get(*arguments)
-            part[:] = [self.kept(string_at(int(address)) if address else b"") for address in part]
-            return status
-
-        return call
-
-
-def component_argument(slave: Slave) -> Any:
-    """Return the instance as an argument that is made ready once: ctypes would do it anew in each call."""
-    return c_void_p.from_param(slave.component.value)  # pyright: ignore[reportArgumentType]
-
-
-class Exchange:
-    """Plans the data flow of a run: initialization, the stages of a step and the recording."""
-
-    def __init__(self, checked: Checked, slaves: Mapping[str, Slave]) -> None:
+    def __init__(
+        self,
+        checked: Checked,
+        slaves: Mapping[str, Slave],
+        box: MessageBox,
+        words: NDArray[np.float64] | None = None,
+    ) -> None:
         self.checked = checked
         self.slaves = slaves
-        self.banks = [Bank(kind, checked) for kind in ("Real", "Integer", "Boolean", "String")]
+        self.box = box
+        words = np.zeros(words_of(checked)) if words is None else words
+        self.clock, self.size = (c_double.from_buffer(words, 8 * i) for i in (0, 1))  # pyright: ignore[reportArgumentType]
+        self.running, self.pressed = (c_int.from_buffer(words, 8 * i) for i in (2, 3))  # pyright: ignore[reportArgumentType]
+        self.banks: list[Bank] = []
+        taken = _HEAD
+        for kind in _KINDS:
+            self.banks.append(Bank(kind, checked, words[taken:]))
+            taken += self.banks[-1].words
         self._watched = np.zeros(0, np.intp)
         self._zeros = np.zeros(0)
-        self.clock = c_double()
-        """Argument currentCommunicationPoint of every doStep."""
-        self.size = c_double()
-        """Argument communicationStepSize."""
 
     def initialize(self, time: float, convergence: float) -> None:
         """Carry the values over the connections in initialization mode, in the order of dependencies.
@@ -306,7 +226,7 @@ class Exchange:
             "" if read else ". No component reads it: run on without it by what you record (record, --record)"
         )
         raise CosimError(
-            unit, call, self.slaves[unit].box.time,
+            unit, call, self.box.time,
             f"{variable.name} is {bank.outputs[found[0]]} at t = {time:.9g} s, expected a finite number{also}{way}",
         )  # fmt: skip
 

@@ -13,10 +13,12 @@ import fmpy
 import numpy as np
 
 from vdfmu.cosim.check import Checked, Value, check_system
-from vdfmu.cosim.component import LogMessage, MessageBox, Slave
+from vdfmu.cosim.component import LogMessage, MessageBox
+from vdfmu.cosim.components import CONVERGENCE, Components, failure_message
 from vdfmu.cosim.continuous import ContinuousStepper
-from vdfmu.cosim.exchange import Exchange, SampledStepper, largest_step
+from vdfmu.cosim.exchange import SampledStepper, largest_step
 from vdfmu.cosim.interrupt import InterruptGuard
+from vdfmu.cosim.isolated import Isolated, Limits
 from vdfmu.cosim.results import Results
 from vdfmu.cosim.schedule import ALGORITHMS, DEFAULT
 from vdfmu.errors import CosimError, UsageError, VdfmuError
@@ -27,8 +29,8 @@ from vdfmu.ssp.experiment import Experiment
 from vdfmu.ssp.read import load_ssp
 from vdfmu.ssp.structure import System
 
-_CONVERGENCE = 1e-8
-"""Default relative change at which repetitions end."""
+_OURS = {"resources/vdfmu.json", "extra/vdfmu/vdfmu.json"}
+"""Members of which an FMU has one if this project built it; see `vdfmu.fmu.content`."""
 
 
 class Interrupted(KeyboardInterrupt):
@@ -56,6 +58,9 @@ def simulate(
     log: Callable[[LogMessage], None] | None = None,
     strict: bool = False,
     ignore_unmatched: bool = False,
+    isolate: bool | None = None,
+    time_limit: float | None = None,
+    memory_limit: float | None = None,
 ) -> Results:
     """Co-simulate a system of FMI 2.0 co-simulation units.
 
@@ -97,6 +102,14 @@ def simulate(
         Receives each `LogMessage` of the units. Default: the logger ``vdfmu.cosim``.
     strict, ignore_unmatched : bool
         See `vdfmu.cosim.check.check_system`.
+    isolate : bool, optional
+        Whether the components run in a process of their own: if they crash it, end it, take too long or too much
+        memory, that is a CosimError, and else it would be the end of this process, or of its patience. Default: if one
+        of the FMUs was not built by this project.
+    time_limit : float, optional [s]
+        Time that isolated components have for a step, and for loading, initialization and freeing each. Default: 300.
+    memory_limit : float, optional [MB]
+        Memory that isolated components have. Default: half of that of the machine.
 
     Returns
     -------
@@ -131,24 +144,16 @@ def simulate(
         ignore_unmatched=ignore_unmatched,
     )  # fmt: skip
     algorithm = checked.algorithm
-    with _Run(checked, log) as run:
-        run.initialize(begin, end, tolerance, convergence or _CONVERGENCE)
+    with _Run(checked, log, isolate, Limits(time_limit, memory_limit)) as run:
+        run.components.initialize(begin, end, tolerance, convergence or CONVERGENCE)
         run.summary |= {
             "system": system.name, "algorithm": algorithm, "adaptive": adaptive, "order": list(checked.schedule.units),
-            "start": begin, "stop": end, "step": step, "steps": n, "notes": list(checked.notes),
+            "start": begin, "stop": end, "step": step, "steps": n, "isolated": run.isolated,
+            "notes": list(checked.notes),
         }  # fmt: skip
-        if algorithm in CONTINUOUS:
-            run.stepper = ContinuousStepper(
-                run.exchange,
-                run.box,
-                repeat=algorithm == "iterative",
-                convergence=convergence or (_CONVERGENCE if adaptive is None else 0.01 * adaptive),
-                error=adaptive,
-                span=end - begin,
-            )
-        else:
-            run.stepper = SampledStepper(run.exchange)
-        return run.steps(begin, end, step, n, record, progress)
+        run.stepper = run.components.couple(adaptive, convergence, end - begin, record)
+        run.results = run.steps(begin, end, step, n, record, progress)
+    return run.results
 
 
 def check_coupling(algorithm: str, adaptive: float | None, convergence: float | None = None) -> None:
@@ -214,15 +219,27 @@ def _no_room(folder: str, error: OSError) -> VdfmuError:
 
 
 class _Run:
-    """The units of one run; leaving it terminates and frees them and removes the unpacked FMUs."""
+    """The components of one run; leaving it terminates and frees them and removes the unpacked FMUs.
 
-    def __init__(self, checked: Checked, log: Callable[[LogMessage], None] | None) -> None:
+    `isolate` and `limits` as of `simulate`; False: in this process.
+    """
+
+    def __init__(
+        self,
+        checked: Checked,
+        log: Callable[[LogMessage], None] | None,
+        isolate: bool | None = False,
+        limits: Limits | None = None,
+    ) -> None:
         self.checked = checked
         self.box = MessageBox(log)
         self.summary: dict[str, Any] = {}
-        self.slaves: dict[str, Slave] = {}
-        self.stepper: SampledStepper | ContinuousStepper | None = None
-        self._folder: Path | None = None
+        self.components: Components | Isolated
+        self.results: Results
+        self.isolated = isolate
+        self.stepper: SampledStepper | ContinuousStepper | Isolated
+        self._limits = limits or Limits()
+        self._folder: Path
 
     def __enter__(self) -> _Run:
         try:
@@ -233,59 +250,53 @@ class _Run:
             self.box.pending.append(LogMessage("", 0.0, "note", "", note))
         self.box.flush()
         try:
-            self._load(self._folder)
-        except BaseException:
-            self.__exit__()
+            folders = self._unpack(self._folder)
+            if self.isolated:
+                self.components = Isolated(self.checked, folders, self.box, self._folder, self._limits)
+            else:
+                self.components = Components(self.checked, folders, self.box)
+            self.components.load()
+        except BaseException as error:
+            self.__exit__(type(error), error)
             raise
+        self.exchange = self.components.exchange
         return self
 
-    def _load(self, folder: Path) -> None:
-        corrupt: set[str] = set()
+    def _unpack(self, folder: Path) -> dict[str, Path]:
+        """Unpack the FMUs; return the folder of each by source."""
         unpacked: dict[str, Path] = {}
-        path = self.checked.system.path
+        path, foreign = self.checked.system.path, False
         with Archive(path, path.name) as package:
             for source in dict.fromkeys(d.source for d in self.checked.descriptions.values()):
                 unpacked[source] = folder / f"{len(unpacked)}"
                 try:
                     with package.opened(source, source) as unit:
+                        foreign = foreign or _OURS.isdisjoint(unit.names)
                         unit.extract(unpacked[source], _needed)
                 except OSError as error:
                     raise _no_room(str(folder), error) from error
                 _refuse_escapes(unpacked[source])
-        for name, description in self.checked.descriptions.items():
-            source = description.source
-            slave = Slave(name, description, unpacked[source], self.box, corrupt)
-            self.slaves[name] = slave
-            slave.instantiate()
+        self.isolated = foreign if self.isolated is None else self.isolated
+        return unpacked
 
-    def __exit__(self, *_: object) -> None:
+    def __exit__(self, _: object, error: BaseException | None, *__: object) -> None:
+        results = getattr(self, "results", None)
+        if results is not None:
+            self.box.time = float(results.time[-1])
+        failure = None
         try:
-            if self.stepper is not None:
-                self.stepper.close()
+            if hasattr(self, "components"):
+                failure = self.components.close()
         finally:
-            for slave in self.slaves.values():
-                slave.close()
-            self.box.flush()
-            if self._folder is not None:
-                shutil.rmtree(self._folder, ignore_errors=True)
-
-    def initialize(
-        self, begin: float, end: float, tolerance: float | None, convergence: float = _CONVERGENCE
-    ) -> None:
-        """Take all units through initialization; leaves the outputs at `begin` in the exchange."""
-        self.box.time = begin
-        for name, slave in self.slaves.items():
-            slave.setup(tolerance, begin, end)
-            slave.set_all(list(self.checked.starts.get(name, ())))
-        for slave in self.slaves.values():
-            slave.call("EnterInitializationMode")
-        self.exchange = Exchange(self.checked, self.slaves)
-        self.exchange.initialize(begin, convergence)
-        for slave in self.slaves.values():
-            slave.call("ExitInitializationMode")
-            slave.stage = "initialized"
-        self.exchange.read_outputs()
+            shutil.rmtree(self._folder, ignore_errors=True)
+        if failure is not None and error is not None:
+            self.box.pending.append(failure_message(failure))
         self.box.flush()
+        if results is not None:
+            results.messages = list(self.box.kept)
+        if failure is not None and error is None:
+            failure.results = results
+            raise failure
 
     def steps(
         self,
@@ -298,7 +309,6 @@ class _Run:
     ) -> Results:
         """Do the steps and return the results."""
         box, stepper = self.box, self.stepper
-        assert stepper is not None
         advance, exchange = stepper.advance, self.exchange
         signals, data, store = exchange.recorders(n + 1, record)
         finite = exchange.finite

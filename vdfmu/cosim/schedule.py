@@ -9,8 +9,6 @@ from dataclasses import dataclass, replace
 from typing import TypeVar
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from vdfmu.cosim.description import Description
 from vdfmu.cosim.link import Link, Port
@@ -342,6 +340,9 @@ def cycles(nodes: Sequence[N], edges: Iterable[tuple[N, N]]) -> list[tuple[list[
     index = {node: i for i, node in enumerate(nodes)}
     if not edges:
         return []
+    from scipy.sparse import coo_array  # here, for a process that is given its schedule: 0.3 s
+    from scipy.sparse.csgraph import connected_components
+
     rows, columns = (np.array([index[e[k]] for e in edges]) for k in (0, 1))
     graph = coo_array((np.ones(len(edges)), (rows, columns)), shape=(len(nodes), len(nodes)))
     _, labels = connected_components(graph, directed=True, connection="strong")

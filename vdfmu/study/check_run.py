@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any
 
 import fmpy
+import fmpy.fmi1
 import numpy as np
 import numpy.typing as npt
 
@@ -181,7 +182,7 @@ def _run_unit(path: Path, phase: Callable[[str], None]) -> Findings:
     messages: list[str] = []
 
     def note(status: int, message: bytes | str) -> None:
-        if status > 1 and len(messages) <= _MESSAGES:
+        if status not in (0, 1) and len(messages) <= _MESSAGES:
             text = message if isinstance(message, str) else message.decode(errors="replace")
             text = text if len(text) <= _TEXT else f"{text[:_TEXT]} ... ({len(text) - _TEXT} characters more)"
             messages.append(text if len(messages) < _MESSAGES else f"more than {_MESSAGES} messages")
@@ -228,6 +229,20 @@ def _run_unit(path: Path, phase: Callable[[str], None]) -> Findings:
     return findings
 
 
+def _refuse_negative_statuses() -> None:
+    """Have fmpy raise for a status below 0, which it takes for none, as it does for one that is too large."""
+    base: Any = fmpy.fmi1._FMU  # pyright: ignore[reportPrivateUsage]
+    plain = base._call
+
+    def call(fmu: Any, name: str, *arguments: Any) -> Any:
+        status = plain(fmu, name, *arguments)
+        if isinstance(status, int) and status < 0:
+            raise fmpy.fmi1.FMICallException(function=name, status=status)
+        return status
+
+    base._call = call
+
+
 def _not_finite(results: npt.NDArray[Any]) -> list[str]:
     """Return a note on each signal of a run that is not finite all the time, with its first time."""
     notes: list[str] = []
@@ -258,7 +273,7 @@ def _run_system(path: Path) -> Findings:
     try:
         simulate(
             system, start=start, stop=start + STEPS * step, step=step, algorithm=master_of(system),
-            ignore_unmatched=True, log=lambda message: None,
+            ignore_unmatched=True, log=lambda message: None, isolate=True,
         )  # fmt: skip
     except (VdfmuError, OSError) as error:
         if isinstance(error, OSError) and error.errno in _FULL:
@@ -275,6 +290,7 @@ def _main(kind: str, path: str, folder: str, unpacked: str) -> None:
 
     try:
         _limit()
+        _refuse_negative_statuses()
         phase(f"a run of {STEPS} steps")
         with package_limit(int(unpacked)):
             findings = _run_system(Path(path)) if kind == "SSP" else _run_unit(Path(path), phase)

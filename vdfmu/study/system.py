@@ -38,6 +38,9 @@ def run_system(
     settings: Mapping[str, Any] | None = None,
     record: Sequence[str] | None = None,
     ignore_unmatched: bool = False,
+    isolate: bool | None = None,
+    time_limit: float | None = None,
+    memory_limit: float | None = None,
     out: str | os.PathLike[str] | None = None,
     progress: Progress | None = None,
     log: Callable[[LogMessage], None] | None = None,
@@ -52,9 +55,8 @@ def run_system(
         The SSD to run, where the package has several at its root.
     start, stop, step : float, optional [s]
         Simulated time and communication step; default those of the package's default experiment and its annotations.
-    master, adaptive, tolerance, record, ignore_unmatched : optional
-        As ``algorithm``, ``adaptive``, ``tolerance``, ``record`` and ``ignore_unmatched`` of
-        :func:`vdfmu.cosim.simulate`.
+    master, adaptive, tolerance, record, ignore_unmatched, isolate, time_limit, memory_limit : optional
+        As ``algorithm`` and the others of these names of :func:`vdfmu.cosim.simulate`.
     settings : mapping of str to value, optional
         Values of ``component.variable``, as ``parameters`` of :func:`vdfmu.cosim.simulate`.
     out : path, optional
@@ -96,8 +98,8 @@ def run_system(
     try:
         results = simulate(
             system, start=start, stop=stop, step=step, algorithm=master, adaptive=adaptive, tolerance=tolerance,
-            parameters=settings, record=record, ignore_unmatched=ignore_unmatched, progress=advance,
-            log=log,
+            parameters=settings, record=record, ignore_unmatched=ignore_unmatched, isolate=isolate,
+            time_limit=time_limit, memory_limit=memory_limit, progress=advance, log=log,
         )  # fmt: skip
     except (CosimError, Interrupted) as error:
         keep(error, folder, summary)

@@ -1,0 +1,281 @@
+"""Components that end, crash or never return: in a process of their own the run says who, and keeps its rows."""
+
+from __future__ import annotations
+
+import gc
+import os
+import signal
+import subprocess
+import sys
+import time
+import zipfile
+from pathlib import Path
+
+import fmpy
+import numpy as np
+import pytest
+
+from vdfmu.cosim import ALGORITHMS, Interrupted, simulate
+from vdfmu.errors import CosimError, UsageError
+from vdfmu.model import load_scenario
+from vdfmu.ssp.write import write_ssp
+from vdfmu.study import check_run
+from vdfmu.study.run import cached_fmus
+
+WAYS = (
+    "crash", "leave", "hang", "eat", "crash_free", "error_end", "fatal_end", "strange", "negative", "error_free",
+    "leave_early", "hang_end", "strange_end",
+)  # fmt: skip
+XML = """<?xml version="1.0" encoding="UTF-8"?>
+<fmiModelDescription fmiVersion="2.0" modelName="Wild" guid="{{wild {0} {1}}}">
+  <CoSimulation modelIdentifier="wild" canHandleVariableCommunicationStepSize="true" canGetAndSetFMUstate="true"/>
+  <ModelVariables>
+    <ScalarVariable name="y" valueReference="0" causality="output"><Real/></ScalarVariable>
+    <ScalarVariable name="way" valueReference="100" causality="parameter" variability="fixed"><Real start="{0}"/>
+    </ScalarVariable>
+    <ScalarVariable name="at" valueReference="101" causality="parameter" variability="fixed"><Real start="{1}"/>
+    </ScalarVariable>
+  </ModelVariables>
+  <ModelStructure><Outputs><Unknown index="1" dependencies=""/></Outputs></ModelStructure>
+</fmiModelDescription>"""
+
+
+@pytest.fixture(scope="module")
+def library(tmp_path_factory) -> Path:
+    """Return the library of wild.c."""
+    path = tmp_path_factory.mktemp("wild") / f"wild{fmpy.sharedLibraryExtension}"
+    headers = Path(fmpy.__file__).parent / "c-code"
+    flags = ["-std=c11", "-Wall", "-Wextra", "-Werror", "-shared", "-fPIC", f"-I{headers}"]
+    subprocess.run(["cc", *flags, "-o", path, Path(__file__).with_name("wild.c"), "-lm"], check=True)
+    return path
+
+
+@pytest.fixture
+def wild(library, tmp_path):
+    """Return a function that makes the FMU, wild in a way from a time on by itself."""
+
+    def make(way: str = "", at: float = 0.0) -> Path:
+        path = tmp_path / f"Wild{way}.fmu"
+        with zipfile.ZipFile(path, "w") as archive:
+            start = WAYS.index(way) + 1 if way else 0
+            archive.writestr("modelDescription.xml", XML.format(start, at))
+            archive.write(library, f"binaries/{fmpy.platform}/{library.name}")
+        return path
+
+    return make
+
+
+@pytest.fixture
+def package(pack, xml, wild):
+    """Return a package of the wild unit, behind an integrator of it."""
+    c = xml.component
+    return pack(
+        [c("plant", "Plant", "u:input y:output"), c("unit", "Wild", "y:output")],
+        ["unit.y -> plant.u"],
+        extra={"resources/Wild.fmu": wild().read_bytes()},
+        experiment='<ssd:DefaultExperiment startTime="0" stopTime="1"/>',
+    )
+
+
+def fails(package: Path, way: str, **options) -> CosimError:
+    with pytest.raises(CosimError) as info:
+        simulate(package, step=0.25, parameters={"unit.way": WAYS.index(way) + 1, "unit.at": 0.5}, **options)
+    return info.value
+
+
+# ---------------------------------------------------------------- in a step
+
+
+@pytest.mark.parametrize(
+    ("way", "options", "said"),
+    [
+        ("crash", {}, r"the component crashed the process \(SIGSEGV\)"),
+        ("leave", {}, r"the component ended the process \(exit code 0\)"),
+        (
+            "hang",
+            {"time_limit": 5.0},
+            r"no return within 5 s; a longer time_limit \(--time-limit\) gives it more",
+        ),
+        ("eat", {"memory_limit": 400.0}, r"SIGSEGV\), of which the memory had reached \d+ MB of 400 MB"),
+        ("strange", {}, r"the unit gave no reason \(status 17, not of FMI 2\.0\)"),
+        ("negative", {}, r"the unit gave no reason \(status -1, not of FMI 2\.0\)"),
+    ],
+)
+def test_what_ends_a_step_names_component_call_and_time_and_keeps_the_rows(package, way, options, said):
+    error = fails(package, way, **options)
+    assert (error.unit, error.call, error.time) == ("unit", "doStep", 0.5)
+    assert error.results.time.tolist() == error.results["unit.y"].tolist() == [0.0, 0.25, 0.5]
+    with pytest.raises(CosimError, match=said):
+        raise error
+
+
+def test_an_adaptive_step_that_ends_the_process_has_its_own_time(package):
+    error = fails(package, "leave", algorithm="extrapolated", adaptive=1e-4)
+    assert (error.unit, error.call) == ("unit", "doStep")
+    # the step in which it ended began at 0.5 s or later, between two rows
+    assert 0.5 <= error.time < 0.75
+    assert error.results.time.tolist() == [0.0, 0.25, 0.5]
+
+
+def test_an_end_before_the_first_row(package):
+    error = fails(package, "leave_early")
+    assert str(error) == (
+        "unit: exitInitializationMode at t = 0 s failed: the component ended the process (exit code 3)"
+    )
+    assert error.results is None
+
+
+def test_this_process_outlives_them(package):
+    """Nothing is left of a process: neither it, nor its threads, nor its files."""
+    fails(package, "crash")
+    gc.collect()
+    descriptors = len(os.listdir("/proc/self/fd"))
+    for way in ("crash", "leave") * 3:
+        fails(package, way)
+    gc.collect()  # the error holds the frames of its run
+    assert len(os.listdir("/proc/self/fd")) == descriptors
+    assert Path(f"/proc/{os.getpid()}/task/{os.getpid()}/children").read_text().split() == []
+
+
+# ---------------------------------------------------------------- at the end
+
+
+@pytest.mark.parametrize("isolate", [False, True])
+@pytest.mark.parametrize(
+    ("way", "call", "said"),
+    [
+        ("error_end", "terminate", r"the brake does not close \(status error\)"),
+        ("fatal_end", "terminate", r"the unit gave no reason.* \(status fatal\)"),
+        ("strange_end", "terminate", r"status 17, not of FMI 2\.0\)"),
+        ("error_free", "freeInstance", "the file is still open"),
+    ],
+)
+def test_what_fails_after_the_last_step_is_said_and_costs_no_row(package, way, call, said, isolate):
+    error = fails(package, way, isolate=isolate)
+    assert (error.unit, error.call, error.time) == ("unit", call, 1.0)
+    assert error.results["unit.y"].tolist() == [0.0, 0.25, 0.5, 0.75, 1.0]
+    with pytest.raises(CosimError, match=said):
+        raise error
+
+
+@pytest.mark.parametrize(
+    ("way", "call", "said"),
+    [
+        ("crash_free", "freeInstance", "crashed the process"),
+        ("hang_end", "terminate", "no return within 5 s"),
+    ],
+)
+def test_a_process_that_ends_after_the_last_step_costs_no_row(package, way, call, said):
+    error = fails(package, way, time_limit=5.0)
+    assert (error.unit, error.call, error.time) == ("unit", call, 1.0)
+    assert said in error.reason
+    assert error.results["unit.y"].tolist() == [0.0, 0.25, 0.5, 0.75, 1.0]
+
+
+@pytest.mark.parametrize(
+    "way", ["error_end", "fatal_end", "strange_end", "strange", "negative", "error_free"]
+)
+@pytest.mark.parametrize("kind", ["FMU", "SSP"])
+def test_check_says_what_a_unit_returns_that_it_may_not(wild, pack, xml, way, kind):
+    path = wild(way, 0.5e-3)
+    if kind == "SSP":
+        fmu = path.read_bytes()
+        path = pack([xml.component("unit", "W", "y:output")], extra={"resources/W.fmu": fmu})
+    (problem,) = check_run.run_apart(path, kind).problems
+    assert problem.startswith("10 steps of 0.")
+
+
+@pytest.mark.parametrize(
+    ("way", "call"), [("crash", "doStep"), ("leave", "doStep"), ("crash_free", "freeInstance")]
+)
+def test_check_of_a_package_names_the_component_that_ends_the_process(wild, pack, xml, way, call):
+    fmu = wild(way, 0.5e-3).read_bytes()
+    path = pack([xml.component("unit", "W", "y:output")], extra={"resources/W.fmu": fmu})
+    (problem,) = check_run.run_apart(path, "SSP").problems
+    assert f"unit: {call} at t = " in problem
+    assert "ed the process (" in problem
+
+
+# ---------------------------------------------------------------- the same otherwise
+
+
+@pytest.mark.parametrize("algorithm", ALGORITHMS)
+def test_isolated_components_compute_the_same_bits(tmp_path, algorithm):
+    scenario = load_scenario("planar_tracking")
+    path = write_ssp(scenario, cached_fmus(scenario, tmp_path, "native"), tmp_path / "x.ssp")
+    here, apart = (
+        simulate(path, algorithm=algorithm, stop=0.02, isolate=isolate) for isolate in (False, True)
+    )
+    assert not here.summary["isolated"]
+    assert apart.summary["isolated"]
+    assert here.names == apart.names
+    for name in here.names:
+        np.testing.assert_array_equal(here[name], apart[name])
+
+
+def test_only_foreign_components_are_isolated_by_default(package, tmp_path):
+    scenario = load_scenario("planar_tracking")
+    for backend in ("native", "python"):
+        path = write_ssp(scenario, cached_fmus(scenario, tmp_path / backend, backend), tmp_path / "x.ssp")
+        assert not simulate(path, stop=0.002).summary["isolated"]
+    assert simulate(package, step=0.25).summary["isolated"]
+
+
+def test_ctrl_c_keeps_the_rows_of_another_process(package):
+    def press(k: int, n: int) -> None:
+        if k == 2:
+            os.kill(os.getpid(), signal.SIGINT)
+
+    with pytest.raises(Interrupted) as info:
+        simulate(package, step=0.25, isolate=True, progress=press)
+    assert len(info.value.results) in (3, 4)  # pressed after row 2; the step under way is completed
+
+
+def test_ctrl_c_ends_a_step_that_hangs(package):
+    pressed = []
+
+    def press(k: int, n: int) -> None:
+        if k == 2:
+            pressed.append(time.monotonic())
+            os.kill(os.getpid(), signal.SIGINT)
+
+    hang = {"unit.way": WAYS.index("hang") + 1, "unit.at": 0.5}
+    with pytest.raises(Interrupted) as info:
+        simulate(package, step=0.25, parameters=hang, progress=press)
+    took = time.monotonic() - pressed[0]
+    assert info.value.results.time.tolist() == [0.0, 0.25, 0.5]
+    assert took < 10.0  # half a second, and a busy machine; the time limit is 300 s
+
+
+@pytest.mark.parametrize(
+    "options", [{"time_limit": 0.0}, {"memory_limit": -1.0}, {"time_limit": float("nan")}]
+)
+def test_limits_must_be_positive(package, options):
+    with pytest.raises(UsageError, match=f"{next(iter(options))} must be positive"):
+        simulate(package, step=0.25, **options)
+
+
+def test_the_command_says_who_ended_the_process_and_keeps_the_rows(package, tmp_path):
+    started = time.monotonic()
+    for options, said in (
+        (
+            ["--set", "unit.way=2"],
+            "unit: doStep at t = 0.5 s failed: the component ended the process (exit code 0)",
+        ),
+        (
+            ["--set", "unit.way=3", "--time-limit", "1"],
+            "unit: doStep at t = 0.5 s failed: no return within 1 s",
+        ),
+        (["--set", "unit.way=5"], "unit: freeInstance at t = 1 s failed: the component crashed the process"),
+    ):
+        done = subprocess.run(
+            [sys.executable, "-m", "vdfmu.cli", "simulate", package, "--step", "0.25", "--set", "unit.at=0.5",
+             "--isolate", "--out", tmp_path / "out", *options],
+            capture_output=True, text=True, timeout=300, check=False,
+        )  # fmt: skip
+        shown = " ".join((done.stdout + done.stderr).split())
+        assert said in shown
+        assert done.returncode == 1
+        rows = 5 if "freeInstance" in said else 3
+        assert len((tmp_path / "out/results.csv").read_text().splitlines()) == 2 + rows
+    assert time.monotonic() - started < 120.0  # a hang of 5 s, thrice the start of Python, on a busy machine
