@@ -297,20 +297,6 @@ def test_a_robot_by_name_where_a_robot_is_expected_says_how_to_load_it(tmp_path)
         vdfmu.inverse_dynamics("planar_2dof", [0, 0], [0, 0], [0, 0])
 
 
-def test_an_interrupt_while_rows_are_written_waits_for_them(tmp_path, monkeypatch):
-    write = Results.to_csv
-
-    def interrupted(results, path):
-        signal.raise_signal(signal.SIGINT)
-        write(results, path)
-
-    monkeypatch.setattr(Results, "to_csv", interrupted)
-    with pytest.raises(Interrupted):
-        vdfmu.run("planar_tracking", stop=0.1, out=tmp_path, reference=False)
-    assert len(Results.from_csv(tmp_path / "results.csv")) == 101
-    assert json.loads((tmp_path / "summary.json").read_text())["steps"] == 100
-
-
 def test_the_estimation_scenario_shows_both_estimates_on_the_plants_own_signals(tmp_path):
     results = vdfmu.run("estimation", stop=0.5, reference=False, backend="python", out=tmp_path)
     summary = results.summary

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+import signal
 import tempfile
 import time as clock
 from collections.abc import Callable, Mapping, Sequence
@@ -11,15 +12,17 @@ from typing import Any
 
 import fmpy
 import numpy as np
+from numpy.typing import NDArray
 
 from vdfmu.cosim.check import Checked, Value, check_system
 from vdfmu.cosim.component import LogMessage, MessageBox, Slave
 from vdfmu.cosim.continuous import ContinuousStepper
 from vdfmu.cosim.exchange import Exchange, SampledStepper, largest_step
-from vdfmu.cosim.interrupt import InterruptGuard
+from vdfmu.cosim.recorder import ROWS, Recorder
 from vdfmu.cosim.results import Results
 from vdfmu.cosim.schedule import ALGORITHMS, DEFAULT
 from vdfmu.errors import CosimError, UsageError, VdfmuError
+from vdfmu.interrupt import InterruptGuard
 from vdfmu.model.scenario import CONTINUOUS
 from vdfmu.ssp.archive import Archive
 from vdfmu.ssp.experiment import Experiment
@@ -31,12 +34,13 @@ _CONVERGENCE = 1e-8
 
 
 class Interrupted(KeyboardInterrupt):
-    """The user stopped the run between two steps; `results` holds the rows so far."""
+    """The signal `number` stopped the run between two steps; `results` holds the rows so far."""
 
-    def __init__(self, time: float, results: Results) -> None:
+    def __init__(self, time: float, results: Results, number: int = signal.SIGINT) -> None:
         super().__init__(f"interrupted at t = {time:.9g} s")
         self.time = time
         self.results = results
+        self.number = number
 
 
 def simulate(
@@ -55,6 +59,7 @@ def simulate(
     log: Callable[[LogMessage], None] | None = None,
     strict: bool = False,
     ignore_unmatched: bool = False,
+    stream: Path | None = None,
 ) -> Results:
     """Co-simulate a system of FMI 2.0 co-simulation units.
 
@@ -96,6 +101,10 @@ def simulate(
         Receives each `LogMessage` of the units. Default: the logger ``vdfmu.cosim``.
     strict, ignore_unmatched : bool
         See `vdfmu.cosim.check.check_system`.
+    stream : Path, optional
+        CSV file to which the rows go as they come, in the form of `Results.to_csv` and at least every two seconds. The
+        results are read from disk then, where they take as much room again while they are in use; memory does not
+        grow with the number of rows, but for their times.
 
     Returns
     -------
@@ -114,6 +123,8 @@ def simulate(
         error holds the rows so far, or None before the first row.
     Interrupted
         The user pressed Ctrl-C. It is a KeyboardInterrupt with `results`.
+    VdfmuError
+        The disk is full.
     """
     if not isinstance(system, System):
         system = load_ssp(system)
@@ -131,7 +142,8 @@ def simulate(
     )  # fmt: skip
     algorithm = checked.algorithm
     with _Run(checked, log) as run:
-        run.initialize(begin, end, tolerance, convergence or _CONVERGENCE)
+        with InterruptGuard():
+            run.initialize(begin, end, tolerance, convergence or _CONVERGENCE)
         run.summary |= {
             "system": system.name, "algorithm": algorithm, "adaptive": adaptive, "order": list(checked.schedule.units),
             "start": begin, "stop": end, "step": step, "steps": n, "notes": list(checked.notes),
@@ -147,7 +159,7 @@ def simulate(
             )
         else:
             run.stepper = SampledStepper(run.exchange)
-        return run.steps(begin, end, step, n, record, progress)
+        return run.steps(begin, end, step, n, record, progress, stream)
 
 
 def check_coupling(algorithm: str, adaptive: float | None, convergence: float | None = None) -> None:
@@ -251,7 +263,8 @@ class _Run:
                 _refuse_escapes(unpacked[source])
             slave = Slave(name, description, unpacked[source], self.box, corrupt)
             self.slaves[name] = slave
-            slave.instantiate()
+            with InterruptGuard():  # of which units written in Python would make an error
+                slave.instantiate()
 
     def __exit__(self, *_: object) -> None:
         try:
@@ -290,31 +303,40 @@ class _Run:
         n: int,
         record: Sequence[str] | None,
         progress: Callable[[int, int], None] | None,
+        stream: Path | None = None,
     ) -> Results:
         """Do the steps and return the results."""
         box, stepper = self.box, self.stepper
         assert stepper is not None
         advance, exchange = stepper.advance, self.exchange
-        signals, data, store = exchange.recorders(n + 1, record)
+        signals, data, store = exchange.recorders(n + 1 if stream is None else ROWS, record)
+        recorder = None
         finite = exchange.finite
         pending = box.pending
         done = -1  # the last complete row
 
+        def times(first: int, after: int) -> NDArray[np.float64]:
+            return begin + step * np.arange(first, after, dtype=np.float64)
+
         def results() -> Results:
-            self.summary["wall_s"] = clock.perf_counter() - began
+            self.summary["wall_s"] = clock.perf_counter() - began - (recorder.seconds if recorder else 0.0)
             self.summary |= stepper.facts()
-            rows = slice(0, done + 1)
-            time = begin + step * np.arange(done + 1, dtype=np.float64)
+            time = times(0, done + 1)
             if done == n or box.ended:
                 time[done] = self.summary["stop"]
-            kept = {kind: array[rows] for kind, array in data.items()}
+            rows = slice(0, done + 1)
+            kept = recorder.finish(time) if recorder else {kind: array[rows] for kind, array in data.items()}
             return Results(time, signals, kept, self.summary, box.kept)
 
+        if stream is not None:
+            recorder = Recorder(stream, signals, data, store, times)
+            store = recorder.store
         began = clock.perf_counter()
         stride = max(1, -(-n // 100))
+        guard = InterruptGuard()
         try:
-            with InterruptGuard() as guard, np.errstate(invalid="ignore"):  # they are looked for
-                stepper.pressed = lambda: guard.pressed
+            with guard, np.errstate(invalid="ignore"):  # they are looked for
+                stepper.pressed = lambda: guard.number != 0
                 exchange.refuse_not_finite("initialization", begin)
                 store(0)
                 done = 0
@@ -328,14 +350,14 @@ class _Run:
                         advance(time, step if fits else largest_step(time, end), stop)
                         if not finite():
                             exchange.refuse_not_finite("doStep", stop)
+                        store(k + 1)
                         done = k + 1
-                        store(done)
                         if box.ended:
                             done = self._end(k, time)
                             break
                         if pending:
                             box.flush()
-                        if guard.pressed:
+                        if guard.number:
                             raise KeyboardInterrupt
                     if progress is not None:
                         progress(done, n)
@@ -347,7 +369,7 @@ class _Run:
             raise
         except KeyboardInterrupt:
             box.flush()
-            raise Interrupted(begin + done * step, results()) from None
+            raise Interrupted(begin + done * step, results(), guard.number or signal.SIGINT) from None
         for note in stepper.notes():
             self.summary["notes"].append(note)
             pending.append(LogMessage("", box.time, "note", "", note))
