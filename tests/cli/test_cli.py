@@ -204,3 +204,16 @@ def test_a_temporary_folder_that_crashes_python_fmus_is_refused(tmp_path):
     assert done.returncode == 1
     assert "Choose another folder for temporary files with TMPDIR" in " ".join(done.stderr.split())
     assert vdfmu(*arguments, "--backend", "native", cwd=tmp_path, env=environment).returncode == 0
+
+
+@pytest.mark.parametrize("output", ["closed", "/dev/full"])
+def test_findings_that_cannot_be_written_are_an_error(tmp_path, output):
+    (tmp_path / "text.fmu").write_text("no zip")
+    redirection = ">&-" if output == "closed" else f"> {output}"
+    done = subprocess.run(
+        ["/bin/sh", "-c", f'"$0" -m vdfmu.cli check --json text.fmu {redirection}', sys.executable],
+        cwd=tmp_path, stderr=subprocess.PIPE, text=True, timeout=300, check=False,
+    )  # fmt: skip
+    assert done.returncode == 2
+    assert "the findings cannot be written: " in done.stderr
+    assert "Traceback" not in done.stderr
