@@ -46,6 +46,25 @@ def replacing_results(folder: Path, outputs: Sequence[str], overwrite: bool) -> 
     partial = folder / f"partial_{os.getpid()}"
     made = not folder.exists()
     try:
+        _prepare(partial, folder, outputs, overwrite)
+        yield partial
+        with InterruptGuard():
+            _publish(partial, folder, outputs)
+    except BaseException as error:
+        if _has_rows(partial / "results.csv"):
+            others = f"; {folder} is as it was" if written(folder, outputs) else ""
+            error.add_note(f"The rows so far are in {_set_aside(partial, outputs)}{others}.")
+        else:
+            with suppress(OSError):
+                _remove(partial, outputs)
+            for empty in (partial, folder) if made else (partial,):
+                with suppress(OSError):
+                    empty.rmdir()
+        raise
+
+
+def _prepare(partial: Path, folder: Path, outputs: Sequence[str], overwrite: bool) -> None:
+    try:
         foreign = sorted(set(written(folder, outputs)) - _ours(folder))
         if foreign and not overwrite:
             raise UsageError(
@@ -58,21 +77,6 @@ def replacing_results(folder: Path, outputs: Sequence[str], overwrite: bool) -> 
         raise UsageError(
             f"{folder}: cannot hold the results: {error}. Choose another folder with --out."
         ) from error
-    try:
-        yield partial
-        with InterruptGuard():
-            _publish(partial, folder, outputs)
-    except BaseException as error:
-        if _has_rows(partial / "results.csv"):
-            others = f"; {folder} is as it was" if written(folder, outputs) else ""
-            error.add_note(f"The rows so far are in {_set_aside(partial, outputs)}{others}.")
-        else:
-            with suppress(OSError):
-                _remove(partial, outputs)
-                partial.rmdir()
-                if made:
-                    folder.rmdir()
-        raise
 
 
 def _has_rows(path: Path) -> bool:
