@@ -32,13 +32,13 @@ def n_inputs(instance: Instance) -> int:
     return sum(len(v.names) for v in instance.model.of("input"))
 
 
-def run(instance: Instance, steps: int) -> np.ndarray:
-    """Return the outputs after each step."""
+def run(instance: Instance, steps: int, size: float = 1.0) -> np.ndarray:
+    """Return the outputs after each step, with inputs of the given size."""
     n = n_inputs(instance)
     rows = []
     for k in range(steps):
         if n:
-            instance.inputs(motion(n, k))
+            instance.inputs(size * motion(n, k))
         rows.append(instance.step(H).outputs())
     return np.array(rows)
 
@@ -47,7 +47,8 @@ def run(instance: Instance, steps: int) -> np.ndarray:
 
 
 def test_both_versions_of_fmi_give_the_same_bits(native: Native, unit_name: str, robot_name: str) -> None:
-    two, three = (run(native(unit_name, version, robot_name).start(), 25) for version in ("2.0", "3.0"))
+    size = 0.01 if unit_name == "estimator" else 1.0  # beyond some 0.01 rad its estimates are at their limit
+    two, three = (run(native(unit_name, version, robot_name).start(), 25, size) for version in ("2.0", "3.0"))
     assert two.shape[1] > 0
     assert same_bits(two, three)
     assert len(np.unique(two, axis=0)) == 25
