@@ -60,7 +60,7 @@ def on_files(files: Any, config: Any) -> Any:
 
 
 def interface_page() -> str:
-    """Return the reference of all variables of the four units, in markdown."""
+    """Return the reference of all variables of the units, in markdown."""
     arm, slider = load_robot("manipulator_6dof"), load_robot("slider_3dof")
     lines = [_HEAD]
     for unit in UNIT_NAMES:

@@ -276,14 +276,20 @@ def fmus(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
         {},
     )
     add(
-        "Sprung",  # x'' = f = 4 (p - x), exact for a constant p
-        [variable("p", "input"), variable("f", "output"), variable("x", "output"), variable("v", "output")],
-        "def calc(self):\n    self._f = 4.0 * (self._p - self._x)\n"
+        "Sprung",  # x'' = f = k (p - x), exact for a constant p
+        [
+            variable("p", "input"),
+            variable("f", "output"),
+            variable("x", "output"),
+            variable("v", "output"),
+            variable("k", "parameter", start=4.0),
+        ],
+        "def calc(self):\n    self._f = self._k * (self._p - self._x)\n"
         "def do_step(self, t, h):\n"
-        "    from math import cos, sin\n"
-        "    a, v = self._x - self._p, self._v\n"
-        "    self._x = self._p + a * cos(2 * h) + 0.5 * v * sin(2 * h)\n"
-        "    self._v = v * cos(2 * h) - 2 * a * sin(2 * h)\n"
+        "    from math import cos, sin, sqrt\n"
+        "    a, v, w = self._x - self._p, self._v, sqrt(self._k)\n"
+        "    self._x = self._p + a * cos(w * h) + v / w * sin(w * h)\n"
+        "    self._v = v * cos(w * h) - w * a * sin(w * h)\n"
         "    self.calc()\n    return True\n",
         {"f": ["p"]},
     )

@@ -238,21 +238,22 @@ def test_a_fatal_refusal_is_final(pack, xml):
     assert len(info.value.results) == 3
 
 
-def slider(pack, xml, options):
+def slider(pack, xml, options, k=4.0):
     """Return the errors of a mass whose spring is pulled at its other end, and of what that end does with the force.
 
-    The end moves with p' = cos(t) - f / 4, the mass with x'' = f, f = 4 (p - x); x is neither read nor passed on.
+    The end moves with p' = cos(t) - f / 4, the mass with x'' = f, f = k (p - x); x is neither read nor passed on.
     """
     c = xml.component
     path = pack(
         [c("mass", "Sprung", "p:input f:output x:output v:output"), c("end", "Carrier", "f:input p:output")],
         ["end.p -> mass.p", "mass.f -> end.f"],
     )  # fmt: skip
-    results = simulate(path, stop=4.0, algorithm="iterative", **options)
+    options = {"stop": 4.0, "algorithm": "iterative", "parameters": {"mass.k": k}} | options
+    results = simulate(path, **options)
 
     def rates(t, y):
         p, x, v = y
-        force = 4.0 * (p - x)
+        force = k * (p - x)
         return np.cos(t) - 0.25 * force, v, force
 
     exact = solve_ivp(rates, (0.0, 4.0), np.zeros(3), "DOP853", results.time, rtol=1e-12, atol=1e-12).y
@@ -276,6 +277,15 @@ def test_error_control_holds_the_states_of_a_mass_behind_a_spring(pack, xml, ada
     # A line of p or f that is off by e in one direction all the time moves the mass by at most 4 e t^2 / 2 = 32 e; the
     # oscillation of period pi averages that over half a period, 4 e (pi / 2)^2 / 2 = 5 e.
     assert error < 5 * adaptive
+
+
+@pytest.mark.parametrize("algorithm", ["extrapolated", "iterative"])
+def test_a_stiff_spring_passes_its_input_on_and_does_not_jump(pack, xml, algorithm):
+    """The force starts a step with k times the error that the prediction of p had: no shorter step lowers that."""
+    k, adaptive = 100.0, 1e-6
+    error, _ = slider(pack, xml, {"step": 0.1, "adaptive": adaptive, "algorithm": algorithm}, k)
+    # Forces up to 5 are allowed 5e: p moves by at most 0.25 * 5e * 4 = 5e, x follows it, and v by sqrt(k) times that.
+    assert error < 50 * adaptive
 
 
 # ---------------------------------------------------------------- wrong use

@@ -98,6 +98,18 @@ def test_limits_of_joints_and_motors_are_those_of_the_reference(tmp_path):
     assert np.abs(motions[1] - motions[0]).max() > 1e-3  # they act
 
 
+def test_a_start_beyond_the_end_stops_is_refused():
+    data = load_robot("planar_2dof").to_dict()
+    for joint in data["joints"]:
+        joint["limits"] = {"q_min": -2.0, "q_max": 2.0, "stop_stiffness": 2e4, "stop_damping": 0.5,
+                           "tau_stall": 0.6, "kappa_dot_max": 3.0}  # fmt: skip
+    scenario = load_scenario("planar_tracking", robot_from_dict(data))
+    with pytest.raises(
+        UsageError, match=r"plant.q_0\[1\]: expected a start between the end stops, -2 and 2, got 4"
+    ):
+        system_values(scenario, {"plant.q_0[1]": 4.0})
+
+
 def motion_of(scenario, t):
     """Return the desired positions."""
     motion = scenario.trajectory

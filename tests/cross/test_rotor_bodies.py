@@ -30,12 +30,12 @@ class RotorBodies:
             body = pin.Inertia(float(robot.mass[i]), np.array(robot.centroid[i]), np.array(robot.inertia[i]))
             self.model.appendBodyToJoint(parent, body, pin.SE3.Identity())
             links.append(parent)
+            rotors.append(rotor)
         if robot.payload:
             load = pin.Inertia(
                 float(robot.payload_mass), np.array(robot.payload_centroid), np.array(robot.payload_inertia)
             )
             self.model.appendBodyToJoint(parent, load, pin.SE3(np.eye(3), np.array(robot.tool_offset)))
-            rotors.append(rotor)
         self.data = self.model.createData()
         self.links, self.rotors = ([self.model.joints[j].idx_v for j in found] for found in (links, rotors))
         self.tool = parent

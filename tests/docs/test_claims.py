@@ -9,7 +9,8 @@ import pytest
 
 import vdfmu
 from vdfmu.equations.elimination import factorize, solve
-from vdfmu.equations.mapping import joint_space_mass_matrix
+from vdfmu.equations.flexible_joint import rotor_transform
+from vdfmu.equations.mapping import joint_space_mass_matrix, velocity_mapping
 from vdfmu.equations.plant import equilibrium_torque
 from vdfmu.kernel.rodas import ALPHA, GAMMA, GAMMA_I
 from vdfmu.model import load_scenario
@@ -54,8 +55,10 @@ def plant_jacobian(kernel, x):
     return function(x, np.zeros(N), np.zeros(6), kernel.p).reshape(4 * N, 4 * N, order="F").copy()
 
 
-def test_pivots_stay_positive(arm, kernel_of):
+@pytest.mark.parametrize("coupling", [False, True])
+def test_pivots_stay_positive(arm, kernel_of, coupling):
     # docs/solver.md: elimination in the solver's order, without row swaps, at 200 random states.
+    arm = dataclasses.replace(arm, rotor_coupling=coupling)
     kernel = kernel_of(arm)
     random = np.random.default_rng(0)
     order = np.concatenate(np.arange(4 * N).reshape(4, N)[[0, 2, 3, 1]])
@@ -68,6 +71,12 @@ def test_pivots_stay_positive(arm, kernel_of):
         M = joint_space_mass_matrix(arm, q)
         E = np.eye(4 * N)
         E[N : 2 * N, N : 2 * N] = M
+        if coupling:  # what q_ddot adds to the rotors' equations
+            links = velocity_mapping(arm, q)
+            for i in range(1, N):
+                E[2 * N + i, N : 2 * N] = (rotor_transform(arm, i).T @ links[6 * i : 6 * i + 6])[5] / arm.ell[
+                    i
+                ]
         smallest = np.concatenate([np.ones(3 * N), np.full(N, np.linalg.eigvalsh(M)[0])])
         for h, least in share.items():
             W = (E / (h * GAMMA) - E @ J)[np.ix_(order, order)]

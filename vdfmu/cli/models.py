@@ -10,6 +10,7 @@ from rich.table import Table
 
 from vdfmu.cli.terminal import console, say
 from vdfmu.model import load_robot, load_scenario, robot_names, scenario_names
+from vdfmu.model.robot import LIMIT_KEYS
 
 app = typer.Typer(no_args_is_help=True, help="List and show robots and scenarios.")
 
@@ -39,7 +40,16 @@ def show_model(
         return
     robot = load_robot(name)
     console.print(f"[bold]{escape(robot.name)}[/bold]: {escape(robot.description)}")
-    for title, keys in _SHOWN.items():
+    for name in ("gravity", "tool_offset"):
+        console.print(
+            f"{name} {_number(getattr(robot, name))}: {robot.source_of(name) or 'no source'}", markup=False
+        )
+    console.print(f"friction {robot.friction}, rotor_coupling {str(robot.rotor_coupling).lower()}")
+    if robot.payload:
+        load = ("payload_mass", "payload_centroid", "payload_inertia")
+        console.print(", ".join(f"{name} {_number(getattr(robot, name))}" for name in load))
+    shown = _SHOWN | ({"Limits": tuple(f"limits.{key}" for key in LIMIT_KEYS)} if robot.limits else {})
+    for title, keys in shown.items():
         names = [key.rpartition(".")[2] for key in keys]
         table = Table(title=title, title_justify="left", show_edge=False)
         for heading in ("joint", *names):

@@ -107,7 +107,7 @@ class Bars:
     def __exit__(self, *_: object) -> None:
         self._progress.stop()
         for what, names in self._notes.items():
-            self.say(f"note: {', '.join(names)}: {what}")
+            self.say(": ".join(["note", *([", ".join(names)] if names else []), what]))
 
     def update(self, stage: str, done: int, total: int) -> None:
         """Show how far a stage is."""
@@ -122,7 +122,7 @@ class Bars:
     def log(self, message: LogMessage) -> None:
         """Show a message of a unit; notes of the same words come once, at the end."""
         if message.status == "note":
-            name, _, what = message.text.partition(": ")
-            self._notes.setdefault(what, []).append(name)
+            name, colon, what = message.text.partition(": ")
+            self._notes.setdefault(what if colon else name, []).extend([name] if colon else [])
         elif message.status not in ("ok", "error", "fatal"):  # the error that ends the run quotes these
             self.say(str(message) if message.unit else f"{message.status}: {message.text}")

@@ -260,13 +260,15 @@ class ContinuousStepper:
 
         Predicted and computed value of a signal y differ by h (h + h_last) / 2 times its second derivative, to first
         order; the line between its values at the ends of the step departs from it by at most h^2 / 8 times that. In a
-        step far shorter than the last that would make an error of a jump small, which it is not.
+        step far shorter than the last that would make an error of a jump small, which it is not; but an output that
+        passes an input on starts with the error that its prediction had in the last step, which is no jump.
         """
         difference = np.abs(self._outputs - predicted) / self._scale()
         difference[np.isnan(difference)] = math.inf
         sizes = np.zeros(difference.size)
         if self._last > 0.0:  # else there is no prediction yet
-            line = max(h, _LEAST * self._last) / (4.0 * (h + self._last))
+            least = np.where(self._coupled.passing, h, max(h, _LEAST * self._last))
+            line = least / (4.0 * (h + self._last))
             sizes[self._coupled.lines] = line * difference[self._coupled.lines]
             sizes[self._extrapolated] = difference[self._extrapolated]
         return sizes

@@ -69,6 +69,8 @@ class Coupled:
         Which real outputs change at communication points only.
     lines : array of int
         Real outputs of which a step uses the line from start to end.
+    passing : array of bool
+        Which of `lines` depend directly on an input.
     switches : list of (array, array, array of int)
         Of each type: outputs, those at the start of the step, and which of them are read and discrete.
     blocks : list of Block
@@ -90,6 +92,8 @@ class Coupled:
         self.blocks = self._cut([self._unit(name) for name in exchange.checked.schedule.units])
         lines = {bank.position[k.start] for k in bank.links if not k.discrete}
         self.lines = np.array(sorted(lines), np.intp)
+        direct = {bank.position[port] for port in exchange.checked.schedule.direct if port in bank.position}
+        self.passing = np.isin(self.lines, list(direct))
         self.switches: list[tuple[NDArray[Any], NDArray[Any], Indices]] = []
         for each, before in zip(exchange.banks, self.begun, strict=True):
             read = {each.position[k.start] for k in each.links if k.discrete}

@@ -56,6 +56,8 @@ class Schedule:
     through : frozenset of (str, str)
         Connected inputs that an output of their unit depends on directly which another unit reads, or which any does
         if none is read.
+    direct : frozenset of (str, str)
+        Outputs that depend directly on a connected input.
     blocks : tuple of tuple of str
         The components again, those that depend on each other in one block; for `CONTINUOUS` algorithms.
     """
@@ -64,6 +66,7 @@ class Schedule:
     units: tuple[str, ...]
     fresh: frozenset[Port]
     through: frozenset[Port] = frozenset()
+    direct: frozenset[Port] = frozenset()
     blocks: tuple[tuple[str, ...], ...] = ()
 
 
@@ -161,7 +164,8 @@ def make_schedule(
         for output in [v.name for v in description.named("output")]
     }
     through = _through(read, {k.start for k in links if k.stepped})
-    feeding = {k.start[0] for k in links if read.get(k.start)}
+    direct = frozenset(output for output, names in read.items() if names)
+    feeding = {k.start[0] for k in links if k.start in direct}
     if algorithm in CONTINUOUS:
         stepped = [k for k in links if k.stepped]
         fresh = _fresh_discrete(list(descriptions), stepped, through)
@@ -169,7 +173,7 @@ def make_schedule(
             list(descriptions), [k for k in stepped if not k.discrete or k.end in fresh], feeding
         )
         names = tuple(name for block in blocks for name in block)
-        return Schedule(initial, names, fresh, through, blocks), problems
+        return Schedule(initial, names, fresh, through, direct, blocks), problems
     fresh = [k for k in links if sequential and k.stepped and read[k.start]]
     names = sorted(descriptions, key=lambda name: name not in feeding) if sequential else list(descriptions)
     unit_edges = {(k.start[0], k.end[0]) for k in fresh}
@@ -181,7 +185,7 @@ def make_schedule(
                 f"no variable depends on itself ({'; '.join(joins)}); use jacobi, or split a unit"
             )
     units = names if problems else topological(names, unit_edges)
-    return Schedule(initial, tuple(units), frozenset(k.end for k in fresh), through), problems
+    return Schedule(initial, tuple(units), frozenset(k.end for k in fresh), through, direct), problems
 
 
 def _through(read: Mapping[Port, Sequence[str]], starts: set[Port]) -> frozenset[Port]:

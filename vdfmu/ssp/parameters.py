@@ -58,10 +58,23 @@ def system_values(scenario: Scenario, settings: Mapping[str, Any] | None = None)
     Variables that none of them names are not in it: they keep the start values of the variable table.
     """
     changed = override(scenario, settings or {})
-    return {
+    values = {
         unit: robot_parameters(unit, scenario) | scenario_parameters(unit, scenario) | changed.get(unit, {})
         for unit in units_of(scenario)
     }
+    if scenario.robot.limits:
+        _check_start(values["plant"], scenario.robot.n)
+    return values
+
+
+def _check_start(plant: Values, n: int) -> None:
+    """Raise UsageError for a start beyond the end stops, which would throw the link out of them."""
+    for i in range(1, n + 1):
+        q, low, high = (plant[f"{name}[{i}]"] for name in ("q_0", "q_min", "q_max"))
+        if not low <= q <= high:
+            raise UsageError(
+                f"plant.q_0[{i}]: expected a start between the end stops, {low:g} and {high:g}, got {q:g}."
+            )
 
 
 def override(scenario: Scenario, settings: Mapping[str, Any]) -> dict[str, Values]:
