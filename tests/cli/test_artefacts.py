@@ -3,7 +3,7 @@
 import pytest
 from typer.testing import CliRunner
 
-from vdfmu.cli import app
+from vdfmu.cli.commands import app
 from vdfmu.study.check import inspect_file
 
 WRITERS = [

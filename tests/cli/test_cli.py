@@ -3,10 +3,8 @@
 import json
 import os
 import re
-import signal
 import subprocess
 import sys
-import time
 import tomllib
 import zipfile
 
@@ -70,15 +68,18 @@ def test_build_ssp_check_models_work_together(tmp_path):
     assert done.returncode == 0, done.stderr
     assert done.stdout.splitlines()[-1] == "Written to .: results.csv, signals.png, summary.json"
     (tmp_path / "system.ssp").rename(tmp_path / "planar.ssp")
-    # what is there is kept by a wrong option, and replaced by another run
+    # what is there is kept by a wrong option and by a run that fails
     assert vdfmu("simulate", "planar.ssp", "--step", "0.003", "--stop", "0.2", cwd=tmp_path).returncode == 2
     assert (ours / "signals.png").exists()
     failed = vdfmu("simulate", "planar.ssp", "--set", "controller.K_p=1e9", cwd=tmp_path)
     assert failed.returncode == 1
     assert "plant: doStep at t =" in failed.stderr
-    assert "doStep" in json.loads((ours / "summary.json").read_text())["error"]
-    assert len((ours / "results.csv").read_text().splitlines()) > 3
-    assert not (ours / "signals.png").exists()
+    assert (
+        "The rows so far are in results/planar_ssp/partial; results/planar_ssp is as it was." in failed.stderr
+    )
+    assert "doStep" in json.loads((ours / "partial" / "summary.json").read_text())["error"]
+    assert len((ours / "partial" / "results.csv").read_text().splitlines()) > 3
+    assert (ours / "results.csv").read_text() == (theirs / "results.csv").read_text()
 
 
 def test_models_are_listed_and_shown(tmp_path):
@@ -174,25 +175,7 @@ def test_a_unit_that_fails_ends_with_code_1_and_its_words(tmp_path):
     done = vdfmu("run", "planar_tracking", "--set", "controller.K_p=1e9", cwd=tmp_path)
     assert done.returncode == 1
     assert "plant: doStep at t =" in done.stderr
-    assert (tmp_path / "results" / "planar_tracking" / "results.csv").exists()
-
-
-def test_ctrl_c_keeps_the_rows_so_far(tmp_path):
-    process = subprocess.Popen(
-        # many solver steps in each row: there is to be little to write at the end
-        [sys.executable, "-m", "vdfmu.cli", "run", "tracking", "--stop", "1000", "--set", "plant.tolerance=1e-12"],
-        cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
-    )  # fmt: skip
-    package = tmp_path / "results" / "tracking" / "system.ssp"
-    deadline = time.monotonic() + 120
-    while not package.exists() and time.monotonic() < deadline:
-        time.sleep(0.1)
-    time.sleep(2.0)  # into the stepping loop; a stop before it would leave no rows, and the test would fail
-    process.send_signal(signal.SIGINT)
-    _, errors = process.communicate(timeout=120)
-    assert process.returncode == 130
-    assert "interrupted at t =" in errors
-    assert len((tmp_path / "results" / "tracking" / "results.csv").read_text().splitlines()) > 3
+    assert (tmp_path / "results" / "planar_tracking" / "partial" / "results.csv").exists()
 
 
 @pytest.mark.parametrize(
@@ -212,21 +195,6 @@ def test_version(tmp_path):
     assert (done.returncode, done.stdout.strip()) == (0, f"vdfmu {package.__version__}")
 
 
-def test_ctrl_c_before_the_co_simulation_says_so(tmp_path):
-    environment = {**os.environ, "VDFMU_CACHE_DIR": str(tmp_path / "empty")}  # the FMUs must be traced first
-    process = subprocess.Popen(
-        [sys.executable, "-m", "vdfmu.cli", "run", "tracking"],
-        cwd=tmp_path, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
-    )  # fmt: skip
-    deadline = time.monotonic() + 60
-    while not (tmp_path / "results" / "tracking").exists() and time.monotonic() < deadline:
-        time.sleep(0.02)
-    process.send_signal(signal.SIGINT)
-    _, errors = process.communicate(timeout=120)
-    assert process.returncode == 130
-    assert "stopped" in errors
-
-
 def test_a_temporary_folder_that_crashes_python_fmus_is_refused(tmp_path):
     folder = tmp_path / "j\u00fcrgen"
     folder.mkdir()
@@ -236,3 +204,16 @@ def test_a_temporary_folder_that_crashes_python_fmus_is_refused(tmp_path):
     assert done.returncode == 1
     assert "Choose another folder for temporary files with TMPDIR" in " ".join(done.stderr.split())
     assert vdfmu(*arguments, "--backend", "native", cwd=tmp_path, env=environment).returncode == 0
+
+
+@pytest.mark.parametrize("output", ["closed", "/dev/full"])
+def test_findings_that_cannot_be_written_are_an_error(tmp_path, output):
+    (tmp_path / "text.fmu").write_text("no zip")
+    redirection = ">&-" if output == "closed" else f"> {output}"
+    done = subprocess.run(
+        ["/bin/sh", "-c", f'"$0" -m vdfmu.cli check --json text.fmu {redirection}', sys.executable],
+        cwd=tmp_path, stderr=subprocess.PIPE, text=True, timeout=300, check=False,
+    )  # fmt: skip
+    assert done.returncode == 2
+    assert "the findings cannot be written: " in done.stderr
+    assert "Traceback" not in done.stderr

@@ -143,7 +143,9 @@ def test_the_command_ends_with_an_error_and_keeps_the_rows(package, tmp_path):
     code, shown = command(package, "unit.nan_from=0.5", tmp_path)
     assert code == 1
     assert "unit: doStep at t = 0.25 s failed: y is nan at t = 0.5 s, expected a finite number" in shown
-    assert len((tmp_path / "results.csv").read_text().splitlines()) == 2 + 2  # names, units, t = 0 and 0.25 s
+    assert (
+        len((tmp_path / "partial" / "results.csv").read_text().splitlines()) == 2 + 2
+    )  # names, units, t = 0 and 0.25 s
 
 
 def test_check_notes_what_is_no_number(fmus):

@@ -45,6 +45,36 @@ def test_csv_reads_back_to_the_same_bits(results, tmp_path):
         assert again[name].tobytes() == results[name].tobytes()
 
 
+@pytest.mark.parametrize(
+    "name",
+    [
+        "a,b",
+        'a"b',
+        "a\nb",
+        "a\r\nb",
+        "a\rb",
+        "\n",
+        "",
+        " a ",
+        "a\u2028b",
+        "a\x85b",
+        "\u00e4\u4e2d",
+        "'",
+        "#a",
+        "time",
+        "1.0",
+    ],
+)
+def test_every_name_reads_back_from_csv(tmp_path, name):
+    signals = [Signal(name, "real", name, 0), Signal("last", "real", "m", 1)]
+    results = Results(np.arange(3.0), signals, {"real": np.arange(6.0).reshape(3, 2)})
+    results.to_csv(tmp_path / "r.csv")
+    again = Results.from_csv(tmp_path / "r.csv")
+    assert again.names == [name, "last"]
+    assert again.units == {name: name, "last": "m"}
+    np.testing.assert_array_equal(again[name], results[name])
+
+
 def test_csv_has_a_line_of_names_and_a_line_of_units(results, tmp_path):
     results.to_csv(tmp_path / "r.csv")
     lines = (tmp_path / "r.csv").read_text().splitlines()

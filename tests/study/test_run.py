@@ -5,14 +5,14 @@ import importlib
 import json
 import math
 import pkgutil
-import signal
 import sys
 
 import numpy as np
 import pytest
 
 import vdfmu
-from vdfmu.cosim import Interrupted, Results
+from vdfmu.cosim import Results
+from vdfmu.cosim.exchange import Exchange
 from vdfmu.cosim.reference import Reference
 from vdfmu.errors import CosimError, ModelError, UsageError
 from vdfmu.model import load_scenario
@@ -173,27 +173,63 @@ def test_a_unit_that_fails_leaves_the_rows_before_and_the_reason(tmp_path):
         CosimError, match=r"plant: doStep at t = .* s failed: .*(local error|not finite)"
     ) as caught:
         vdfmu.run("planar_tracking", out=tmp_path, settings={"controller.K_p": 1e9})
-    rows = Results.from_csv(tmp_path / "results.csv")
+    rows = Results.from_csv(tmp_path / "partial" / "results.csv")
     assert len(rows.time) >= 1
     assert rows.time[-1] == pytest.approx(caught.value.time)
-    summary = json.loads((tmp_path / "summary.json").read_text())
+    summary = json.loads((tmp_path / "partial" / "summary.json").read_text())
     assert "plant: doStep" in summary["error"]
     assert not list(tmp_path.glob("*.png"))
 
 
 def test_files_of_an_earlier_run_are_replaced_and_nothing_else(tmp_path):
-    (tmp_path / "figure_10.png").write_bytes(b"old")
+    options = {"out": tmp_path, "stop": 0.01, "reference": False}
+    vdfmu.run("planar_tracking", container=True, **options)
+    old = {p.name: p.read_bytes() for p in tmp_path.iterdir()}
     (tmp_path / "notes.txt").write_text("mine")
-    (tmp_path / "holiday.png").write_bytes(b"mine")
+    (tmp_path / "figure_10.png").write_bytes(b"mine")
     with pytest.raises(UsageError, match="only parameters and free inputs can be set"):
         vdfmu.run("planar_tracking", out=tmp_path, settings={"plant.q": 1})
-    assert (tmp_path / "figure_10.png").read_bytes() == b"old"  # nothing is lost to a typing error
-    vdfmu.run("planar_tracking", out=tmp_path, stop=0.01, reference=False)
+    with pytest.raises(UsageError, match=r"has figure_10\.png, which no run wrote there; .*--overwrite"):
+        vdfmu.run("planar_tracking", **options)
+    assert {p.name: p.read_bytes() for p in tmp_path.iterdir() if p.name in old} == old
+    (tmp_path / "figure_10.png").rename(tmp_path / "holiday.png")
+    vdfmu.run("planar_tracking", settings={"controller.K_p": 900}, **options)
     assert (tmp_path / "notes.txt").read_text() == "mine"
     assert (tmp_path / "holiday.png").read_bytes() == b"mine"
-    pictures = [p.read_bytes() for p in tmp_path.glob("*.png")]
-    assert len(pictures) > 1
-    assert b"old" not in pictures
+    new = {p.name: p.read_bytes() for p in tmp_path.iterdir() if p.name not in ("notes.txt", "holiday.png")}
+    assert set(old) - set(new) == {"container.fmu"}  # of the earlier run, and not of this one
+    assert set(new) < set(old)
+    assert new["results.csv"] != old["results.csv"]
+
+
+def test_files_that_no_run_wrote_are_replaced_when_asked(tmp_path):
+    (tmp_path / "results.csv").write_text("mine")
+    vdfmu.run("planar_tracking", out=tmp_path, stop=0.01, reference=False, overwrite=True)
+    assert len(Results.from_csv(tmp_path / "results.csv")) == 11
+
+
+def test_a_run_that_fails_before_its_first_row_leaves_nothing(tmp_path, monkeypatch):
+    def fail(*_):
+        raise CosimError("plant", "setReal", 0.0, "no")
+
+    monkeypatch.setattr(Exchange, "initialize", fail)
+    with pytest.raises(CosimError) as caught:
+        vdfmu.run("planar_tracking", out=tmp_path / "new", stop=0.01, reference=False)
+    assert not hasattr(caught.value, "__notes__")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_rows_of_a_failed_run_are_replaced_by_those_of_the_next_failed_one_only(tmp_path):
+    options = {"out": tmp_path, "stop": 0.05, "reference": False}
+    for gain in (1e9, 1e8):
+        with pytest.raises(CosimError) as caught:
+            vdfmu.run("planar_tracking", settings={"controller.K_p": gain}, **options)
+        rows = len(Results.from_csv(tmp_path / "partial" / "results.csv"))
+        assert rows == len(caught.value.results)
+        assert caught.value.__notes__ == [f"The rows so far are in {tmp_path / 'partial'}."]
+    vdfmu.run("planar_tracking", **options)
+    assert len(Results.from_csv(tmp_path / "partial" / "results.csv")) == rows
+    assert [p.name for p in tmp_path.iterdir() if p.is_dir()] == ["partial"]
 
 
 def test_a_cache_that_cannot_be_written_costs_only_time(tmp_path, monkeypatch):
@@ -295,20 +331,6 @@ def test_a_robot_by_name_where_a_robot_is_expected_says_how_to_load_it(tmp_path)
         vdfmu.build_fmus("planar_2dof", tmp_path)
     with pytest.raises(UsageError, match="expected a Robot, got str"):
         vdfmu.inverse_dynamics("planar_2dof", [0, 0], [0, 0], [0, 0])
-
-
-def test_an_interrupt_while_rows_are_written_waits_for_them(tmp_path, monkeypatch):
-    write = Results.to_csv
-
-    def interrupted(results, path):
-        signal.raise_signal(signal.SIGINT)
-        write(results, path)
-
-    monkeypatch.setattr(Results, "to_csv", interrupted)
-    with pytest.raises(Interrupted):
-        vdfmu.run("planar_tracking", stop=0.1, out=tmp_path, reference=False)
-    assert len(Results.from_csv(tmp_path / "results.csv")) == 101
-    assert json.loads((tmp_path / "summary.json").read_text())["steps"] == 100
 
 
 def test_the_estimation_scenario_shows_both_estimates_on_the_plants_own_signals(tmp_path):

@@ -161,6 +161,8 @@ def check(
     except StorageError as error:
         fail(error, 2)
     if as_json:
+        if sys.stdout is None:
+            fail("the findings cannot be written: the standard output is closed", 2)
         try:
             print(json.dumps(report.to_dict(), indent=1), flush=True)
         except BrokenPipeError:

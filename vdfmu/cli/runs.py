@@ -32,6 +32,10 @@ AdaptiveOption = Annotated[
         show_default=False,
     ),
 ]
+OverwriteOption = Annotated[
+    bool,
+    typer.Option("--overwrite", help="Replace files of these names too that no run wrote."),
+]
 
 
 def run(
@@ -42,6 +46,7 @@ def run(
     master: MasterOption = None,
     adaptive: AdaptiveOption = None,
     out: Annotated[Path | None, typer.Option(help="Folder of the results; default results/SCENARIO.")] = None,
+    overwrite: OverwriteOption = False,
     no_reference: Annotated[
         bool, typer.Option("--no-reference", help="Do not solve the references.")
     ] = False,
@@ -67,6 +72,7 @@ def run(
             master=master,
             adaptive=adaptive,
             out=out,
+            overwrite=overwrite,
             reference=not no_reference,
             backend=backend,
             container=container,
@@ -100,6 +106,7 @@ def simulate(
         float | None, typer.Option(help="Relative tolerance for the units' solvers.")
     ] = None,
     out: Annotated[Path | None, typer.Option(help="Folder of the results; default results/NAME_ssp.")] = None,
+    overwrite: OverwriteOption = False,
     record: Annotated[
         list[str] | None,
         typer.Option(
@@ -164,6 +171,7 @@ def simulate(
             time_limit=time_limit,
             memory_limit=memory_limit,
             out=out,
+            overwrite=overwrite,
             progress=bars.update,
             log=bars.log,
         )

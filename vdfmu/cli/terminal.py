@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import signal
 import sys
 from collections.abc import Callable, Iterable, Sequence
 from functools import wraps
@@ -82,20 +83,24 @@ UnpackOption = Annotated[
 
 
 def stoppable(command: Callable[..., None]) -> Callable[..., None]:
-    """Say that Ctrl-C stopped a command; typer would end the program without a word."""
+    """Say that a signal stopped a command; typer would end the program without a word."""
 
     @wraps(command)
     def stoppable(*args: Any, **kwargs: Any) -> None:
         try:
             command(*args, **kwargs)
         except KeyboardInterrupt as stopped:
-            from vdfmu.cosim import Interrupted
-
-            kept = "; the rows so far are kept" if isinstance(stopped, Interrupted) else ""
-            errors.print(f"stopped: {stopped}{kept}" if str(stopped) else "stopped", markup=False)
-            raise typer.Exit(130) from None
+            told = _told(stopped)
+            errors.print(f"stopped: {told}" if told else "stopped", markup=False, soft_wrap=True)
+            raise typer.Exit(128 + getattr(stopped, "number", signal.SIGINT)) from None
 
     return stoppable
+
+
+def _told(error: object) -> str:
+    """Return what an error says, with what was added to it on its way."""
+    notes = getattr(error, "__notes__", [])
+    return ". ".join([*filter(None, [str(error).removesuffix(".")]), *notes]) if notes else str(error)
 
 
 def say(text: str) -> None:
@@ -122,7 +127,7 @@ def parse_settings(items: list[str] | None) -> dict[str, str]:
 
 def fail(error: object, code: int) -> NoReturn:
     """Say what is wrong and end."""
-    errors.print(f"[red]error:[/red] {escape(str(error))}", soft_wrap=True)
+    errors.print(f"[red]error:[/red] {escape(_told(error))}", soft_wrap=True)
     sys.exit(code)
 
 

@@ -13,6 +13,7 @@ from vdfmu.cosim.component import LogMessage, MessageBox, Slave, Watch
 from vdfmu.cosim.continuous import ContinuousStepper
 from vdfmu.cosim.exchange import Exchange, SampledStepper
 from vdfmu.errors import CosimError
+from vdfmu.interrupt import InterruptGuard
 from vdfmu.model.scenario import CONTINUOUS
 
 __all__ = ["CONVERGENCE", "Components"]
@@ -56,23 +57,25 @@ class Components:
         for name, description in self.checked.descriptions.items():
             folder = self.folders[description.source]
             self.slaves[name] = Slave(name, description, folder, self.box, corrupt, self._watch)
-            self.slaves[name].instantiate()
+            with InterruptGuard():  # of which units written in Python would make an error
+                self.slaves[name].instantiate()
 
     def initialize(
         self, begin: float, end: float, tolerance: float | None, convergence: float = CONVERGENCE
     ) -> None:
         """Take all through initialization; leaves the outputs at `begin` in the exchange."""
         self.box.time = begin
-        for name, slave in self.slaves.items():
-            slave.setup(tolerance, begin, end)
-            slave.set_all(list(self.checked.starts.get(name, ())))
-        for slave in self.slaves.values():
-            slave.call("EnterInitializationMode")
-        self.exchange.initialize(begin, convergence)
-        for slave in self.slaves.values():
-            slave.call("ExitInitializationMode")
-            slave.stage = "initialized"
-        self.exchange.read_outputs()
+        with InterruptGuard():
+            for name, slave in self.slaves.items():
+                slave.setup(tolerance, begin, end)
+                slave.set_all(list(self.checked.starts.get(name, ())))
+            for slave in self.slaves.values():
+                slave.call("EnterInitializationMode")
+            self.exchange.initialize(begin, convergence)
+            for slave in self.slaves.values():
+                slave.call("ExitInitializationMode")
+                slave.stage = "initialized"
+            self.exchange.read_outputs()
         self.box.flush()
 
     def couple(

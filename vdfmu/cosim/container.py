@@ -245,6 +245,7 @@ def simulate_container(
     step: float,
     progress: Callable[[int, int], None] | None = None,
     log: Callable[[LogMessage], None] | None = None,
+    stream: Path | None = None,
 ) -> Results:
     """Run a container FMU under the master and name its signals as those of its units.
 
@@ -256,8 +257,8 @@ def simulate_container(
         What is in it.
     stop, step : float [s]
         End of the run, and the container's step or a multiple.
-    progress, log : callable, optional
-        As in :func:`vdfmu.cosim.simulate`.
+    progress, log, stream : optional
+        As in :func:`vdfmu.cosim.simulate`. In the stream the signals have the names of the container's until the end.
 
     Returns
     -------
@@ -293,17 +294,24 @@ def simulate_container(
             text = message.text.replace(f"{_NAME}.", "", 1)
             (log or log_to_logging)(dataclasses.replace(message, text=text))
 
+        def unfold(folded: Results) -> Results:
+            results = _unfold(folded, links)
+            if stream is not None:
+                results.to_csv(stream)
+            return results
+
         try:
             results = simulate(
-                folded, start=0.0, stop=stop, step=step, algorithm="jacobi", progress=progress, log=say, isolate=False
+                folded, start=0.0, stop=stop, step=step, algorithm="jacobi", progress=progress, log=say,
+                isolate=False, stream=stream,
             )  # fmt: skip
         except (CosimError, Interrupted) as error:
             if error.results is not None:
-                error.results = _unfold(error.results, links)
+                error.results = unfold(error.results)
             if isinstance(error, CosimError):
                 raise _of_unit(error) from None
             raise
-    return _unfold(results, links)
+    return unfold(results)
 
 
 def _of_unit(error: CosimError) -> CosimError:

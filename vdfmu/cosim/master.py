@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+import signal
 import tempfile
 import time as clock
 from collections.abc import Callable, Mapping, Sequence
@@ -11,17 +12,19 @@ from typing import Any
 
 import fmpy
 import numpy as np
+from numpy.typing import NDArray
 
 from vdfmu.cosim.check import Checked, Value, check_system
 from vdfmu.cosim.component import LogMessage, MessageBox
 from vdfmu.cosim.components import CONVERGENCE, Components, failure_message
 from vdfmu.cosim.continuous import ContinuousStepper
 from vdfmu.cosim.exchange import SampledStepper, largest_step
-from vdfmu.cosim.interrupt import InterruptGuard
 from vdfmu.cosim.isolated import Isolated, Limits
+from vdfmu.cosim.recorder import ROWS, Recorder
 from vdfmu.cosim.results import Results
 from vdfmu.cosim.schedule import ALGORITHMS, DEFAULT
 from vdfmu.errors import CosimError, UsageError, VdfmuError
+from vdfmu.interrupt import InterruptGuard
 from vdfmu.model.check import MOST_STEPS
 from vdfmu.model.scenario import CONTINUOUS
 from vdfmu.ssp.archive import Archive
@@ -34,12 +37,13 @@ _OURS = {"resources/vdfmu.json", "extra/vdfmu/vdfmu.json"}
 
 
 class Interrupted(KeyboardInterrupt):
-    """The user stopped the run between two steps; `results` holds the rows so far."""
+    """The signal `number` stopped the run between two steps; `results` holds the rows so far."""
 
-    def __init__(self, time: float, results: Results) -> None:
+    def __init__(self, time: float, results: Results, number: int = signal.SIGINT) -> None:
         super().__init__(f"interrupted at t = {time:.9g} s")
         self.time = time
         self.results = results
+        self.number = number
 
 
 def simulate(
@@ -61,6 +65,7 @@ def simulate(
     isolate: bool | None = None,
     time_limit: float | None = None,
     memory_limit: float | None = None,
+    stream: Path | None = None,
 ) -> Results:
     """Co-simulate a system of FMI 2.0 co-simulation units.
 
@@ -110,6 +115,10 @@ def simulate(
         Time that isolated components have for a step, and for loading, initialization and freeing each. Default: 300.
     memory_limit : float, optional [MB]
         Memory that isolated components have. Default: half of that of the machine.
+    stream : Path, optional
+        CSV file to which the rows go as they come, in the form of `Results.to_csv` and at least every two seconds. The
+        results are read from disk then, where they take as much room again while they are in use; memory does not
+        grow with the number of rows, but for their times.
 
     Returns
     -------
@@ -128,6 +137,8 @@ def simulate(
         error holds the rows so far, or None before the first row.
     Interrupted
         The user pressed Ctrl-C. It is a KeyboardInterrupt with `results`.
+    VdfmuError
+        The disk is full.
     """
     if not isinstance(system, System):
         system = load_ssp(system)
@@ -152,7 +163,7 @@ def simulate(
             "notes": list(checked.notes),
         }  # fmt: skip
         run.stepper = run.components.couple(adaptive, convergence, end - begin, record)
-        run.results = run.steps(begin, end, step, n, record, progress)
+        run.results = run.steps(begin, end, step, n, record, progress, stream)
     return run.results
 
 
@@ -306,30 +317,39 @@ class _Run:
         n: int,
         record: Sequence[str] | None,
         progress: Callable[[int, int], None] | None,
+        stream: Path | None = None,
     ) -> Results:
         """Do the steps and return the results."""
         box, stepper = self.box, self.stepper
         advance, exchange = stepper.advance, self.exchange
-        signals, data, store = exchange.recorders(n + 1, record)
+        signals, data, store = exchange.recorders(n + 1 if stream is None else ROWS, record)
+        recorder = None
         finite = exchange.finite
         pending = box.pending
         done = -1  # the last complete row
 
+        def times(first: int, after: int) -> NDArray[np.float64]:
+            return begin + step * np.arange(first, after, dtype=np.float64)
+
         def results() -> Results:
-            self.summary["wall_s"] = clock.perf_counter() - began
+            self.summary["wall_s"] = clock.perf_counter() - began - (recorder.seconds if recorder else 0.0)
             self.summary |= stepper.facts()
-            rows = slice(0, done + 1)
-            time = begin + step * np.arange(done + 1, dtype=np.float64)
+            time = times(0, done + 1)
             if done == n or box.ended:
                 time[done] = self.summary["stop"]
-            kept = {kind: array[rows] for kind, array in data.items()}
+            rows = slice(0, done + 1)
+            kept = recorder.finish(time) if recorder else {kind: array[rows] for kind, array in data.items()}
             return Results(time, signals, kept, self.summary, box.kept)
 
+        if stream is not None:
+            recorder = Recorder(stream, signals, data, store, times)
+            store = recorder.store
         began = clock.perf_counter()
         stride = max(1, -(-n // 100))
+        guard = InterruptGuard()
         try:
-            with InterruptGuard() as guard, np.errstate(invalid="ignore"):  # they are looked for
-                stepper.pressed = lambda: guard.pressed
+            with guard, np.errstate(invalid="ignore"):  # they are looked for
+                stepper.pressed = lambda: guard.number != 0
                 exchange.refuse_not_finite("initialization", begin)
                 store(0)
                 done = 0
@@ -343,14 +363,14 @@ class _Run:
                         advance(time, step if fits else largest_step(time, end), stop)
                         if not finite():
                             exchange.refuse_not_finite("doStep", stop)
+                        store(k + 1)
                         done = k + 1
-                        store(done)
                         if box.ended:
                             done = self._end(k, time)
                             break
                         if pending:
                             box.flush()
-                        if guard.pressed:
+                        if guard.number:
                             raise KeyboardInterrupt
                     if progress is not None:
                         progress(done, n)
@@ -362,7 +382,7 @@ class _Run:
             raise
         except KeyboardInterrupt:
             box.flush()
-            raise Interrupted(begin + done * step, results()) from None
+            raise Interrupted(begin + done * step, results(), guard.number or signal.SIGINT) from None
         for note in stepper.notes():
             self.summary["notes"].append(note)
             pending.append(LogMessage("", box.time, "note", "", note))

@@ -6,6 +6,7 @@ import csv
 import difflib
 import io
 import math
+import mmap
 import os
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -100,7 +101,7 @@ class Results:
             close = difflib.get_close_matches(name, self._signals, n=3)
             hint = f"; did you mean {', '.join(close)}?" if close else ""
             raise UsageError(f"the results have no signal {name!r}{hint}")
-        column = self._data[signal.kind][:, signal.column]
+        column = np.asarray(self._data[signal.kind])[:, signal.column]
         return column.astype(bool) if signal.kind == "boolean" else column
 
     def array(self, name: str) -> NDArray[Any]:
@@ -139,6 +140,14 @@ class Results:
         signals = [signal._replace(name=rename(signal.name)) for signal in self._signals.values()]
         return Results(self.time, signals, self._data, self.summary, self.messages)
 
+    def thinned(self, most: int) -> Results:
+        """Return at most `most` rows at equal distances, with the first; the same results if there are no more."""
+        stride = -(-len(self) // most)
+        if stride <= 1:
+            return self
+        data = {kind: _every(array, stride) for kind, array in self._data.items()}
+        return Results(self.time[::stride], list(self._signals.values()), data, self.summary, self.messages)
+
     def with_reals(self, signals: Mapping[str, tuple[NDArray[np.float64], str]]) -> Results:
         """Return the same results with more signals, each an array (m,) and its unit."""
         real = self._data["real"]
@@ -166,11 +175,10 @@ class Results:
         try:
             with open(temporary, "w", encoding="utf-8", newline="") as file:
                 signals = list(self._signals.values())
-                writer = csv.writer(file, lineterminator="\n")
-                writer.writerow(["time", *(s.name for s in signals)])
-                writer.writerow(["s", *(s.unit if s.kind == "real" else s.kind for s in signals)])
+                file.write(csv_head(signals))
                 for first in range(0, len(self.time), _BLOCK):
-                    file.write(self._lines(signals, slice(first, first + _BLOCK)))
+                    rows = slice(first, first + _BLOCK)
+                    file.write(csv_lines(self.time[rows], signals, self._data, rows))
             os.replace(temporary, path)
         except OSError as error:
             kind = UsageError if isinstance(error, (FileNotFoundError, PermissionError)) else VdfmuError
@@ -178,21 +186,15 @@ class Results:
         finally:
             temporary.unlink(missing_ok=True)
 
-    def _lines(self, signals: Sequence[Signal], rows: slice) -> str:
-        columns = [map(repr, self.time[rows].tolist())]
-        blocks = {kind: array[rows].T.tolist() for kind, array in self._data.items()}
-        columns += [map(repr, blocks[s.kind][s.column]) for s in signals]
-        return "\n".join(map(",".join, zip(*columns, strict=True))) + "\n"
-
     @classmethod
     def from_csv(cls, path: str | Path) -> Results:
         """Read what `to_csv` wrote; UsageError when the file is missing or of another form."""
         path = Path(path)
         try:
-            text = path.read_text(encoding="utf-8")
+            text = path.read_bytes().decode()
         except (OSError, UnicodeDecodeError) as error:
             raise UsageError(f"cannot read {path}: {getattr(error, 'strerror', None) or error}") from None
-        stream = io.StringIO(text)
+        stream = io.StringIO(text, newline="")
         reader = csv.reader(stream)
         try:
             names, units = next(reader), next(reader)
@@ -200,7 +202,7 @@ class Results:
             raise UsageError(f"{path}: expected a line of names and a line of units") from None
         if len(names) != len(units) or names[:1] != ["time"]:
             raise UsageError(f"{path}: expected as many units as names, and 'time' as the first column")
-        body = text.split("\n", 2)[2] if text.count("\n") >= 2 else ""
+        body = stream.read()
         try:
             table = (
                 np.loadtxt(io.StringIO(body), delimiter=",", ndmin=2, comments=None)
@@ -222,3 +224,37 @@ class Results:
             for kind, columns in chosen.items()
         }
         return cls(table[:, 0].copy(), signals, data)
+
+
+def csv_head(signals: Sequence[Signal]) -> str:
+    """Return the lines of names and of units."""
+    head = ""
+    for row in (
+        ["time", *(s.name for s in signals)],
+        ["s", *(s.unit if s.kind == "real" else s.kind for s in signals)],
+    ):
+        line = io.StringIO()
+        csv.writer(line, lineterminator="\r\n").writerow(row)  # both of which are then quoted in names
+        head += line.getvalue().removesuffix("\r\n") + "\n"
+    return head
+
+
+def csv_lines(
+    time: NDArray[np.float64], signals: Sequence[Signal], data: Mapping[str, NDArray[Any]], rows: slice
+) -> str:
+    """Return a line for each `time` and its row of `data`; numbers in their shortest form of the same bits."""
+    columns = [map(repr, time.tolist())]
+    blocks = {kind: array[rows].T.tolist() for kind, array in data.items()}
+    columns += [map(repr, blocks[s.kind][s.column]) for s in signals]
+    return "".join(line + "\n" for line in map(",".join, zip(*columns, strict=True)))
+
+
+def _every(array: NDArray[Any], stride: int) -> NDArray[Any]:
+    """Return every row of `stride`, and keep no page in memory of an array that is on disk."""
+    parts: list[NDArray[Any]] = []
+    size = stride * -(-_BLOCK // stride)
+    for first in range(0, len(array), size):
+        parts.append(array[first : first + size : stride].copy())
+        if isinstance(array.base, mmap.mmap) and hasattr(mmap, "MADV_DONTNEED"):
+            array.base.madvise(mmap.MADV_DONTNEED)
+    return np.concatenate(parts)

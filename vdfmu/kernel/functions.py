@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
@@ -10,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from vdfmu.errors import KernelError
+from vdfmu.interrupt import listening
 from vdfmu.kernel.cache import cache_folder, load, store
 from vdfmu.kernel.derivatives import DIRECTIONS
 from vdfmu.kernel.structure import structure_key, values
@@ -104,6 +106,10 @@ class Kernel:
         """CasADi function of one of the names in :data:`vdfmu.kernel.trace.FUNCTIONS`, or a derivative of one."""
         if name not in FUNCTIONS and derivative_of(name) is None:
             raise KernelError(f"There is no traced function {name!r}. There are: {', '.join(FUNCTIONS)}.")
+        with listening(signal.SIGINT):  # of which CasADi would drop what the default handler raises
+            return self._casadi_function(name)
+
+    def _casadi_function(self, name: str) -> ca.Function:
         if self._cache is None:
             return self._made(name)
         path = self._cache / self._key / f"{name}.casadi"

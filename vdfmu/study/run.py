@@ -34,7 +34,7 @@ from vdfmu.ssp.read import load_ssp
 from vdfmu.ssp.system_file import units_of
 from vdfmu.ssp.write import write_ssp
 from vdfmu.study.contrast import contrast
-from vdfmu.study.folder import RUN_OUTPUTS, keep, make_empty, write, write_summary
+from vdfmu.study.folder import DRAWN, RUN_OUTPUTS, keep, replacing_results, write_summary
 from vdfmu.study.summary import (
     compare,
     compare_statistics,
@@ -118,6 +118,7 @@ def run(
     master: str | None = None,
     adaptive: float | None = None,
     out: str | os.PathLike[str] | None = None,
+    overwrite: bool = False,
     reference: bool = True,
     backend: str | None = None,
     container: bool = False,
@@ -140,7 +141,10 @@ def run(
         Largest relative error of a coupled signal in a communication step, which is shortened to it and never longer
         than `step`; see :func:`vdfmu.cosim.simulate`.
     out : path, optional
-        Folder for the files; default ``results/<scenario>``. Files of an earlier run in it are replaced.
+        Folder for the files; default ``results/<scenario>``. Files of an earlier run in it are replaced once this one
+        is complete.
+    overwrite : bool, optional
+        Whether to replace files of these names too that no run wrote.
     reference : bool, optional
         Whether to solve the references and compare, which takes longer than the run itself.
     backend : "native" or "python", optional
@@ -165,7 +169,7 @@ def run(
     UsageError, ModelError, SspError
         Before the run, for what is wrong with scenario, robot, options or system.
     CosimError, vdfmu.cosim.Interrupted
-        A unit failed, or the user stopped the run. The rows so far are in ``results.csv``.
+        A unit failed, or the user stopped the run. The rows so far are in ``partial/results.csv`` of the folder.
     """
     scenario = prepare(scenario, robot=robot, step=step, stop=stop, master=master, adaptive=adaptive)
     folder = Path(out) if out is not None else Path("results") / scenario.name
@@ -179,8 +183,8 @@ def run(
             raise UsageError(
                 f"scenario {scenario.name} has no units, so there is nothing to set: {', '.join(settings)}."
             )
-        make_empty(folder, RUN_OUTPUTS)
-        return _run_contrast(scenario, folder)
+        with replacing_results(folder, RUN_OUTPUTS, overwrite) as partial:
+            return _run_contrast(scenario, partial)
 
     if container and backend is None:
         backend = "native"
@@ -196,40 +200,40 @@ def run(
             log(LogMessage("", 0.0, "warning", "", warning))
         for note in (*model_notes(scenario), *build_notes(scenario.robot, backend)):
             log(LogMessage("", 0.0, "note", "", f"{scenario.robot.name}: {note}"))
-    make_empty(folder, RUN_OUTPUTS)
-    report("build", 0, 1)
-    with tempfile.TemporaryDirectory(prefix="vdfmu_fmus_") as fmus:
-        built = cached_fmus(scenario, fmus, backend)
-        package = write_ssp(scenario, built, folder / "system.ssp", values)
-    if container:
-        write_container(package, folder / "container.fmu", step=scenario.step)
-    report("build", 1, 1)
-    summary = _head(scenario) | {
-        "backend": backend,
-        "container": container,
-        "settings": text_settings,
-        "warnings": warnings,
-    }
-    try:
-        results = _simulate(scenario, package, container, report, log)
-    except (CosimError, Interrupted) as error:
-        keep(error, folder, summary)
-        raise
-    wall = results.summary["wall_s"]
-    summary |= results.summary | {"real_time_factor": scenario.stop / wall}
-    summary |= tracking_errors(results, scenario.robot)
-    summary |= power_bond(results, scenario.robot)
-    if "estimator" in units_of(scenario):
-        summary |= estimation_errors(results, scenario.master)
-    summary["paper"] = dict(scenario.paper)
-    summary |= implied_gains(scenario.paper, scenario.robot, values)
-    results.summary = summary
-    write(results, folder)
-    if reference:
-        summary |= _references(scenario, package, values, results, report)
-        write_summary(summary, folder)
-    run_figures(results, scenario, folder)
-    return results
+    with replacing_results(folder, RUN_OUTPUTS, overwrite) as partial:
+        report("build", 0, 1)
+        with tempfile.TemporaryDirectory(prefix="vdfmu_fmus_") as fmus:
+            built = cached_fmus(scenario, fmus, backend)
+            package = write_ssp(scenario, built, partial / "system.ssp", values)
+        if container:
+            write_container(package, partial / "container.fmu", step=scenario.step)
+        report("build", 1, 1)
+        summary = _head(scenario) | {
+            "backend": backend,
+            "container": container,
+            "settings": text_settings,
+            "warnings": warnings,
+        }
+        try:
+            results = _simulate(scenario, package, container, report, log)
+        except (CosimError, Interrupted) as error:
+            keep(error, partial, summary)
+            raise
+        wall = results.summary["wall_s"]
+        summary |= results.summary | {"real_time_factor": scenario.stop / wall}
+        summary |= tracking_errors(results, scenario.robot)
+        summary |= power_bond(results, scenario.robot)
+        if "estimator" in units_of(scenario):
+            summary |= estimation_errors(results, scenario.master)
+        summary["paper"] = dict(scenario.paper)
+        summary |= implied_gains(scenario.paper, scenario.robot, values)
+        results.summary = summary
+        write_summary(summary, partial)
+        if reference:
+            summary |= _references(scenario, package, values, results, report)
+        run_figures(results.thinned(DRAWN), scenario, partial)
+        write_summary(summary, partial)
+        return results
 
 
 def _for_container(scenario: Scenario, backend: str, master: str | None) -> Scenario:
@@ -248,16 +252,19 @@ def _simulate(
     log: Callable[[LogMessage], None] | None,
 ) -> Results:
     stop, step = scenario.stop, scenario.step
+    stream = package.with_name("results.csv")
 
     def progress(done: int, total: int) -> None:
         report("co-simulation", done, total)
 
     if container:
         folded = package.with_name("container.fmu")
-        return simulate_container(folded, load_ssp(package), stop=stop, step=step, progress=progress, log=log)
+        return simulate_container(
+            folded, load_ssp(package), stop=stop, step=step, progress=progress, log=log, stream=stream
+        )
     return simulate(
         package, start=0.0, stop=stop, step=step, algorithm=scenario.master, adaptive=scenario.adaptive,
-        progress=progress, log=log,
+        progress=progress, log=log, stream=stream,
     )  # fmt: skip
 
 
@@ -265,8 +272,9 @@ def _run_contrast(scenario: Scenario, folder: Path) -> Results:
     study = contrast(scenario)
     results = study.results()
     results.summary = _head(scenario) | study.summary(dict(scenario.paper))
-    write(results, folder)
+    results.to_csv(folder / "results.csv")
     contrast_figures(study, folder, scenario)
+    write_summary(results.summary, folder)
     return results
 
 

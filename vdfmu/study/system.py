@@ -12,7 +12,7 @@ from vdfmu.cosim import Interrupted, LogMessage, Results, simulate
 from vdfmu.errors import CosimError, UsageError, VdfmuError
 from vdfmu.report.signals import signals_figure
 from vdfmu.ssp.read import DEFAULT, load_ssp
-from vdfmu.study.folder import SYSTEM_OUTPUTS, keep, make_empty, write, write_summary
+from vdfmu.study.folder import DRAWN, SYSTEM_OUTPUTS, keep, replacing_results, write_summary
 
 __all__ = ["default_folder", "run_system"]
 
@@ -42,6 +42,7 @@ def run_system(
     time_limit: float | None = None,
     memory_limit: float | None = None,
     out: str | os.PathLike[str] | None = None,
+    overwrite: bool = False,
     progress: Progress | None = None,
     log: Callable[[LogMessage], None] | None = None,
 ) -> Results:
@@ -60,7 +61,10 @@ def run_system(
     settings : mapping of str to value, optional
         Values of ``component.variable``, as ``parameters`` of :func:`vdfmu.cosim.simulate`.
     out : path, optional
-        Folder for the files; default :func:`default_folder`. Files of an earlier run in it are replaced.
+        Folder for the files; default :func:`default_folder`. Files of an earlier run in it are replaced once
+        this one is complete.
+    overwrite : bool, optional
+        Whether to replace files of these names too that no run wrote.
     progress : callable, optional
         Called with stage, done, total.
     log : callable, optional
@@ -76,7 +80,7 @@ def run_system(
     UsageError, SspError
         Before the run, for what is wrong with the package or the options.
     CosimError, vdfmu.cosim.Interrupted
-        A unit failed, or the user stopped the run. The rows so far are in ``results.csv``.
+        A unit failed, or the user stopped the run. The rows so far are in ``partial/results.csv`` of the folder.
     """
     package = Path(package)
     if package.suffix.lower() != ".ssp":
@@ -90,34 +94,34 @@ def run_system(
     }
 
     def advance(done: int, total: int) -> None:
-        if done == 0:  # all checks are passed: results of an earlier run go now, and a full disk shows
-            make_empty(folder, SYSTEM_OUTPUTS)
         if progress is not None:
             progress("co-simulation", done, total)
 
-    try:
-        results = simulate(
-            system, start=start, stop=stop, step=step, algorithm=master, adaptive=adaptive, tolerance=tolerance,
-            parameters=settings, record=record, ignore_unmatched=ignore_unmatched, isolate=isolate,
-            time_limit=time_limit, memory_limit=memory_limit, progress=advance, log=log,
-        )  # fmt: skip
-    except (CosimError, Interrupted) as error:
-        keep(error, folder, summary)
-        raise
-    done = results.summary
-    factor = (done["stop"] - done["start"]) / done["wall_s"]
-    results.summary = summary | done | {"real_time_factor": factor}
-    write(results, folder)
-    inputs = {".".join(connection.end) for connection in system.connections}
-    try:
-        signals_figure(results, folder, hidden=() if record else inputs)
-    except VdfmuError:
-        raise
-    except Exception as error:
-        # whatever another tool's names and values do to the picture, the results are there
-        note = f"signals.png could not be drawn: {error}"
-        results.summary["notes"].append(note)
-        write_summary(results.summary, folder)
-        if log is not None:
-            log(LogMessage("", float(results.time[-1]), "note", "", note))
+    with replacing_results(folder, SYSTEM_OUTPUTS, overwrite) as partial:
+        try:
+            results = simulate(
+                system, start=start, stop=stop, step=step, algorithm=master, adaptive=adaptive, tolerance=tolerance,
+                parameters=settings, record=record, ignore_unmatched=ignore_unmatched, isolate=isolate,
+                time_limit=time_limit, memory_limit=memory_limit, progress=advance, log=log,
+                stream=partial / "results.csv",
+            )  # fmt: skip
+        except (CosimError, Interrupted) as error:
+            keep(error, partial, summary)
+            raise
+        done = results.summary
+        factor = (done["stop"] - done["start"]) / done["wall_s"]
+        results.summary = summary | done | {"real_time_factor": factor}
+        write_summary(results.summary, partial)
+        inputs = {".".join(connection.end) for connection in system.connections}
+        try:
+            signals_figure(results.thinned(DRAWN), partial, hidden=() if record else inputs)
+        except VdfmuError:
+            raise
+        except Exception as error:
+            # whatever another tool's names and values do to the picture, the results are there
+            note = f"signals.png could not be drawn: {error}"
+            results.summary["notes"].append(note)
+            if log is not None:
+                log(LogMessage("", float(results.time[-1]), "note", "", note))
+        write_summary(results.summary, partial)
     return results

@@ -1,0 +1,86 @@
+"""The commands, and how their errors end them."""
+
+from __future__ import annotations
+
+import io
+import logging
+import os
+import sys
+import warnings
+from typing import Annotated
+
+import typer
+
+from vdfmu import __version__
+from vdfmu.cli import files, models, runs
+from vdfmu.cli.terminal import console, fail, stoppable
+from vdfmu.errors import ModelError, SspError, UsageError, VdfmuError
+
+__all__ = ["app", "command"]
+
+app = typer.Typer(
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode="rich",
+    help="Flexible-joint manipulators as co-simulation FMUs: build them, wire them, run them, check them.",
+)
+for function, example in (
+    (runs.run, "vdfmu run tracking --set controller.K_p=1500 --out results/soft"),
+    (runs.simulate, "vdfmu simulate tracking.ssp --master jacobi --out results/jacobi"),
+    (files.build, "vdfmu build tracking --backend native --fmi 3.0 --platform all --out fmus"),
+    (files.container, "vdfmu container tracking --out tracking.fmu"),
+    (files.ssp, "vdfmu ssp two_joint --format 2.0 --out two_joint.ssp"),
+    (files.check, "vdfmu check fmus/Plant.fmu"),
+):
+    app.command(epilog=f"Example: [bold]{example}[/bold]")(stoppable(function))
+app.add_typer(models.app, name="models")
+
+
+def _show_version(wanted: bool) -> None:
+    if wanted:
+        console.print(f"vdfmu {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def _options(
+    version: Annotated[
+        bool,
+        typer.Option("--version", help="Show the version and exit.", is_eager=True, callback=_show_version),
+    ] = False,
+) -> None:
+    pass
+
+
+def command() -> None:
+    """Run a command and turn errors into a message and an exit code."""
+    # Units in this process say what they say through FMI; their own logger would say it again.
+    for speaks in ("vdfmu.fmu", "matplotlib"):
+        logging.getLogger(speaks).addHandler(logging.NullHandler())
+    if not sys.warnoptions:  # what libraries warn their programmers of is no message of a command
+        warnings.simplefilter("ignore")
+    for stream in (sys.stdout, sys.stderr):  # of any encoding, such as ASCII
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")
+    try:
+        app()
+    except ModuleNotFoundError as error:
+        package = (error.name or str(error)).partition(".")[0]
+        fail(f"the Python package {package} is not installed. Install vdfmu again with pip.", 1)
+    except MemoryError:
+        fail("the memory does not hold it: choose fewer steps or signals.", 1)
+    except (UsageError, ModelError, SspError) as error:
+        fail(error, 2)
+    except VdfmuError as error:
+        fail(error, 1)
+    except OSError as error:
+        if isinstance(error.__context__, KeyboardInterrupt):
+            raise
+        if error.filename is not None:  # such as a name that is too long
+            fail(f"{error.filename}: {error.strerror}", 2)
+        # else of the output of a command
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        if not isinstance(error, BrokenPipeError):
+            fail(f"the output cannot be written: {error.strerror or error}", 1)
+        sys.exit(1)

@@ -1,0 +1,114 @@
+"""Ctrl-C, SIGTERM and SIGHUP: how they end a command, and what holds them back until it is complete."""
+
+from __future__ import annotations
+
+import math
+import signal
+import threading
+import time
+from collections.abc import Generator
+from contextlib import contextmanager
+from types import FrameType
+from typing import Any
+
+__all__ = ["InterruptGuard", "Stopped", "listening"]
+
+_SIGNALS = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
+_RETRY = 0.005
+"""Time [s] after which a signal that came while CasADi was called comes again."""
+_PATIENCE = 1.0
+"""Time [s] after a signal in which others do not disturb the end of the command."""
+_last = -math.inf
+_guards: list[InterruptGuard] = []
+
+
+class Stopped(KeyboardInterrupt):
+    """A signal stopped the command; `number` is that of the signal."""
+
+    def __init__(self, number: int) -> None:
+        super().__init__()
+        self.number = number
+
+
+@contextmanager
+def listening(*signals: int) -> Generator[None]:
+    """Let signals raise `Stopped`, by default Ctrl-C, SIGTERM and SIGHUP; each that is not ignored or taken already.
+
+    Does nothing outside the main thread, where Python does not allow it.
+    """
+    taken: list[tuple[int, Any]] = []
+    if threading.current_thread() is threading.main_thread():
+        for number in signals or _SIGNALS:
+            before = signal.getsignal(number)
+            if before in (signal.SIG_DFL, signal.default_int_handler):
+                signal.signal(number, _stop)
+                taken.append((number, before))
+    try:
+        yield
+    finally:
+        for number, before in taken:
+            signal.signal(number, before)
+
+
+def _stop(number: int, frame: FrameType | None) -> None:
+    """Raise `Stopped`, or let a guard do so, or come again.
+
+    CasADi calls Python to find the types of its arguments and drops what that raises: a signal that comes then would
+    be lost, and the command go on.
+    """
+    global _last
+    if _guards and not _guards[0].number:
+        for guard in _guards:
+            guard.number = number
+        return
+    while frame is not None:
+        if frame.f_globals.get("__name__", "").startswith("casadi"):
+            again = threading.Timer(_RETRY, _send, [number])
+            again.daemon = True
+            again.start()
+            return
+        frame = frame.f_back
+    if time.monotonic() > _last + _PATIENCE:
+        _last = time.monotonic()
+        raise Stopped(number)
+
+
+def _send(number: int) -> None:
+    """Send a signal to the main thread, which may wait for something: it is to wake up."""
+    if hasattr(signal, "pthread_kill"):
+        main = threading.main_thread().ident
+        assert main is not None
+        signal.pthread_kill(main, number)
+    else:
+        signal.raise_signal(number)
+
+
+class InterruptGuard:
+    """Holds back signals until a step is complete, of which units written in Python would die, or a file.
+
+    Leaving it raises what it held back. A second signal acts at once. Does nothing outside the main thread or under
+    another signal handler.
+    """
+
+    def __init__(self) -> None:
+        self.number = 0
+        """The signal that is held back; 0 if none is."""
+        self._listening = listening(signal.SIGINT)
+
+    def __enter__(self) -> InterruptGuard:
+        self._listening.__enter__()
+        if threading.current_thread() is threading.main_thread():
+            _guards.append(self)
+        return self
+
+    def refuse(self) -> None:
+        """Raise what is held back."""
+        if self.number:
+            raise Stopped(self.number)
+
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
+        if self in _guards:
+            _guards.remove(self)
+        self._listening.__exit__(None, None, None)
+        if kind is None:
+            self.refuse()
