@@ -164,7 +164,7 @@ def test_all_wrong_settings_are_reported_at_once(scenario):
         )
     first, second, third = str(caught.value).splitlines()
     assert first == "controller.K_p[1]: expected a finite number from 0 to inf N.m/rad, got nan."
-    assert second == "plant.ell[2]: expected a finite number from 1 to inf, got 0."  # its unit is 1
+    assert second == "plant.ell[2]: expected a finite number from 1 to 1e+06, got 0."  # its unit is 1
     assert third.startswith("motor.K_p: expected unit.parameter=value")
 
 

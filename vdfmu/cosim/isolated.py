@@ -19,7 +19,6 @@ import sys
 import threading
 from collections.abc import Callable, Mapping
 from contextlib import suppress
-from dataclasses import replace
 from pathlib import Path
 from time import monotonic
 from typing import Any
@@ -86,7 +85,7 @@ class Isolated:
         self._memory = folder / "memory"
         self._memory.write_bytes(bytes(8 * words_of(checked)))
         self.exchange = Exchange(checked, {}, box, mapped(self._memory))
-        self._start = pickle.dumps((replace(checked, fmus={}), dict(folders)))
+        self._start = pickle.dumps((checked, dict(folders)))
         self.pressed: Callable[[], bool] = lambda: False
         self._process: subprocess.Popen[bytes] | None = None
         self._since, self._late, self._cut_off, self._stepping = math.inf, False, False, False
