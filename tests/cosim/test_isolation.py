@@ -277,5 +277,5 @@ def test_the_command_says_who_ended_the_process_and_keeps_the_rows(package, tmp_
         assert said in shown
         assert done.returncode == 1
         rows = 5 if "freeInstance" in said else 3
-        assert len((tmp_path / "out/results.csv").read_text().splitlines()) == 2 + rows
+        assert len((tmp_path / "out/partial/results.csv").read_text().splitlines()) == 2 + rows
     assert time.monotonic() - started < 120.0  # a hang of 5 s, thrice the start of Python, on a busy machine

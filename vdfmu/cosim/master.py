@@ -111,10 +111,10 @@ def simulate(
         Whether the components run in a process of their own: if they crash it, end it, take too long or too much
         memory, that is a CosimError, and else it would be the end of this process, or of its patience. Default: if one
         of the FMUs was not built by this project.
-    time_limit : float, optional [s]
-        Time that isolated components have for a step, and for loading, initialization and freeing each. Default: 300.
-    memory_limit : float, optional [MB]
-        Memory that isolated components have. Default: half of that of the machine.
+    time_limit : float, optional
+        Time [s] that isolated components have for a step, and for loading, initialization and freeing each. Default: 300.
+    memory_limit : float, optional
+        Memory [MB] that isolated components have. Default: half of that of the machine.
     stream : Path, optional
         CSV file to which the rows go as they come, in the form of `Results.to_csv` and at least every two seconds. The
         results are read from disk then, where they take as much room again while they are in use; memory does not
