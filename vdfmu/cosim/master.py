@@ -112,7 +112,8 @@ def simulate(
         memory, that is a CosimError, and else it would be the end of this process, or of its patience. Default: if one
         of the FMUs was not built by this project.
     time_limit : float, optional
-        Time [s] that isolated components have for a step, and for loading, initialization and freeing each. Default: 300.
+        Time [s] that isolated components have for a step, and for loading, initialization and freeing each. Default:
+        300.
     memory_limit : float, optional
         Memory [MB] that isolated components have. Default: half of that of the machine.
     stream : Path, optional
