@@ -155,7 +155,7 @@ def power_bond(results: Results, robot: Robot) -> dict[str, Any]:
 
 
 def sampling_warnings(values: Mapping[str, Mapping[str, Any]], robot: Robot, step: float | None) -> list[str]:
-    """Warnings on gains that the sampled loop does not stand; `step` None: the loop stands any."""
+    """Warnings on gains that destabilise the sampled loop; `step` None: none does."""
     controller, plant = values["controller"], values["plant"]
     warnings: list[str] = []
     for i in range(1, robot.n + 1) if step is not None else ():
