@@ -271,7 +271,8 @@ def feedforward_vdc(
     """Return the feedforward of virtual decomposition control, Eq. (12)-(27) and (48)-(53).
 
     Deviation: friction is evaluated at the desired velocities. At measured or required ones its slope around
-    standstill, f_s / eps, is a feedback gain that destabilises every sampled loop. See the functions above for the others.
+    standstill, f_s / eps, is a feedback gain that destabilises every sampled loop. See the functions above for the
+    others.
 
     Parameters
     ----------
