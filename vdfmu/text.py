@@ -10,6 +10,6 @@ _ACTING = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202
 """What a terminal acts on: controls but tab and newline, directions of writing, halves of characters."""
 
 
-def shown(text: str) -> str:
-    r"""Return a text with what a terminal would act on written out: an escape as ``\x1b``."""
-    return _ACTING.sub(lambda found: ascii(found[0])[1:-1], text)
+def shown(text: str, acting: re.Pattern[str] = _ACTING) -> str:
+    r"""Return a text with what a terminal would act on, or what `acting` finds, written out: an escape as ``\x1b``."""
+    return acting.sub(lambda found: ascii(found[0])[1:-1], text)

@@ -233,15 +233,15 @@ def _no_room(folder: str, error: OSError) -> VdfmuError:
 class _Run:
     """The components of one run; leaving it terminates and frees them and removes the unpacked FMUs.
 
-    `isolate` and `limits` as of `simulate`; False: in this process.
+    `isolate` and `limits` as of `simulate`.
     """
 
     def __init__(
         self,
         checked: Checked,
         log: Callable[[LogMessage], None] | None,
-        isolate: bool | None = False,
-        limits: Limits | None = None,
+        isolate: bool | None,
+        limits: Limits,
     ) -> None:
         self.checked = checked
         self.box = MessageBox(log)
@@ -250,7 +250,7 @@ class _Run:
         self.results: Results
         self.isolated = isolate
         self.stepper: SampledStepper | ContinuousStepper | Isolated
-        self._limits = limits or Limits()
+        self._limits = limits
         self._folder: Path
 
     def __enter__(self) -> _Run:

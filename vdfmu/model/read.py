@@ -16,6 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from vdfmu.errors import ModelError
+from vdfmu.text import shown as written_out
 
 FloatArray = npt.NDArray[np.float64]
 POSITIVE = 1e-12
@@ -66,7 +67,7 @@ def shown(value: object) -> str:
 def printable(text: str) -> str:
     """Return a text of a file as it goes into a message: shortened, and control characters written out."""
     text = text if len(text) <= 70 else text[:66] + " ..."
-    return _FORBIDDEN.sub(lambda found: ascii(found[0])[1:-1], text)
+    return written_out(text, _FORBIDDEN)
 
 
 _FORBIDDEN = re.compile("[\x00-\x1f\x7f-\x9f\ud800-\udfff\ufffe\uffff]")
