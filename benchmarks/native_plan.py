@@ -19,6 +19,7 @@ from benchmarks.timing import Case, measure
 from vdfmu.cosim.check import check_system
 from vdfmu.cosim.component import Slave
 from vdfmu.cosim.exchange import Call, Exchange, SampledStepper
+from vdfmu.cosim.isolated import Limits
 from vdfmu.cosim.master import _Run  # pyright: ignore[reportPrivateUsage]  # the units of a run, before its steps
 from vdfmu.fmu.archive import pack_zip
 from vdfmu.fmu.native.compile import compile_library
@@ -66,7 +67,7 @@ def ready(path: Path, algorithm: str, stop: float) -> Generator[Exchange]:
     """Units of a package or of one FMU, initialized, and the memory that they share."""
     with tempfile.TemporaryDirectory(prefix="vdfmu-bench-") as folder:
         system = load_ssp(path) if path.suffix == ".ssp" else _alone(path, Path(folder))
-        with _Run(check_system(system, algorithm=algorithm), quiet) as run:
+        with _Run(check_system(system, algorithm=algorithm), quiet, isolate=False, limits=Limits()) as run:
             run.components.initialize(0.0, stop, None)
             yield run.exchange
 
