@@ -44,6 +44,10 @@ class KernelError(VdfmuError):
     """Equations that cannot be traced, compiled or called."""
 
 
+class UnitError(VdfmuError):
+    """A unit that is declared wrongly, or whose methods cannot be run or traced."""
+
+
 class FmuError(VdfmuError):
     """An FMU that cannot be built or used."""
 

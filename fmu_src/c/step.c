@@ -82,7 +82,6 @@ static void calculate(Instance *I, Step *s)
     if (I->core->rates)
         for (size_t i = 0; i < unit.n; i++)
             I->m[i] += I->rate[i] * s->size;
-    clear_rates(I);
     I->m[unit.time] = s->end;
     unit.outputs(I->m);
     if (I->host.update)
@@ -128,11 +127,47 @@ static Status integrate(Instance *I, Step *s)
         c->stale = stale;
         return fail_solver(I, &failure, s->size);
     }
-    clear_rates(I);
     I->m[unit.time] = s->end;
     unit.outputs(I->m);
     c->stale = STALE_DERIVATIVES;
     memcpy(I->held, I->m, bytes);
+    return STATUS_OK;
+}
+
+static Status step_to_end(Instance *I, Step *s)
+{
+    if (unit.n_x)
+        return integrate(I, s);
+    calculate(I, s);
+    return STATUS_OK;
+}
+
+/* Sampled states change at the samples from the start of the step on, that at its end excluded: those see the inputs of
+ * the next step. */
+static Status step_by_samples(Instance *I, Step *s)
+{
+    const double period = I->m[unit.period], start = I->core->start_time, end = s->end;
+    const double close = 1e-9 * period, h = I->core->h;
+    memcpy(I->d, I->m, unit.n * sizeof *I->m);
+    for (double from = s->point; from < end;) {
+        const double k = ceil((from - start - close) / period);
+        double next = start + k * period;
+        if (next <= from + close) {
+            I->m[unit.time] = from;
+            unit.update(I->m);
+            next = start + (k + 1.0) * period;
+        }
+        const double to = next < end - close ? next : end;
+        *s = (Step){.I = I, .point = from, .size = to - from, .end = to};
+        if (step_to_end(I, s) != STATUS_OK) {
+            memcpy(I->m, I->d, unit.n * sizeof *I->m);
+            I->core->h = h;
+            return STATUS_ERROR;
+        }
+        if (s->early)
+            break;
+        from = to;
+    }
     return STATUS_OK;
 }
 
@@ -141,11 +176,9 @@ Status do_step(Instance *I, double point, double size, bool *early)
     if (!allowed(I, STEP) || check_step(I, point, size) != STATUS_OK)
         return STATUS_ERROR;
     Step s = {.I = I, .point = point, .size = size, .end = point + size};
-    Status status = STATUS_OK;
-    if (unit.n_x)
-        status = integrate(I, &s);
-    else
-        calculate(I, &s);
+    const Status status = unit.period < unit.n ? step_by_samples(I, &s) : step_to_end(I, &s);
+    if (status == STATUS_OK)
+        clear_rates(I);
     if (early)
         *early = s.early && status == STATUS_OK;
     return status;

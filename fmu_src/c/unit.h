@@ -67,6 +67,8 @@ typedef struct {
     size_t n_x, x, x_dot;     /* states: number, position of the first, position of the first derivative; 0 if none */
     size_t tolerance;         /* position of the solver's tolerance; n if the unit has no solver */
 
+    size_t period;            /* position of the time from one sample to the next [s]; n if nothing is sampled */
+
     Pattern step_pattern;     /* outputs and derivatives on inputs, states and time, after initialization */
     Pattern start_pattern;    /* outputs and derivatives on inputs, parameters and time, during initialization */
 
@@ -78,6 +80,7 @@ typedef struct {
     void (*start)(double *m);        /* parameters to states */
     void (*outputs)(double *m);      /* inputs, parameters, states, time to outputs */
     void (*derivatives)(double *m);  /* inputs, parameters, states to derivatives of the states */
+    void (*update)(double *m);       /* to the sampled states of the time until the next sample; NULL if there are none */
 
     /* Its derivative. `d` has the layout of the memory: seeds in what is known, zero elsewhere; on return the tangent of
      * what was calculated. `*_reverse` goes backwards: seeds in what is calculated; the adjoint is added to what is

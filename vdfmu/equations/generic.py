@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-__all__ = ["clip", "piecewise_hold", "sgn", "zeros"]
+__all__ = ["clip", "interpolate", "maximum", "minimum", "piecewise_hold", "sgn", "where", "zeros"]
 
 
 def _by_method(name: str, on_floats: Callable[..., Any]) -> Callable[..., Any]:
@@ -49,6 +49,46 @@ def clip(x: Any, low: Any, high: Any) -> Any:
 def _clip_one(x: Any, low: Any, high: Any) -> Any:
     symbol = next(v for v in (x, low, high) if hasattr(v, "clip_between"))
     return symbol.clip_between(x, low, high)
+
+
+def where(condition: Any, a: Any, b: Any) -> Any:
+    """Return elements of `a` where the condition holds, else of `b`."""
+    condition, a, b = np.broadcast_arrays(condition, a, b)
+    if condition.dtype != object:
+        if not any(x.dtype == object for x in (a, b)):
+            return np.where(condition, a, b)[()]
+        return np.frompyfunc(lambda c, x, y: x if c else y, 3, 1)(condition, a, b)
+    return np.frompyfunc(_where_one, 3, 1)(condition, a, b)
+
+
+def _where_one(condition: Any, a: Any, b: Any) -> Any:
+    return condition.where(a, b) if hasattr(condition, "where") else (a if condition else b)
+
+
+def minimum(a: Any, b: Any) -> Any:
+    """Return the smaller of two, element by element."""
+    return clip(a, -np.inf, b)
+
+
+def maximum(a: Any, b: Any) -> Any:
+    """Return the larger of two, element by element."""
+    return clip(a, b, np.inf)
+
+
+def interpolate(x: Any, points: Any, values: Any) -> Any:
+    """Interpolate linearly in a table, with the first and the last value beyond its ends.
+
+    Parameters
+    ----------
+    x : scalar or array
+    points : (m,) floats or parameters, increasing
+    values : (m, ...) values at the points
+    """
+    result = values[0]
+    for k in range(len(points) - 1):
+        share = clip((x - points[k]) / (points[k + 1] - points[k]), 0.0, 1.0)
+        result = result + share * (values[k + 1] - values[k])
+    return result
 
 
 def piecewise_hold(s: Any) -> tuple[Any, Any]:

@@ -8,11 +8,12 @@ from pathlib import Path
 
 from vdfmu.errors import StorageError, UsageError
 from vdfmu.fmu.archive import is_built, keep_record
-from vdfmu.fmu.behaviour import robot_problems
+from vdfmu.fmu.python.behaviour import robot_problems
 from vdfmu.fmu.content import BACKENDS, FMI_VERSIONS, Content
-from vdfmu.fmu.interface import MODEL_NAMES, UNIT_NAMES, start_values
 from vdfmu.fmu.native import native_available
 from vdfmu.model import Robot, check_robot
+from vdfmu.unit.declaration import Unit, unit_name
+from vdfmu.units import find_unit, shipped_units
 
 __all__ = ["build_fmus", "build_notes", "choose_backend"]
 
@@ -49,17 +50,20 @@ def choose_backend(backend: str | None) -> str:
     return backend
 
 
+Units = Sequence[str | os.PathLike[str] | type[Unit]]
+
+
 def build_fmus(
-    robot: Robot,
+    robot: Robot | None,
     out_dir: str | os.PathLike[str],
     *,
-    units: Sequence[str] = UNIT_NAMES,
+    units: Units | None = None,
     start_values: Mapping[str, Mapping[str, float]] | None = None,
     backend: str | None = None,
     fmi_version: str = "2.0",
     platforms: Sequence[str] | str | None = None,
 ) -> dict[str, Path]:
-    """Build the FMUs of a robot: Trajectory, Feedforward, PDController, Plant and TorqueEstimator, each ``.fmu``.
+    """Build FMUs of units, each ``<Name>.fmu``.
 
     The same sources, robot, start values and options give the same bytes. An FMU that is, to the byte, one that the
     user built of these before, and has the platforms asked for, is left alone, with others that it may have; any
@@ -67,13 +71,15 @@ def build_fmus(
 
     Parameters
     ----------
-    robot : Robot
+    robot : Robot or None
+        None will do for units without joints.
     out_dir : path
         Folder, made if it does not exist.
-    units : sequence of str, optional
-        Which units; default all.
+    units : sequence of str, path or type of Unit, optional
+        Names of units of the package, files ``my_unit.py`` or ``my_units.py:Name``, or classes; default all units of the
+        package.
     start_values : mapping of unit to mapping of variable to number, optional
-        Start values in place of those of the variable table.
+        Start values in place of those of the declaration.
     backend : "python" or "native", optional
         A Python FMU runs in a Python that has vdfmu; a native one needs nothing but its platform. Default
         native where its compiler is installed.
@@ -85,12 +91,14 @@ def build_fmus(
     Returns
     -------
     dict of str to Path
-        Unit to its FMU.
+        Name of the unit to its FMU.
 
     Raises
     ------
     UsageError
         If a unit, variable, backend or platform does not exist, or a start value is not allowed.
+    UnitError
+        If a unit is declared wrongly, or its methods cannot be run or traced.
     ModelError
         If the robot is not physical.
     FmuError
@@ -98,53 +106,62 @@ def build_fmus(
     """
     if backend is None and (fmi_version == "3.0" or platforms is not None):
         backend = "native"  # what only native FMUs have asks for them
+    chosen = [one if isinstance(one, type) else find_unit(one) for one in units or shipped_units()]
+    named = {unit_name(unit): unit for unit in chosen}
     backend = choose_backend(backend)
-    _check_names(units, start_values or {}, backend, fmi_version, platforms)
-    check_robot(robot)
-    if robot.n > _MOST_JOINTS:
-        raise UsageError(
-            f"robot {robot.name}: expected at most {_MOST_JOINTS} joints for FMUs, got {robot.n}. Tracing and "
-            f"compiling would take some {_build_seconds(robot.n) / 60:.0f} minutes or more, and gigabytes of memory; "
-            "vdfmu.inverse_dynamics and forward_dynamics take more joints."
-        )
+    _check_names(named, start_values or {}, backend, fmi_version, platforms)
+    if robot is not None:
+        check_robot(robot)
+        if robot.n > _MOST_JOINTS:
+            raise UsageError(
+                f"robot {robot.name}: expected at most {_MOST_JOINTS} joints for FMUs, got {robot.n}. Tracing and "
+                f"compiling would take some {_build_seconds(robot.n) / 60:.0f} minutes or more, and gigabytes of memory; "
+                "vdfmu.inverse_dynamics and forward_dynamics take more joints."
+            )
     out = Path(out_dir)
-    contents = [
-        Content(unit, robot, dict((start_values or {}).get(unit, {})), backend, fmi_version) for unit in units
-    ]
-    for content in contents:
+    contents = {
+        out / f"{unit.__name__}.fmu": Content(
+            unit,
+            robot if unit.needs_robot() else None,
+            dict((start_values or {}).get(name, {})),
+            "python" if unit.backend == "python" else backend,
+            fmi_version,
+        )
+        for name, unit in named.items()
+    }
+    for content in contents.values():
         _check(content)
-    built = {content.unit: out / f"{content.model_name}.fmu" for content in contents}
-    if backend == "native":
+    native = {path: content for path, content in contents.items() if content.backend == "native"}
+    if native:
         from vdfmu.fmu.native.package import build_native_fmus
 
-        build_native_fmus(contents, built, platforms)
-        return built
-    for content in contents:
-        path = built[content.unit]
+        build_native_fmus(native, platforms)
+    for path, content in contents.items():
+        if content.backend == "native" or is_built(path, content.guid):
+            continue
+        from vdfmu.fmu.python.package import build_python_fmu
+
         try:
             out.mkdir(parents=True, exist_ok=True)
-            if not is_built(path, content.guid):
-                from vdfmu.fmu.python_backend import build_python_fmu
-
-                build_python_fmu(content, path)
-                keep_record(path, content.guid)
+            build_python_fmu(content, path)
+            keep_record(path, content.guid)
         except OSError as error:
             raise StorageError(
                 f"{path}: cannot be written: {error}. Choose another folder or free space."
             ) from error
-    return built
+    return dict(zip(named, contents, strict=True))
 
 
 def _check_names(
-    units: Sequence[str],
+    units: Mapping[str, type[Unit]],
     start_values: Mapping[str, Mapping[str, float]],
     backend: str,
     fmi_version: str,
     platforms: Sequence[str] | str | None,
 ) -> None:
-    unknown = [unit for unit in (*units, *start_values) if unit not in MODEL_NAMES]
+    unknown = [unit for unit in start_values if unit not in units]
     if unknown:
-        raise UsageError(f"There is no unit {unknown[0]!r}. There are: {', '.join(UNIT_NAMES)}.")
+        raise UsageError(f"start_values: there is no unit {unknown[0]!r}. There are: {', '.join(units)}.")
     if fmi_version not in FMI_VERSIONS:
         raise UsageError(
             f"There is no FMI {fmi_version!r} here. There are: {', '.join(map(repr, FMI_VERSIONS))}."
@@ -157,8 +174,7 @@ def _check_names(
 
 def _check(content: Content) -> None:
     """Raise for start values with which the unit could not start."""
-    table = content.table()
-    if table.has_robot:
-        problems = robot_problems(table, start_values(table))
-        if problems:
-            raise UsageError(f"start values of {content.unit}: {' '.join(problems)}")
+    interface = content.interface
+    problems = robot_problems(interface, interface.start_values())
+    if problems:
+        raise UsageError(f"start values of {interface.name}: {' '.join(problems)}")

@@ -15,22 +15,26 @@ from typing import Any
 from vdfmu import __version__
 from vdfmu.data import data_path
 from vdfmu.errors import FmuError, UsageError, VdfmuError
-from vdfmu.fmu.interface import MODEL_NAMES, Interface, interface
 from vdfmu.kernel.structure import source_digest
 from vdfmu.model import Robot, robot_from_dict
+from vdfmu.unit.declaration import Unit, unit_name
+from vdfmu.unit.interface import Interface
+from vdfmu.unit.load import load_units
+from vdfmu.units import shipped_units
 
-__all__ = ["BACKENDS", "CONTENT_FILE", "FMI_VERSIONS", "Content", "installed_digest"]
+__all__ = ["BACKENDS", "CONTENT_FILE", "FMI_VERSIONS", "UNIT_FILE", "Content", "installed_digest"]
 
 CONTENT_FILE = "vdfmu.json"
+UNIT_FILE = "unit.py"
+"""Source of a unit that is not one of the package, in a Python FMU."""
 BACKENDS = ("python", "native")
 FMI_VERSIONS = ("2.0", "3.0")
-_SOURCES = ("model", "equations", "kernel", "fmu")
+_SOURCES = ("model", "equations", "kernel", "unit", "units", "fmu")
 _OF_BACKEND = {
-    "python": (_SOURCES, ("python/*.py",)),
+    "python": ((*_SOURCES, "fmu/python"), ("python/*.py",)),
     "native": ((*_SOURCES, "fmu/native"), ("c/*.[ch]", "icons/*")),
 }
 """Packages and data files that decide what the FMUs of a backend are."""
-_CAST = {"Real": float, "Integer": int, "Boolean": bool}
 
 
 @lru_cache
@@ -60,8 +64,8 @@ class Content:
 
     Attributes
     ----------
-    unit : one of :data:`vdfmu.fmu.interface.UNIT_NAMES`
-    robot : Robot
+    unit : type of Unit
+    robot : Robot or None
     start_values : mapping of str to float
         Start values that differ from those of the variable table.
     backend : "python" or "native"
@@ -72,8 +76,8 @@ class Content:
         Name and version of what made the FMU's libraries; empty: that of here.
     """
 
-    unit: str
-    robot: Robot
+    unit: type[Unit]
+    robot: Robot | None
     start_values: Mapping[str, float]
     backend: str = "python"
     fmi_version: str = "2.0"
@@ -90,71 +94,60 @@ class Content:
     @property
     def model_name(self) -> str:
         """Model identifier."""
-        return MODEL_NAMES[self.unit]
+        return self.unit.__name__
 
     @cached_property
     def guid(self) -> str:
         """GUID made from the content: the same content has the same GUID on every machine."""
         return "{" + str(uuid.UUID(bytes=sha256(self.to_json().encode()).digest()[:16])) + "}"
 
-    def table(self) -> Interface:
-        """Variable table with the start values of this FMU.
+    @property
+    def model_key(self) -> str:
+        """What decides the results of the unit: its source and robot, but neither version of FMI nor start values."""
+        robot = None if self.robot is None else self.robot.to_dict()
+        what = [self.digest, unit_name(self.unit), robot, self.interface.functions.digest]
+        return json.dumps(what, sort_keys=True)
 
-        Raises
-        ------
-        UsageError
-            If a start value has no variable, belongs to an output or is out of its limits; names all of them.
-        """
-        table = interface(self.unit, self.robot)
-        start: dict[str, Any] = {}
-        problems: list[str] = []
-        for name, value in self.start_values.items():
-            variable = table.find(name)
-            if variable.causality == "output":
-                problems.append(f"{name} is an output, which has no start value.")
-            elif problem := variable.problem(value):
-                problems.append(f"{name}: {problem}.")
-            else:
-                start[name] = _CAST[variable.type](value)
-        if problems:
-            raise UsageError(f"start values of {self.unit}: {' '.join(problems)}")
-        variables = [dataclasses.replace(v, start=start[v.name]) if v.name in start else v for v in table]
-        return Interface(self.unit, self.robot, variables)
+    @cached_property
+    def interface(self) -> Interface:
+        """Variables with the start values of this FMU; raises as :class:`~vdfmu.unit.interface.Interface`."""
+        return Interface(self.unit, self.robot, self.start_values)
 
     def to_json(self, **further: Any) -> str:
         """Text of the content file, with `further` entries."""
         data = further | {
-            "unit": self.unit,
+            "unit": unit_name(self.unit),
             "backend": self.backend,
             "fmi_version": self.fmi_version,
             "version": self.version,
             "digest": self.digest,
+            "functions": self.interface.functions.digest,
             "tool": self.tool,
             "start_values": {name: float(value) for name, value in sorted(self.start_values.items())},
-            "robot": self.robot.to_dict(),
+            "robot": None if self.robot is None else self.robot.to_dict(),
         }
         return json.dumps(data, indent=1, ensure_ascii=False) + "\n"
 
     @staticmethod
-    def read(resources: Path, unit: str) -> Content:
+    def read(resources: Path) -> Content:
         """Content of an unpacked Python FMU from its folder ``resources``.
 
         Raises
         ------
         FmuError
-            If it cannot be used, belongs to another unit, or another vdfmu than the installed one built it.
+            If it cannot be used, or another vdfmu than the installed one built it.
         """
         file = f"resources/{CONTENT_FILE}"
         try:
             data = json.loads((resources / CONTENT_FILE).read_text(encoding="utf-8"))
-            found, version, digest = str(data["unit"]), str(data["version"]), str(data["digest"])
-            if found != unit:
-                raise FmuError(f"{file} belongs to unit {found!r}, expected {unit!r}. Build the FMU again.")
-            _check_version(f"{MODEL_NAMES[unit]}.fmu", version, digest)
-            robot = robot_from_dict(data["robot"], file)
+            name, version, digest = str(data["unit"]), str(data["version"]), str(data["digest"])
+            _check_version(name, version, digest)
+            source = resources / UNIT_FILE
+            unit = load_units(source)[name] if source.is_file() else shipped_units()[name]
+            robot = None if data["robot"] is None else robot_from_dict(data["robot"], file)
             values, tool = dict(data["start_values"]), str(data["tool"])
             content = Content(unit, robot, values, version=version, digest=digest, tool=tool)
-            content.table()
+            _ = content.interface
         except FmuError:
             raise
         except (OSError, LookupError, AttributeError, TypeError, ValueError, VdfmuError) as error:

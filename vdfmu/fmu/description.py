@@ -7,16 +7,15 @@ from copy import deepcopy
 from xml.etree.ElementTree import Element, SubElement, indent, tostring
 
 from vdfmu import __version__
-from vdfmu.fmu.interface import Interface, Variable
-from vdfmu.fmu.layout import Layout
-from vdfmu.fmu.units import UNITS
+from vdfmu.measure import measure
+from vdfmu.unit.interface import Interface
+from vdfmu.unit.variable import Variable
 
 __all__ = [
     "DEFAULT_EXPERIMENT",
     "LOG_CATEGORIES",
     "document",
     "model_description",
-    "native_model_description",
 ]
 
 DEFAULT_EXPERIMENT = {"startTime": "0", "stopTime": "10", "stepSize": "0.001"}
@@ -48,108 +47,79 @@ def document(root: Element) -> bytes:
     return tostring(root, encoding="utf-8", xml_declaration=True) + b"\n"
 
 
-def model_description(table: Interface, guid: str, tool: str) -> Element:
-    """Root element of the model description of a Python FMU.
+def model_description(
+    interface: Interface, guid: str, tool: str, sources: Sequence[str] | None = None
+) -> Element:
+    """Root element of the model description of FMI 2.0.
+
+    A native unit with continuous states also has model exchange. The time is no variable; by the standard, every
+    unknown is then taken to depend on it.
 
     Parameters
     ----------
-    table : Interface
+    interface : Interface
     guid : str
     tool : str
         Name and version of the generation tool.
+    sources : sequence of str, optional
+        Files of the folder ``sources`` to compile; None for a Python FMU, which has neither states nor derivatives for
+        the importer.
     """
-    root = _root(table, guid, tool)
-    SubElement(
-        root,
-        "CoSimulation",
-        {
-            "modelIdentifier": table.model_name,
-            "needsExecutionTool": "true",
-            "canHandleVariableCommunicationStepSize": "true",
-            "canInterpolateInputs": "false",
-            "canBeInstantiatedOnlyOncePerProcess": "false",
-            "canNotUseMemoryManagementFunctions": "true",
-            "canGetAndSetFMUstate": "true",
-            "canSerializeFMUstate": "true",
-        },
-    )
-    _add_definitions(root, table, table)
-    variables = SubElement(root, "ModelVariables")
-    for reference, variable in enumerate(table):
-        _add_variable(variables, variable, reference)
-    structure = SubElement(root, "ModelStructure")
-    outputs = [i for i, v in enumerate(table) if v.causality == "output"]
-    direct = [table.direct_dependencies(table.variables[i]) for i in outputs]
-    initial = [table.initial_dependencies(table.variables[i]) for i in outputs]
-    _add_unknowns(structure, "Outputs", outputs, direct)
-    _add_unknowns(structure, "InitialUnknowns", outputs, initial)
-    return root
-
-
-def native_model_description(layout: Layout, guid: str, tool: str, sources: Sequence[str]) -> Element:
-    """Root element of the model description of a native FMU of FMI 2.0.
-
-    A unit with states also has model exchange. The time is no variable; by the standard, every unknown is then
-    taken to depend on it.
-
-    Parameters
-    ----------
-    layout : Layout
-    guid : str
-    tool : str
-        Name and version of the generation tool.
-    sources : sequence of str
-        Files of the folder ``sources`` to compile.
-    """
-    table = layout.table
-    root = _root(table, guid, tool)
-    states, derivatives = _positions(layout.states), _positions(layout.derivatives)
+    native = sources is not None
+    root = _root(interface, guid, tool)
+    states, derivatives = _positions(interface.states), _positions(interface.derivatives)
     common = {
-        "modelIdentifier": table.model_name,
-        "needsExecutionTool": "false",
+        "modelIdentifier": interface.model_name,
+        "needsExecutionTool": boolean(not native),
         "canBeInstantiatedOnlyOncePerProcess": "false",
         "canNotUseMemoryManagementFunctions": "true",
         "canGetAndSetFMUstate": "true",
         "canSerializeFMUstate": "true",
-        "providesDirectionalDerivative": "true",
     }
-    exchange = {"completedIntegratorStepNotNeeded": "true"}
+    if native:
+        common["providesDirectionalDerivative"] = "true"
     simulation = {
         "canHandleVariableCommunicationStepSize": "true",
-        "canInterpolateInputs": "true",
+        "canInterpolateInputs": boolean(native),
         "maxOutputDerivativeOrder": "0",
         "canRunAsynchronuously": "false",
     }
-    if states:
+    if native and states and not interface.is_sampled:
         root.set("numberOfEventIndicators", "0")
+        exchange = {"completedIntegratorStepNotNeeded": "true"}
         _add_sources(SubElement(root, "ModelExchange", common | exchange), sources)
-    _add_sources(SubElement(root, "CoSimulation", common | simulation), sources)
-    _add_definitions(root, layout.variables[: layout.time], table)
+    element = SubElement(root, "CoSimulation", common | simulation)
+    if native:
+        _add_sources(element, sources)
+    shown = interface.memory[: interface.time] if native else interface.variables
+    _add_definitions(root, shown, interface)
     variables = SubElement(root, "ModelVariables")
-    for reference, variable in enumerate(layout.variables[: layout.time]):
+    for reference, variable in enumerate(shown):
         _add_variable(variables, variable, reference)
-    for derivative, state in zip(derivatives, states, strict=True):
+    for derivative, state in zip(derivatives, states, strict=True) if native else ():
         variables[derivative][0].set("derivative", str(state + 1))
 
     def known(positions: Iterable[int]) -> list[int]:
-        return [i for i in positions if i != layout.time]
+        kinds = ("input", "parameter") if not native else ("input", "parameter", "output", "local")
+        return [i for i in positions if interface.memory[i].causality in kinds]
 
     structure = SubElement(root, "ModelStructure")
-    outputs = [i for i, v in enumerate(layout) if v.causality == "output"]
-    for tag, unknowns in (("Outputs", outputs), ("Derivatives", derivatives)):
-        if unknowns:
-            _add_unknowns(structure, tag, unknowns, [known(layout.step_dependencies(i)) for i in unknowns])
-    unknowns = outputs + derivatives
-    initial = [known(layout.start_dependencies(i)) for i in unknowns]
+    unknowns = [i for i, v in enumerate(shown) if v.causality == "output"]
+    _add_unknowns(structure, "Outputs", unknowns, [known(interface.step_dependencies(i)) for i in unknowns])
+    if native and derivatives:
+        steps = [known(interface.step_dependencies(i)) for i in derivatives]
+        _add_unknowns(structure, "Derivatives", derivatives, steps)
+        unknowns += derivatives
+    initial = [known(interface.start_dependencies(i)) for i in unknowns]
     _add_unknowns(structure, "InitialUnknowns", unknowns, initial)
     return root
 
 
-def root_attributes(table: Interface, tool: str) -> dict[str, str]:
+def root_attributes(interface: Interface, tool: str) -> dict[str, str]:
     """Attributes of the root that both versions of FMI name alike."""
     return {
-        "modelName": table.model_name,
-        "description": f"{table.description} ({table.robot.name})",
+        "modelName": interface.model_name,
+        "description": interface.description + (f" ({interface.robot.name})" if interface.robot else ""),
         "version": __version__,
         "author": "vdfmu contributors",
         "license": "MIT",
@@ -164,13 +134,13 @@ def add_units(root: Element, variables: Iterable[Variable]) -> None:
     definitions = SubElement(root, "UnitDefinitions")
     for name in sorted({v.unit for v in variables if v.unit}):
         unit = SubElement(definitions, "Unit", {"name": name})
-        exponents = {base: str(exponent) for base, exponent in UNITS[name].exponents.items()}
+        exponents = {base: str(exponent) for base, exponent in measure(name).exponents.items()}
         SubElement(unit, "BaseUnit", exponents)
-        for display, factor in UNITS[name].display.items():
+        for display, factor in measure(name).display.items():
             SubElement(unit, "DisplayUnit", {"name": display, "factor": number(factor)})
 
 
-def add_log_and_experiment(root: Element, fmi: str, table: Interface) -> None:
+def add_log_and_experiment(root: Element, fmi: str, interface: Interface) -> None:
     """Add the log categories and the default experiment; `fmi` is the prefix of status names.
 
     A unit with a solver names the tolerance of its parameter: importers take one of their own where there is none.
@@ -180,8 +150,8 @@ def add_log_and_experiment(root: Element, fmi: str, table: Interface) -> None:
         text = description.replace("fmi2", fmi)
         SubElement(categories, "Category", {"name": name, "description": text})
     experiment = SubElement(root, "DefaultExperiment", DEFAULT_EXPERIMENT)
-    if "tolerance" in table.groups:
-        experiment.set("tolerance", start_text(table.find("tolerance")))
+    if "tolerance" in interface.groups:
+        experiment.set("tolerance", start_text(interface.find("tolerance")))
 
 
 def value_attributes(variable: Variable) -> dict[str, str]:
@@ -212,15 +182,15 @@ def _positions(where: slice) -> list[int]:
     return list(range(where.start, where.stop))
 
 
-def _root(table: Interface, guid: str, tool: str) -> Element:
-    attributes = root_attributes(table, tool)
+def _root(interface: Interface, guid: str, tool: str) -> Element:
+    attributes = root_attributes(interface, tool)
     name = attributes.pop("modelName")
     return Element("fmiModelDescription", {"fmiVersion": "2.0", "modelName": name, "guid": guid} | attributes)
 
 
-def _add_definitions(root: Element, variables: Iterable[Variable], table: Interface) -> None:
+def _add_definitions(root: Element, variables: Iterable[Variable], interface: Interface) -> None:
     add_units(root, variables)
-    add_log_and_experiment(root, "fmi2", table)
+    add_log_and_experiment(root, "fmi2", interface)
 
 
 def _add_sources(parent: Element, sources: Sequence[str]) -> None:

@@ -14,14 +14,14 @@ from vdfmu.fmu.description import (
     start_text,
     value_attributes,
 )
-from vdfmu.fmu.layout import Array, Layout
+from vdfmu.unit.interface import Array, Interface
 
 __all__ = ["build_description", "model_description_3"]
 
 _TYPES = {"Real": "Float64", "Integer": "Int32", "Boolean": "Boolean"}
 
 
-def model_description_3(layout: Layout, guid: str, tool: str) -> Element:
+def model_description_3(interface: Interface, guid: str, tool: str) -> Element:
     """Root element of the model description of a native FMU.
 
     A unit with states also has model exchange. Dependencies are those between whole variables; the FMU tells
@@ -29,25 +29,25 @@ def model_description_3(layout: Layout, guid: str, tool: str) -> Element:
 
     Parameters
     ----------
-    layout : Layout
+    interface : Interface
     guid : str
         Instantiation token.
     tool : str
         Name and version of the generation tool.
     """
-    attributes = root_attributes(layout.table, tool)
+    attributes = root_attributes(interface, tool)
     name = attributes.pop("modelName")
     root = Element(
         "fmiModelDescription",
         {"fmiVersion": "3.0", "modelName": name, "instantiationToken": guid} | attributes,
     )
-    _add_interfaces(root, layout)
-    add_units(root, layout)
-    add_log_and_experiment(root, "fmi3", layout.table)
+    _add_interfaces(root, interface)
+    add_units(root, interface.memory)
+    add_log_and_experiment(root, "fmi3", interface)
     variables = SubElement(root, "ModelVariables")
-    for array in layout.arrays:
-        _add_variable(variables, layout, array)
-    _add_structure(root, layout)
+    for array in interface.arrays:
+        _add_variable(variables, interface, array)
+    _add_structure(root, interface)
     return root
 
 
@@ -72,10 +72,10 @@ def build_description(files: Sequence[str], definitions: Mapping[str, str], mode
     return root
 
 
-def _add_interfaces(root: Element, layout: Layout) -> None:
-    has_states = layout.states.start < layout.states.stop
+def _add_interfaces(root: Element, interface: Interface) -> None:
+    has_states = interface.has_states
     common = {
-        "modelIdentifier": layout.table.model_name,
+        "modelIdentifier": interface.model_name,
         "needsExecutionTool": "false",
         "canBeInstantiatedOnlyOncePerProcess": "false",
         "canGetAndSetFMUState": "true",
@@ -84,7 +84,7 @@ def _add_interfaces(root: Element, layout: Layout) -> None:
         "providesAdjointDerivatives": "true",
         "providesPerElementDependencies": "true",
     }
-    if has_states:
+    if has_states and not interface.is_sampled:
         exchange = {"needsCompletedIntegratorStep": "false", "providesEvaluateDiscreteStates": "false"}
         SubElement(root, "ModelExchange", common | exchange)
     simulation = {
@@ -101,13 +101,13 @@ def _add_interfaces(root: Element, layout: Layout) -> None:
     SubElement(root, "CoSimulation", common | simulation)
 
 
-def _add_variable(parent: Element, layout: Layout, array: Array) -> None:
-    members = layout.variables[array.positions]
+def _add_variable(parent: Element, interface: Interface, array: Array) -> None:
+    members = interface.memory[array.positions]
     variable = members[0]
     attributes = {
         "name": array.name,
         "valueReference": str(array.first),
-        "description": layout.description(array),
+        "description": interface.array_description(array),
         "causality": variable.causality,
         "variability": variable.variability,
     } | initial(variable)
@@ -117,26 +117,26 @@ def _add_variable(parent: Element, layout: Layout, array: Array) -> None:
     if variable.start is not None:
         attributes["start"] = " ".join(start_text(v) for v in members)
     if variable.causality == "local":
-        offset = array.first - layout.derivatives.start
-        attributes["derivative"] = str(layout.states.start + offset)
+        offset = array.first - interface.derivatives.start
+        attributes["derivative"] = str(interface.states.start + offset)
     element = SubElement(parent, _TYPES[variable.type], attributes)
     for length in array.shape:
         SubElement(element, "Dimension", {"start": str(length)})
 
 
-def _add_structure(root: Element, layout: Layout) -> None:
+def _add_structure(root: Element, interface: Interface) -> None:
     structure = SubElement(root, "ModelStructure")
-    kinds = [layout.variables[array.first].causality for array in layout.arrays]
-    outputs = [array for array, kind in zip(layout.arrays, kinds, strict=True) if kind == "output"]
-    derivatives = [array for array, kind in zip(layout.arrays, kinds, strict=True) if kind == "local"]
+    kinds = [interface.memory[array.first].causality for array in interface.arrays]
+    outputs = [array for array, kind in zip(interface.arrays, kinds, strict=True) if kind == "output"]
+    derivatives = [array for array, kind in zip(interface.arrays, kinds, strict=True) if kind == "local"]
 
     def add(tag: str, unknowns: Sequence[Array], dependencies: Callable[[int], list[int]]) -> None:
         for array in unknowns:
             elements = range(array.first, array.first + array.size)
-            owners = {layout.owners[known] for element in elements for known in dependencies(element)}
-            knowns = " ".join(str(layout.arrays[owner].first) for owner in sorted(owners))
+            owners = {interface.owners[known] for element in elements for known in dependencies(element)}
+            knowns = " ".join(str(interface.arrays[owner].first) for owner in sorted(owners))
             SubElement(structure, tag, {"valueReference": str(array.first), "dependencies": knowns})
 
-    add("Output", outputs, layout.step_dependencies)
-    add("ContinuousStateDerivative", derivatives, layout.step_dependencies)
-    add("InitialUnknown", outputs + derivatives, layout.start_dependencies)
+    add("Output", outputs, interface.step_dependencies)
+    add("ContinuousStateDerivative", derivatives, interface.step_dependencies)
+    add("InitialUnknown", outputs + derivatives, interface.start_dependencies)

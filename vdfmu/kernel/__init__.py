@@ -1,7 +1,6 @@
-"""From equations to fast functions: symbolic trace, cache, prepared buffers, and the plant's solver."""
+"""From equations to fast functions: symbolic trace, cache, prepared buffers."""
 
 from vdfmu.kernel.functions import Kernel, KernelFunction
-from vdfmu.kernel.integrator import Integrator
 from vdfmu.kernel.structure import Parameter, parameters
 
-__all__ = ["Integrator", "Kernel", "KernelFunction", "Parameter", "parameters"]
+__all__ = ["Kernel", "KernelFunction", "Parameter", "parameters"]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import signal
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 
 import casadi as ca
@@ -15,10 +15,10 @@ from vdfmu.interrupt import listening
 from vdfmu.kernel.cache import cache_folder, load, store
 from vdfmu.kernel.derivatives import DIRECTIONS
 from vdfmu.kernel.structure import structure_key, values
-from vdfmu.kernel.trace import FUNCTIONS, derivative_of, trace
+from vdfmu.kernel.trace import FUNCTIONS, trace
 from vdfmu.model import Robot
 
-__all__ = ["Kernel", "KernelFunction"]
+__all__ = ["Functions", "Kernel", "KernelFunction"]
 
 
 class KernelFunction:
@@ -85,29 +85,43 @@ def _buffer(given: Mapping[str, npt.NDArray[np.float64]], name: str, size: int) 
     return array
 
 
-class Kernel:
-    """All traced functions of one robot structure, each traced or loaded when it is first asked for.
+class Functions:
+    """Traced functions of one structure, each traced or loaded when it is first asked for.
 
     Parameters
     ----------
-    robot : Robot
-        Its structure decides the functions; `p` holds the values of its run-time parameters.
+    key : str
+        What decides the functions: their folder in the cache.
     cache : path or None, optional
         Folder of the cache; None traces every time. Default is :func:`cache_folder`.
     """
 
-    def __init__(self, robot: Robot, cache: Path | None | str = "default") -> None:
-        self.robot = robot
-        self.p = values(robot)
+    def __init__(self, key: str, cache: Path | None | str = "default") -> None:
         self._cache = cache_folder() if cache == "default" else Path(cache) if cache is not None else None
-        self._key = structure_key(robot)
+        self._key = key
+        self._known: dict[str, ca.Function] = {}
+
+    def names(self) -> Collection[str]:
+        """Names of the functions, but for derivatives of them."""
+        raise NotImplementedError
+
+    def made(self, name: str) -> ca.Function:
+        """Trace one of :meth:`names`."""
+        raise NotImplementedError
 
     def casadi_function(self, name: str) -> ca.Function:
-        """CasADi function of one of the names in :data:`vdfmu.kernel.trace.FUNCTIONS`, or a derivative of one."""
-        if name not in FUNCTIONS and derivative_of(name) is None:
-            raise KernelError(f"There is no traced function {name!r}. There are: {', '.join(FUNCTIONS)}.")
-        with listening(signal.SIGINT):  # of which CasADi would drop what the default handler raises
-            return self._casadi_function(name)
+        """CasADi function of a name, or ``<name>_forward`` or ``<name>_reverse``, see :mod:`.derivatives`."""
+        if name not in self._known:
+            if name not in self.names() and self._derivative(name) is None:
+                raise KernelError(f"There is no traced function {name!r}. There are: {', '.join(self.names())}.")
+            with listening(signal.SIGINT):  # of which CasADi would drop what the default handler raises
+                self._known[name] = self._casadi_function(name)
+        return self._known[name]
+
+    def _derivative(self, name: str) -> tuple[str, str] | None:
+        """Function and direction of the name of a derivative; None for any other name."""
+        base, _, direction = name.rpartition("_")
+        return (base, direction) if direction in DIRECTIONS and base in self.names() else None
 
     def _casadi_function(self, name: str) -> ca.Function:
         if self._cache is None:
@@ -123,14 +137,14 @@ class Kernel:
         return function
 
     def _made(self, name: str) -> ca.Function:
-        derivative = derivative_of(name)
+        derivative = self._derivative(name)
         if derivative is None:
-            return trace(name, self.robot)
+            return self.made(name)
         base, direction = derivative
         return DIRECTIONS[direction](self.casadi_function(base))
 
     def function(self, name: str, **buffers: npt.NDArray[np.float64]) -> KernelFunction:
-        """Return a function with buffers of its own, so that two users of one kernel do not meet.
+        """Return a function with buffers of its own, so that two users of it do not meet.
 
         Parameters
         ----------
@@ -139,6 +153,31 @@ class Kernel:
             Memory of the caller for some arguments or results, see :class:`KernelFunction`.
         """
         return KernelFunction(self.casadi_function(name), buffers)
+
+
+class Kernel(Functions):
+    """The functions of :data:`~vdfmu.kernel.trace.FUNCTIONS` for one robot structure.
+
+    Parameters
+    ----------
+    robot : Robot
+        Its structure decides the functions; `p` holds the values of its run-time parameters.
+    cache : path, None or "default"
+        As of :class:`Functions`.
+    """
+
+    def __init__(self, robot: Robot, cache: Path | None | str = "default") -> None:
+        super().__init__(structure_key(robot), cache)
+        self.robot = robot
+        self.p = values(robot)
+
+    def names(self) -> Collection[str]:
+        """Names of the functions, but for derivatives of them."""
+        return FUNCTIONS.keys()
+
+    def made(self, name: str) -> ca.Function:
+        """Trace one of :meth:`names`."""
+        return trace(name, self.robot)
 
     def rows(
         self, name: str, arguments: Sequence[npt.ArrayLike], sizes: Sequence[int]

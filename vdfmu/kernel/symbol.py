@@ -14,7 +14,7 @@ import numpy as np
 
 from vdfmu.errors import KernelError
 
-__all__ = ["Symbol", "from_sx", "to_sx"]
+__all__ = ["Symbol", "SymbolArray", "from_sx", "to_sx"]
 
 
 def _sx(value: Any) -> ca.SX:
@@ -35,8 +35,8 @@ class Symbol:
 
     def __bool__(self) -> bool:
         raise KernelError(
-            "The truth of a symbol is not known while equations are traced. Write the condition with "
-            "vdfmu.equations.generic, or keep it out of the equations."
+            "a condition on a value is not known while equations are traced. Write it with where(condition, a, b), "
+            "clip, minimum, maximum or sgn of vdfmu.unit"
         )
 
     def __eq__(self, other: object) -> Any:
@@ -47,8 +47,8 @@ class Symbol:
     def __float__(self) -> float:
         if not self.sx.is_constant():
             raise KernelError(
-                f"{self!r} has no value while equations are traced, so it cannot go into an array of floats. "
-                "Make the array with vdfmu.equations.generic.zeros(shape, *like)."
+                f"{self!r} has no value while equations are traced, so it cannot become a float. "
+                "Make an array for it with zeros(shape, *like) of vdfmu.unit"
             )
         return float(self.sx)
 
@@ -85,6 +85,46 @@ class Symbol:
     def __pow__(self, exponent: Any) -> Symbol:
         return Symbol(self.sx ** _sx(exponent))
 
+    def __lt__(self, other: Any) -> Any:
+        return NotImplemented if _foreign(other) else Symbol(self.sx < _sx(other))
+
+    def __le__(self, other: Any) -> Any:
+        return NotImplemented if _foreign(other) else Symbol(self.sx <= _sx(other))
+
+    def __gt__(self, other: Any) -> Any:
+        return NotImplemented if _foreign(other) else Symbol(self.sx > _sx(other))
+
+    def __ge__(self, other: Any) -> Any:
+        return NotImplemented if _foreign(other) else Symbol(self.sx >= _sx(other))
+
+    def __and__(self, other: Any) -> Any:
+        return NotImplemented if _foreign(other) else Symbol(ca.logic_and(self.sx, _sx(other)))
+
+    def __or__(self, other: Any) -> Any:
+        return NotImplemented if _foreign(other) else Symbol(ca.logic_or(self.sx, _sx(other)))
+
+    __rand__, __ror__ = __and__, __or__
+
+    def __invert__(self) -> Symbol:
+        return Symbol(ca.logic_not(self.sx))
+
+    def __rpow__(self, base: Any) -> Symbol:
+        return Symbol(_sx(base) ** self.sx)
+
+    def __mod__(self, other: Any) -> Any:
+        divisor = _sx(other)
+        return Symbol(self.sx - divisor * ca.floor(self.sx / divisor))
+
+    def __floor__(self) -> Symbol:
+        return Symbol(ca.floor(self.sx))
+
+    def __ceil__(self) -> Symbol:
+        return Symbol(ca.ceil(self.sx))
+
+    def where(self, a: Any, b: Any) -> Symbol:
+        """Return `a` where the symbol is not 0, else `b`."""
+        return Symbol(ca.if_else(self.sx, _sx(a), _sx(b)))
+
     def sin(self) -> Symbol:
         """Sine."""
         return Symbol(ca.sin(self.sx))
@@ -117,6 +157,34 @@ class Symbol:
         """Inverse tangent."""
         return Symbol(ca.atan(self.sx))
 
+    def arctan2(self, x: Any) -> Symbol:
+        """Angle of the point (x, self)."""
+        return Symbol(ca.atan2(self.sx, _sx(x)))
+
+    def arcsin(self) -> Symbol:
+        """Inverse sine."""
+        return Symbol(ca.asin(self.sx))
+
+    def arccos(self) -> Symbol:
+        """Inverse cosine."""
+        return Symbol(ca.acos(self.sx))
+
+    def sinh(self) -> Symbol:
+        """Hyperbolic sine."""
+        return Symbol(ca.sinh(self.sx))
+
+    def cosh(self) -> Symbol:
+        """Hyperbolic cosine."""
+        return Symbol(ca.cosh(self.sx))
+
+    def log(self) -> Symbol:
+        """Natural logarithm."""
+        return Symbol(ca.log(self.sx))
+
+    def rint(self) -> Symbol:
+        """Nearest integer, halves upward."""
+        return Symbol(ca.floor(self.sx + 0.5))
+
     def sqrt(self) -> Symbol:
         """Square root."""
         return Symbol(ca.sqrt(self.sx))
@@ -138,6 +206,26 @@ class Symbol:
         """Limit the symbol to [0, 1]; with a factor that is 1 inside the interval and 0 outside."""
         inside = ca.logic_and(self.sx >= 0.0, self.sx <= 1.0)
         return Symbol(ca.fmin(ca.fmax(self.sx, 0.0), 1.0)), Symbol(inside)
+
+
+class SymbolArray(np.ndarray):
+    """Array of symbols that can be compared; the result is an array of conditions for ``where``."""
+
+    def __array_wrap__(self, array: Any, context: Any = None, return_scalar: bool = False) -> Any:
+        # numpy leaves what has no axis an array of a subclass, where it is a scalar of an ordinary array
+        return array[()] if array.ndim == 0 else array.view(SymbolArray)
+
+    def __lt__(self, other: Any) -> Any:
+        return np.less(self, other, dtype=object)
+
+    def __le__(self, other: Any) -> Any:
+        return np.less_equal(self, other, dtype=object)
+
+    def __gt__(self, other: Any) -> Any:
+        return np.greater(self, other, dtype=object)
+
+    def __ge__(self, other: Any) -> Any:
+        return np.greater_equal(self, other, dtype=object)
 
 
 def _foreign(other: Any) -> bool:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import groupby
@@ -11,13 +11,13 @@ from typing import Any
 import numpy as np
 
 from vdfmu.errors import SspError
-from vdfmu.fmu.interface import Interface, interface
-from vdfmu.fmu.layout import Layout, general_description
-from vdfmu.fmu.table import Variable
 from vdfmu.kernel.structure import parameters
 from vdfmu.model import Scenario
 from vdfmu.ssp.parameters import system_values
 from vdfmu.ssp.system_file import read_system
+from vdfmu.unit.interface import Interface, general_description
+from vdfmu.unit.variable import Variable
+from vdfmu.units import shipped_units
 
 __all__ = ["Binding", "Link", "ParameterSet", "Signal", "SystemDescription", "positions"]
 
@@ -129,17 +129,18 @@ class SystemDescription:
         }
         self.groups: dict[str, list[str]] = content["connections"]
         self._shared: dict[str, dict[str, str]] = content["shared"]
-        self.tables: dict[str, Interface] = {unit: interface(unit, scenario.robot) for unit in self.corners}
+        self.tables: dict[str, Interface] = {
+            unit: Interface(shipped_units()[unit], scenario.robot) for unit in self.corners
+        }
         self._signals = {unit: self._signals_of(table) for unit, table in self.tables.items()}
 
     def _signals_of(self, table: Interface) -> tuple[Signal, ...]:
         types = _TYPES[self.version]
         if self.version == "1.0":
             return tuple(Signal(v.name, (v,), (), types[v.type]) for v in table)
-        layout = Layout(table)
         found: list[Signal] = []
-        for array in layout.arrays:
-            variables = layout.variables[array.positions]
+        for array in table.arrays:
+            variables = table.memory[array.positions]
             if variables[0].causality in ("input", "output", "parameter"):
                 found.append(Signal(array.name, variables, array.shape, types[variables[0].type]))
         return tuple(found)
@@ -192,6 +193,17 @@ class SystemDescription:
         if not links:
             raise SspError(f"ssp/{self.scenario.system}.toml: {source} -> {target}: the two share no signal.")
         return links
+
+    def element_links(self) -> Iterator[tuple[str, int, str, int]]:
+        """Yield every connection of single elements: unit and position of the output, unit and position of the input."""
+        for source, targets in self.groups.items():
+            for target in targets:
+                (start, start_group), (end, end_group) = source.split("."), target.split(".")
+                a, b = self.tables[start], self.tables[end]
+                starts = {a.variables[i].index: i for i in _places(a, start_group)}
+                for j in _places(b, end_group):
+                    if b.variables[j].index in starts:
+                        yield start, starts[b.variables[j].index], end, j
 
     @cached_property
     def measures(self) -> list[str]:
@@ -275,6 +287,11 @@ class SystemDescription:
                     del left[unit][key]
             found[name] = (tuple(first), mappings)
         return found
+
+
+def _places(table: Interface, group: str) -> range:
+    where = table.groups[group]
+    return range(where.start, where.stop)
 
 
 def _elements(entry: tuple[Signal, Sequence[Any]]) -> list[tuple[Variable, Any]]:

@@ -7,7 +7,6 @@ from html import escape
 from typing import Any
 
 from vdfmu import __version__
-from vdfmu.fmu.interface import MODEL_NAMES
 from vdfmu.ssp.description import Signal, SystemDescription
 from vdfmu.ssp.drawing import draw_system
 from vdfmu.ssp.xml import value_text
@@ -100,7 +99,7 @@ def _components(description: SystemDescription) -> str:
     rows = [
         (
             unit,
-            f"resources/{MODEL_NAMES[unit]}.fmu",
+            f"resources/{description.tables[unit].model_name}.fmu",
             escape(table.description),
             "<br>".join(_binding(b.file, b.mapping) for b in description.bindings[unit]),
         )

@@ -8,11 +8,13 @@ from typing import Any
 import numpy as np
 
 from vdfmu.errors import UsageError
-from vdfmu.fmu.interface import NO_LIMIT, Interface, interface
 from vdfmu.kernel.structure import parameters
 from vdfmu.model import Scenario
 from vdfmu.ssp.structure import spread
 from vdfmu.ssp.system_file import units_of
+from vdfmu.unit.interface import Interface
+from vdfmu.unit.variable import NO_LIMIT
+from vdfmu.units import shipped_units
 
 __all__ = ["override", "robot_parameters", "scenario_parameters", "system_values"]
 
@@ -22,7 +24,7 @@ Values = dict[str, Any]
 def robot_parameters(unit: str, scenario: Scenario) -> Values:
     """Return the parameters of a unit that describe the robot: the scenario's plant for the plant, else nominal."""
     robot = scenario.plant_robot if unit == "plant" else scenario.robot
-    known = interface(unit, scenario.robot).reference
+    known = Interface(shipped_units()[unit], scenario.robot).reference
     return {
         p.name: float(getattr(robot, p.field)[p.index]) for p in parameters(scenario.robot) if p.name in known
     }
@@ -33,7 +35,7 @@ def scenario_parameters(unit: str, scenario: Scenario) -> Values:
 
     The wrench at the end effector, an input that nothing feeds, is 0.
     """
-    table = interface(unit, scenario.robot)
+    table = Interface(shipped_units()[unit], scenario.robot)
     if unit == "trajectory":
         motion = scenario.trajectory
         groups = {"q_start": motion.q_start, "q_end": motion.q_end, "T": motion.T, "t_start": motion.t_start}
@@ -109,7 +111,7 @@ def _set(scenario: Scenario, key: str, value: Any) -> tuple[str, Values]:
     units = units_of(scenario)
     if unit not in units or not name:
         raise UsageError(f"{key}: expected unit.parameter=value with a unit of {', '.join(units)}.")
-    table = interface(unit, scenario.robot)
+    table = Interface(shipped_units()[unit], scenario.robot)
     variables = [v for v in table if name in (v.group, v.name)] or [table.find(name)]
     free = scenario_parameters(unit, scenario)
     for variable in variables:
@@ -129,7 +131,7 @@ def _set(scenario: Scenario, key: str, value: Any) -> tuple[str, Values]:
 def _cast(table: Interface, name: str, value: Any) -> Any:
     """Value of the variable's type from a number, a name or a text, within its limits."""
     variable = table.find(name)
-    where = f"{table.unit}.{name}"
+    where = f"{table.name}.{name}"
     unit = f" {variable.unit}" if variable.unit and variable.unit != "1" else ""
     text = str(value).strip()
     if variable.choices and text in variable.choices:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import Any
 
-from vdfmu.fmu.interface import MODEL_NAMES
 from vdfmu.ssp.description import Signal, SystemDescription, positions
 from vdfmu.ssp.experiment import EXPERIMENT_TYPE, FOREIGN, OSP_TYPE
 from vdfmu.ssp.geometry import Router
@@ -73,7 +72,7 @@ def _add_component(
         name=unit,
         description=description.tables[unit].description,
         type="application/x-fmu-sharedlibrary",
-        source=f"resources/{MODEL_NAMES[unit]}.fmu",
+        source=f"resources/{description.tables[unit].model_name}.fmu",
         implementation="CoSimulation",
     )
     connectors = add(component, "ssd:Connectors")

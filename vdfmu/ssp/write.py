@@ -10,7 +10,6 @@ from typing import Any
 from vdfmu.data import data_path
 from vdfmu.errors import StorageError
 from vdfmu.fmu.archive import pack_zip, regular_target
-from vdfmu.fmu.interface import MODEL_NAMES
 from vdfmu.model import Scenario
 from vdfmu.ssp.archive import validate
 from vdfmu.ssp.description import SystemDescription
@@ -87,7 +86,7 @@ def write_ssp(
     members["documentation/index.html"] = system_page(description, ssd, icons, fmi_version)
     try:
         for unit, fmu in fmus.items():
-            members[f"resources/{MODEL_NAMES[unit]}.fmu"] = Path(fmu).read_bytes()
+            members[f"resources/{description.tables[unit].model_name}.fmu"] = Path(fmu).read_bytes()
         path.parent.mkdir(parents=True, exist_ok=True)
         pack_zip(path, members)
     except OSError as error:

@@ -8,7 +8,7 @@ from typing import Any
 from lxml import etree  # pyright: ignore[reportAttributeAccessIssue]  # lxml ships no stubs
 
 from vdfmu import __version__
-from vdfmu.fmu.units import UNITS
+from vdfmu.measure import measure
 from vdfmu.ssp.archive import NAMESPACES
 
 __all__ = ["META", "add", "add_foreign", "add_units", "number", "root", "to_bytes", "value_text"]
@@ -56,7 +56,7 @@ def add_units(parent: Any, name: str, units: Iterable[str]) -> None:
     if wanted:
         element = add(parent, name)
         for unit in wanted:
-            add(add(element, "ssc:Unit", name=unit), "ssc:BaseUnit", **UNITS[unit].exponents)
+            add(add(element, "ssc:Unit", name=unit), "ssc:BaseUnit", **measure(unit).exponents)
 
 
 def number(value: float) -> str:

@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from vdfmu.cosim.results import Results, Signal
 from vdfmu.equations.trajectory import desired_motion
-from vdfmu.fmu.units import unit_of
+from vdfmu.measure import unit_of
 from vdfmu.kernel import Kernel
 from vdfmu.model import Robot, Scenario
 

@@ -17,24 +17,25 @@ from vdfmu import __version__
 from vdfmu.cosim import Interrupted, LogMessage, Results, simulate
 from vdfmu.cosim.container import simulate_container, write_container
 from vdfmu.cosim.master import check_coupling
-from vdfmu.cosim.reference import REFERENCE_OF, reference
 from vdfmu.errors import CosimError, UsageError
 from vdfmu.fmu import build_fmus
 from vdfmu.fmu.build import build_notes, choose_backend
 from vdfmu.fmu.content import Content
-from vdfmu.fmu.interface import MODEL_NAMES
+from vdfmu.units import shipped_units
 from vdfmu.kernel.cache import cache_folder, load, store
 from vdfmu.model import Robot, Scenario, load_robot, load_scenario
 from vdfmu.model.check import check_step, model_notes
 from vdfmu.model.read import Problems
 from vdfmu.model.scenario import MASTERS
 from vdfmu.report.plots import contrast_figures, run_figures
+from vdfmu.ssp.description import SystemDescription
 from vdfmu.ssp.parameters import system_values
 from vdfmu.ssp.read import load_ssp
 from vdfmu.ssp.system_file import units_of
 from vdfmu.ssp.write import write_ssp
 from vdfmu.study.contrast import contrast
 from vdfmu.study.folder import DRAWN, RUN_OUTPUTS, keep, replacing_results, write_summary
+from vdfmu.study.reference import REFERENCE_OF, reference
 from vdfmu.study.summary import (
     compare,
     compare_statistics,
@@ -95,12 +96,12 @@ def cached_fmus(
     """FMUs of a scenario's system in `folder`: those that the cache has, by their content, and the others built."""
     robot, units, backend = scenario.robot, units_of(scenario), choose_backend(backend)
     cached: dict[str, bytes | None] = {}
-    places = {u: cache_folder() / "fmus" / Content(u, robot, {}, backend).guid.strip("{}") for u in units}
+    places = {u: cache_folder() / "fmus" / Content(shipped_units()[u], robot, {}, backend).guid.strip("{}") for u in units}
     for unit, place in places.items():
         cached[unit] = content = load(place)
         if content is not None:
             with suppress(OSError):  # of which the build then says more
-                (Path(folder) / f"{MODEL_NAMES[unit]}.fmu").write_bytes(content)
+                (Path(folder) / f"{shipped_units()[unit].__name__}.fmu").write_bytes(content)
     fmus = build_fmus(robot, folder, units=units, backend=backend)
     for unit, fmu in fmus.items():
         content = fmu.read_bytes()
@@ -300,8 +301,7 @@ def _references(
         report(stage, 0, 1)
         solution = reference(
             name,
-            scenario.robot,
-            values,
+            SystemDescription(scenario, values),
             step=scenario.step,
             stop=scenario.stop,
             progress=lambda done, total, stage=stage: report(stage, done, total),

@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from vdfmu.cosim.reference import REFERENCE_OF, Reference
 from vdfmu.cosim.results import Results
-from vdfmu.fmu.units import unit_of
+from vdfmu.measure import unit_of
 from vdfmu.model import Robot
+from vdfmu.study.reference import REFERENCE_OF, Reference
 
 __all__ = [
     "compare", "compare_statistics", "estimation_errors", "implied_gains", "power_bond", "sampling_warnings",
@@ -74,8 +74,8 @@ def implied_gains(
 
 def compare(results: Results, reference: Reference, robot: Robot) -> dict[str, Any]:
     """Largest absolute differences of link positions [rad or m] and control torques, link-side [N m or N]."""
-    position = np.abs(results.array("plant.q") - reference.q)
-    torque = np.abs(robot.ell * (results.array("controller.tau") - reference.tau))
+    position = np.abs(results.array("plant.q") - reference.array("plant.q"))
+    torque = np.abs(robot.ell * (results.array("controller.tau") - reference.array("controller.tau")))
     return {
         "name": reference.name,
         "max_position_difference_rad": float(position.max()),
@@ -89,7 +89,7 @@ def compare_statistics(results: Results, reference: Reference) -> dict[str, floa
 
     For loops whose single solutions separate, see `vdfmu.study.run`. Errors as in :func:`tracking_errors`.
     """
-    q_d, tau_m = results.array("trajectory.q_d"), reference.tau_m
+    q_d, tau_m = results.array("trajectory.q_d"), reference.array("feedforward.tau_m")
     if reference.name == "sampled-delayed":  # the controller added to the feedforward of one step ago
         tau_m = np.vstack([tau_m[:1], tau_m[:-1]])
 
@@ -99,8 +99,8 @@ def compare_statistics(results: Results, reference: Reference) -> dict[str, floa
 
     ours = results.array("controller.tau") - results.array("controller.tau_m")
     return {
-        "rms_position_difference": difference(q_d - results.array("plant.q"), q_d - reference.q),
-        "rms_torque_difference": difference(ours, reference.tau - tau_m),
+        "rms_position_difference": difference(q_d - results.array("plant.q"), q_d - reference.array("plant.q")),
+        "rms_torque_difference": difference(ours, reference.array("controller.tau") - tau_m),
     }
 
 

@@ -14,11 +14,10 @@ from vdfmu.data import PACKAGE, data_path
 from vdfmu.errors import FmuError, StorageError
 from vdfmu.fmu.archive import is_built, keep_record, pack_zip, read_member
 from vdfmu.fmu.content import CONTENT_FILE, Content
-from vdfmu.fmu.description import document, native_model_description
+from vdfmu.fmu.description import document, model_description
 from vdfmu.fmu.description3 import build_description, model_description_3
-from vdfmu.fmu.layout import Layout
 from vdfmu.fmu.native.compile import Job, compile_libraries
-from vdfmu.fmu.native.documentation import documentation_files
+from vdfmu.fmu.documentation import documentation_files
 from vdfmu.fmu.native.generate import generated_sources
 from vdfmu.fmu.native.platforms import binaries, chosen_platforms
 from vdfmu.fmu.native.reference_results import reference_files
@@ -35,33 +34,30 @@ LLVM-exception) and zig (MIT); those for Windows also parts of mingw-w64 (ZPL-2.
 
 
 def build_native_fmus(
-    contents: Sequence[Content], paths: Mapping[str, Path], platforms: Sequence[str] | str | None
+    contents: Mapping[Path, Content], platforms: Sequence[str] | str | None
 ) -> None:
     """Write the FMUs that are not up to date.
 
     Parameters
     ----------
-    contents : sequence of Content
-    paths : mapping of unit to Path
+    contents : mapping of path to Content
     platforms : sequence of str, str or None
         See :func:`~vdfmu.fmu.native.platforms.chosen_platforms`.
     """
     names = chosen_platforms(platforms)
-    stale = [content for content in contents if not _up_to_date(paths[content.unit], content, names)]
-    layouts = [Layout(content.table()) for content in stale]
-    sources = [unit_sources(content, layout) for content, layout in zip(stale, layouts, strict=True)]
+    stale = {path: content for path, content in contents.items() if not _up_to_date(path, content, names)}
+    sources = {path: unit_sources(content) for path, content in stale.items()}
     jobs = [
-        Job(content.model_name, files | fmi_headers(content.fmi_version), name)
-        for content, files in zip(stale, sources, strict=True)
+        Job(content.model_name, sources[path] | fmi_headers(content.fmi_version), name)
+        for path, content in stale.items()
         for name in names
     ]
     made = iter(compile_libraries(jobs))
-    for content, layout, files in zip(stale, layouts, sources, strict=True):
+    for path, content in stale.items():
         libraries = {name: next(made) for name in names}
-        path = paths[content.unit]
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
-            pack_zip(path, _members(content, layout, files, libraries))
+            pack_zip(path, _members(content, sources[path], libraries))
             keep_record(path, content.guid)
         except OSError as error:
             raise StorageError(
@@ -69,13 +65,12 @@ def build_native_fmus(
             ) from error
 
 
-def unit_sources(content: Content, layout: Layout | None = None) -> dict[str, bytes]:
+def unit_sources(content: Content) -> dict[str, bytes]:
     """Return file name to content of the folder ``sources`` of an FMU.
 
     With :func:`fmi_headers` beside them, and ``-I.``, all C files compile to the library.
     """
-    layout = layout or Layout(content.table())
-    files = {name: text.encode() for name, text in generated_sources(layout, content.guid).items()}
+    files = {name: text.encode() for name, text in generated_sources(content.interface, content.guid).items()}
     other = "fmi3.c" if content.fmi_version == "2.0" else "fmi2.c"
     for file in sorted((data_path("fmu_src") / "c").glob("*.[ch]")):
         if file.name != other:
@@ -108,25 +103,25 @@ def _up_to_date(path: Path, content: Content, platforms: Sequence[str]) -> bool:
 
 
 def _members(
-    content: Content, layout: Layout, sources: Mapping[str, bytes], libraries: Mapping[str, bytes]
+    content: Content, sources: Mapping[str, bytes], libraries: Mapping[str, bytes]
 ) -> dict[str, bytes]:
     """Path to content of everything in the FMU."""
     major = _MAJOR[content.fmi_version]
     c_files = [name for name in sorted(sources) if name.endswith(".c")]
-    guid, tool = content.guid, f"vdfmu {content.version}, {content.tool}"
+    interface, guid, tool = content.interface, content.guid, f"vdfmu {content.version}, {content.tool}"
     members = {f"sources/{name}": text for name, text in sources.items()}
     if major == 2:
-        root = native_model_description(layout, guid, tool, c_files)
+        root = model_description(interface, guid, tool, c_files)
     else:
-        root = model_description_3(layout, guid, tool)
+        root = model_description_3(interface, guid, tool)
         definitions = {"DISABLE_PREFIX": "1"}
         build = build_description(c_files, definitions, content.model_name)
         members["sources/buildDescription.xml"] = document(build)
     members["modelDescription.xml"] = document(root)
     members |= binaries(content.model_name, libraries, content.fmi_version)
-    members |= icon_files(layout, major)
-    members |= documentation_files(content, layout)
-    members |= reference_files(content, layout)
+    members |= icon_files(interface, major)
+    members |= documentation_files(content)
+    members |= reference_files(content)
     members["documentation/licenses/license.txt"] = (_license() + _THIRD_PARTY).encode()
     members[_CONTENT] = content.to_json(platforms=list(libraries)).encode()
     return members

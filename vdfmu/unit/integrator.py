@@ -1,4 +1,4 @@
-"""Integration of the plant between communication points: Rodas4 steps under error control."""
+"""Integration of a unit with continuous states between communication points: Rodas4 steps under error control."""
 
 from __future__ import annotations
 
@@ -8,10 +8,11 @@ import numpy as np
 import numpy.typing as npt
 
 from vdfmu.errors import KernelError
-from vdfmu.kernel.functions import Kernel
+from vdfmu.kernel.functions import KernelFunction
 from vdfmu.kernel.rodas import ORDER
+from vdfmu.unit.evaluate import Evaluation
 
-__all__ = ["Integrator", "state_name"]
+__all__ = ["Integrator"]
 
 MINIMUM_STEP = 1e-12
 """Smallest internal step [s]: 1e4 times rounding of a time of about 1 s."""
@@ -20,51 +21,42 @@ MAXIMUM_STEPS = 1_000_000
 _SAFETY, _SHRINK, _GROW = 0.9, 0.2, 5.0
 
 
-def state_name(i: int, n: int) -> str:
-    """FMI name of component `i` of the state vector of an arm with `n` joints: ``tau_s[3]``."""
-    return f"{('q', 'q_dot', 'kappa_dot', 'tau_s')[i // n]}[{i % n + 1}]"
-
-
 class Integrator:
-    """State of the plant and the solver that moves it.
+    """The solver that moves the states of a unit in its memory.
 
     The local error of every internal step is kept below `tolerance` times (1 SI unit + the state's
-    magnitude), in the root mean square over all states. Everything that decides the next step is in `x` and
+    magnitude), in the root mean square over all states. Everything that decides the next step is in the memory and
     `h`: a copy of the two restores the solver to the bit.
 
     Parameters
     ----------
-    kernel : Kernel
-    **buffers : (m,) arrays
-        Memory of the caller for `x`, `tau`, `F_e`, `p` or `tolerance`, used in place.
+    unit : Evaluation
 
     Attributes
     ----------
-    x : (4 n,) state [q, q_dot, kappa_dot, tau_s]
-    tau : (n,) [N m] motor torque, held over a call of :meth:`advance`
-    F_e : (6,) [N, N m] wrench on the surroundings, held
-    p : run-time parameters of the robot
+    x : (n_x,) continuous states, in the unit's memory
     h : float [s] step to try next
     steps, rejected : int, internal steps made and rejected since the start
     """
 
-    def __init__(self, kernel: Kernel, **buffers: npt.NDArray[np.float64]) -> None:
-        self._n = kernel.robot.n
-        self._step = kernel.function("plant_step", **buffers)
-        args, results = self._step.args, self._step.results
-        self._x_start = args["x"]
-        self.tau, self.F_e, self.p = args["tau"], args["F_e"], args["p"]
-        self._h, self._tolerance = args["h"], args["tolerance"]
-        self._x_new, self._norm, self._ratio = results["x_new"], results["norm"], results["ratio"]
-        self.p[:] = kernel.p
-        self._tolerance[0] = 1e-9
+    def __init__(self, unit: Evaluation) -> None:
+        self.unit = unit
+        self.x = unit.x
+        interface = unit.interface
+        functions = interface.functions
+        self._h, self._tolerance = np.zeros(1), np.full(1, 1e-9)
+        self._x_new, self._norm, self._ratio = np.zeros_like(unit.x), np.zeros(1), np.zeros_like(unit.x)
+        shared = {
+            "h": self._h, "tolerance": self._tolerance, "x_new": self._x_new, "norm": self._norm, "ratio": self._ratio
+        }  # fmt: skip
+        self._steps: list[tuple[list[tuple[npt.NDArray[np.float64], float]], KernelFunction]] = []
+        for call in interface.program.step:
+            names = functions.casadi_function(call.function).name_in()
+            own = {name: unit.group(name) for name in names if name not in shared and name[:5] != "rate_"}
+            conditions = [(unit.group(choice), float(value)) for choice, value in call.when]
+            self._steps.append((conditions, functions.function(call.function, **own, **shared)))
         self.h = 1e-4
         self.steps = self.rejected = 0
-
-    @property
-    def x(self) -> np.ndarray:
-        """State, a view that may be written to."""
-        return self._x_start
 
     @property
     def tolerance(self) -> float:
@@ -76,7 +68,7 @@ class Integrator:
         self._tolerance[0] = value
 
     def advance(self, t: float, duration: float) -> None:
-        """Move the state from `t` to `t + duration` [s] with `tau` and `F_e` held.
+        """Move the state from `t` to `t + duration` [s] with the inputs held.
 
         Raises
         ------
@@ -84,7 +76,9 @@ class Integrator:
             If the tolerance cannot be met at the smallest step, the state is no longer finite, or
             `MAXIMUM_STEPS` do not reach the end. The message says where; the state is then that before the call.
         """
-        x, x_new, norm, step = self._x_start, self._x_new, self._norm, self._step.run
+        x, x_new, norm = self.x, self._x_new, self._norm
+        step = next(s.run for conditions, s in self._steps if all(c[0] == value for c, value in conditions))
+        time = self.unit.group("t")
         before, h_before = x.copy(), self.h
         done, tried, failure = 0.0, 0, ""
         while done < duration:
@@ -97,6 +91,7 @@ class Integrator:
             elif 2.0 * h > rest:  # two equal steps instead of a long and a short one
                 h = 0.5 * rest
             self._h[0] = h
+            time[0] = t + done
             step()
             error = float(norm[0])
             factor = _SAFETY * error ** (-1.0 / ORDER) if error > 0.0 else _GROW
@@ -127,14 +122,19 @@ class Integrator:
     def _failure(self, t: float, error: float) -> str:
         bad = np.flatnonzero(~np.isfinite(self._x_new))
         if len(bad):
-            what = f"state {state_name(int(bad[0]), self._n)} is not finite"
+            what = f"state {self._name(int(bad[0]))} is not finite"
         else:
             worst = int(np.argmax(np.abs(self._ratio)))
             what = (
-                f"the local error of state {state_name(worst, self._n)} is {error:.3g} times the tolerance "
+                f"the local error of state {self._name(worst)} is {error:.3g} times the tolerance "
                 f"{self.tolerance:.3g}"
             )
         return (
             f"at t = {t:.9g} s {what}, and the internal step reached its minimum {MINIMUM_STEP:g} s. "
             "Lower the input torque, loosen the tolerance, or check the parameters."
         )
+
+    def _name(self, i: int) -> str:
+        """FMI name of component `i` of the state."""
+        interface = self.unit.interface
+        return interface.memory[interface.states.start + i].name

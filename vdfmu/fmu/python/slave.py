@@ -20,22 +20,14 @@ from pythonfmu import Fmi2Slave
 from pythonfmu.enums import Fmi2Status
 
 from vdfmu.errors import FmuError, VdfmuError
-from vdfmu.fmu.access import Read, Write, reader, writer
-from vdfmu.fmu.behaviour import Behaviour
+from vdfmu.fmu.python.access import Read, Write, reader, writer
+from vdfmu.fmu.python.behaviour import Behaviour
 from vdfmu.fmu.content import Content
 from vdfmu.fmu.description import LOG_CATEGORIES, model_description
-from vdfmu.fmu.interface import MODEL_NAMES, Variable, start_values
-from vdfmu.fmu.wrapper import hold, hold_all_for_ever, hold_for_ever, loaded_from, plain, refusal
-from vdfmu.kernel import Kernel
+from vdfmu.fmu.python.wrapper import hold, hold_all_for_ever, hold_for_ever, loaded_from, plain, refusal
+from vdfmu.unit.variable import Variable
 
-__all__ = [
-    "ControllerSlave",
-    "EstimatorSlave",
-    "FeedforwardSlave",
-    "PlantSlave",
-    "TrajectorySlave",
-    "UnitSlave",
-]
+__all__ = ["UnitSlave"]
 
 _PHASES = ("instantiated", "initialization", "step", "terminated")
 _WHEN = {
@@ -73,7 +65,7 @@ def _words(error: BaseException) -> str:
 
 
 class UnitSlave(Fmi2Slave):
-    """Base of the slaves; a subclass names its `unit`."""
+    """The slave of all units; a subclass in the FMU names the model of its `unit`."""
 
     unit: ClassVar[str] = ""
     log_categories = LOG_CATEGORIES
@@ -83,7 +75,7 @@ class UnitSlave(Fmi2Slave):
     def __init__(self, **kwargs: Any) -> None:
         super().__init__(**kwargs)
         if "logger" in kwargs:  # the native wrapper calls, not the builder
-            loaded_from(kwargs["resources"], MODEL_NAMES[self.unit])
+            loaded_from(kwargs["resources"], self.unit)
         try:
             self._load(Path(kwargs["resources"]))
         except BaseException as error:
@@ -94,13 +86,13 @@ class UnitSlave(Fmi2Slave):
     def _load(self, resources: Path) -> None:
         self.phase = "instantiated"
         self.time = 0.0
-        self._content = content = Content.read(resources, self.unit)
+        self._content = content = Content.read(resources)
         self.modelName = content.model_name
-        self._table = table = content.table()
-        self._variables = table.variables
-        self._memory = np.empty(len(table))
-        self._behaviour = Behaviour(table, self._memory, Kernel(content.robot))
-        self._memory[:] = start_values(table)
+        self._interface = interface = content.interface
+        self._variables = interface.variables
+        self._memory = np.zeros(interface.size)
+        self._behaviour = Behaviour(interface, self._memory)
+        self._memory[: len(interface)] = interface.start_values()
         self._start_time = 0.0
         self._tolerance: float | None = None
         self._stale = True  # outputs and state are not those of the values set
@@ -114,7 +106,7 @@ class UnitSlave(Fmi2Slave):
     def to_xml(self, model_options: dict[str, str] | None = None) -> Element:
         """Model description from the variable table, with units, dependencies and InitialUnknowns."""
         content = self._content
-        return model_description(content.table(), content.guid, content.tool)
+        return model_description(content.interface, content.guid, content.tool)
 
     def log(
         self,
@@ -138,8 +130,8 @@ class UnitSlave(Fmi2Slave):
             raise FmuError(f"expected a finite start time, got {start_time} s.")
         if tolerance is not None and not (math.isfinite(tolerance) and tolerance > 0.0):
             raise FmuError(f"expected a finite positive tolerance, got {tolerance}.")
-        if tolerance is not None and "tolerance" in self._table.groups:  # the unit has a solver
-            problem = self._table.find("tolerance").problem(tolerance)
+        if tolerance is not None and "tolerance" in self._interface.groups:  # the unit has a solver
+            problem = self._interface.find("tolerance").problem(tolerance)
             if problem:
                 raise FmuError(f"tolerance: {problem}.")
         self._start_time = self.time = start_time
@@ -383,33 +375,3 @@ class UnitSlave(Fmi2Slave):
             raise refusal(
                 f"deSerializeFMUstate failed: expected the bytes of a state, got {len(state)} other bytes."
             ) from None
-
-
-class TrajectorySlave(UnitSlave):
-    """Slave of the unit trajectory."""
-
-    unit = "trajectory"
-
-
-class FeedforwardSlave(UnitSlave):
-    """Slave of the unit feedforward."""
-
-    unit = "feedforward"
-
-
-class ControllerSlave(UnitSlave):
-    """Slave of the unit controller."""
-
-    unit = "controller"
-
-
-class PlantSlave(UnitSlave):
-    """Slave of the unit plant."""
-
-    unit = "plant"
-
-
-class EstimatorSlave(UnitSlave):
-    """Slave of the unit estimator."""
-
-    unit = "estimator"

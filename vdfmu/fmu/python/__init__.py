@@ -1,0 +1,1 @@
+"""Python FMUs, which run in a Python that has vdfmu."""

@@ -1,0 +1,115 @@
+"""What a unit computes over time: its methods on its memory and its solver, with no FMI in sight."""
+
+from __future__ import annotations
+
+import re
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from vdfmu.errors import FmuError, KernelError, ModelError, UnitError
+from vdfmu.kernel.structure import set_parameters
+from vdfmu.model import check_robot
+from vdfmu.unit.evaluate import Traced, evaluation
+from vdfmu.unit.integrator import Integrator
+from vdfmu.unit.interface import Interface
+from vdfmu.unit.motion import Motion, samples
+
+__all__ = ["Behaviour", "robot_problems"]
+
+Floats = npt.NDArray[np.float64]
+
+
+class Behaviour:
+    """A unit on its memory.
+
+    Parameters
+    ----------
+    interface : Interface
+    memory : (interface.size,) array
+        Values of all variables; booleans and integers as floats.
+    """
+
+    def __init__(self, interface: Interface, memory: Floats) -> None:
+        self.interface = interface
+        self.memory = memory
+        self._unit = evaluation(interface, memory)
+        self._start = 0.0
+        self._solver: Integrator | Motion | None = None
+        if interface.has_states:
+            self._solver = Integrator(self._unit) if isinstance(self._unit, Traced) else Motion(self._unit)
+
+    def check(self) -> list[str]:
+        """Problems of the parameter values together; those of each alone are checked when they are set."""
+        return robot_problems(self.interface, self.memory)
+
+    def start(self, t: float, tolerance: float | None) -> None:
+        """Take the parameters as they are and set the states to those of the start time `t` [s].
+
+        `tolerance` is that of the experiment; the smaller of it and the parameter holds.
+        """
+        if self._solver is not None:
+            own = float(self._unit.group("tolerance")[0])
+            self._solver.tolerance = own if tolerance is None else min(own, tolerance)
+            self._solver.h = 1e-4
+        self._start = self.memory[-1] = t
+        self._unit.start()
+
+    def outputs(self, t: float) -> None:
+        """Calculate the outputs at time `t` [s] from inputs, parameters and states."""
+        self.memory[-1] = t
+        self._unit.outputs()
+
+    def step(self, t: float, duration: float) -> None:
+        """Move from `t` to `t + duration` [s] with the inputs held.
+
+        A unit without a state calculates its outputs from the inputs at `t`.
+        """
+        before = self.memory.copy()
+        try:
+            for begin, end, sampled in samples(self._unit, self._start, t, t + duration):
+                if sampled:
+                    self.memory[-1] = begin
+                    self._unit.update()
+                if self._solver is not None:
+                    self._solver.advance(begin, end - begin)
+            self.outputs(t + duration)
+        except (KernelError, UnitError) as error:
+            self.memory[:] = before
+            raise FmuError(str(error)) from None
+
+    def state(self) -> Any:
+        """Everything beyond the variables that decides the future, JSON-able."""
+        if self._solver is None:
+            return None
+        return {"h": self._solver.h, "tolerance": self._solver.tolerance}
+
+    def restore(self, state: Any) -> None:
+        """Take a state of :meth:`state` back; raise and change nothing if it is none."""
+        if self._solver is not None:
+            h, tolerance = float(state["h"]), float(state["tolerance"])
+            self._solver.h, self._solver.tolerance = h, tolerance
+
+
+def robot_problems(interface: Interface, memory: Floats) -> list[str]:
+    """Return what is not physical in the robot parameters of a unit's memory, with FMI names."""
+    if interface.robot is None or not interface.has_robot:
+        return []
+    robot = set_parameters(interface.robot, memory[interface.slice("p")])
+    try:
+        check_robot(robot, _ROBOT)
+    except ModelError as error:
+        return [_FILE_KEY.sub(_fmi_name, problem) for problem in error.problems]
+    return []
+
+
+_ROBOT = "robot"
+_FILE_KEY = re.compile(rf"^{_ROBOT}: (?:joints\[(\d+)\]\.)?(?:(payload)\.|\w+\.)?(\w+)")
+
+
+def _fmi_name(key: re.Match[str]) -> str:
+    """Turn ``robot: joints[2].friction.f_s`` into ``f_s[2]``."""
+    joint, payload, field = key.groups()
+    field = f"{payload}_{field}" if payload else field
+    return f"{field}[{joint}]" if joint else field

@@ -1,0 +1,46 @@
+"""Build of a Python FMU with pythonfmu: it runs in a Python that has vdfmu."""
+
+from __future__ import annotations
+
+import inspect
+import sys
+import tempfile
+import zipfile
+from pathlib import Path
+
+from pythonfmu import FmuBuilder
+
+from vdfmu.data import data_path
+from vdfmu.fmu.archive import pack_zip
+from vdfmu.fmu.content import CONTENT_FILE, UNIT_FILE, Content
+from vdfmu.fmu.documentation import documentation_files
+
+__all__ = ["build_python_fmu"]
+
+# pythonfmu puts a copy of itself into every FMU. A process that loads an FMU first would take that copy for
+# the package; it lacks the binaries that a later build needs. The slaves use the installed one.
+_LEFT_OUT = "resources/pythonfmu/"
+
+
+def build_python_fmu(content: Content, path: Path) -> None:
+    """Write the FMU of a content."""
+    template = (data_path("fmu_src") / "python" / "slave.py").read_text(encoding="utf-8")
+    with tempfile.TemporaryDirectory(prefix="vdfmu_build_") as folder:
+        script = Path(folder) / f"vdfmu_{content.interface.name}_slave.py"
+        script.write_text(template.replace("Model", content.model_name), encoding="utf-8")
+        files = {CONTENT_FILE: content.to_json()}
+        if not content.interface.functions.shipped:
+            files[UNIT_FILE] = Path(inspect.getsourcefile(content.unit) or "").read_text(encoding="utf-8")
+        resources = [Path(folder) / "files" / name for name in files]
+        resources[0].parent.mkdir()
+        for resource in resources:
+            resource.write_text(files[resource.name], encoding="utf-8")
+        search_path = list(sys.path)
+        try:
+            raw = FmuBuilder.build_FMU(script, dest=folder, project_files=resources)
+        finally:
+            sys.path[:] = search_path
+        with zipfile.ZipFile(raw) as archive:
+            names = [name for name in archive.namelist() if not name.startswith(_LEFT_OUT)]
+            members = {name: archive.read(name) for name in names}
+    pack_zip(path, members | documentation_files(content))

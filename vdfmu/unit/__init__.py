@@ -1,0 +1,22 @@
+"""Units: their declaration, their variables for a robot, and their traced functions."""
+
+from vdfmu.equations.generic import clip, interpolate, maximum, minimum, sgn, where, zeros
+from vdfmu.unit.declaration import (
+    JOINTS,
+    Choice,
+    Derivative,
+    Input,
+    Output,
+    Parameter,
+    RobotParameters,
+    Sampled,
+    State,
+    Switch,
+    Terminal,
+    Unit,
+)
+
+__all__ = [
+    "JOINTS", "Choice", "Derivative", "Input", "Output", "Parameter", "RobotParameters", "Sampled", "State", "Switch",
+    "Terminal", "Unit", "clip", "interpolate", "maximum", "minimum", "sgn", "where", "zeros",
+]  # fmt: skip

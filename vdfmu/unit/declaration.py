@@ -1,0 +1,458 @@
+"""What a unit is: one class that declares variables and says in numpy what it computes.
+
+    class Filter(Unit):
+        \"""First-order low-pass filter.\"""
+
+        u = Input("1", text="signal")
+        T = Parameter("s", text="time constant", start=0.1, minimum=1e-6)
+        y = State("1", text="filtered signal")
+        y_dot = Derivative(y)
+
+        def derivatives(self) -> None:
+            self.y_dot = (self.u - self.y) / self.T
+
+The methods run on floats as they stand, and on symbols, from which the functions of an FMU are traced.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, ClassVar, Literal, Protocol, Self, cast, overload
+
+import numpy as np
+
+from vdfmu.errors import UnitError, UsageError
+from vdfmu.model import Robot
+
+__all__ = [
+    "JOINTS", "PHASES", "Choice", "Declared", "Derivative", "Input", "Output", "Parameter", "RobotParameters", "Sampled",
+    "State", "Switch", "Terminal", "Unit", "unit_name",
+]  # fmt: skip
+
+
+class _Joints:
+    """The axis of a shape that has an element for each joint, or link."""
+
+    def __repr__(self) -> str:
+        return "JOINTS"
+
+
+JOINTS = _Joints()
+"""Length of an axis: the number of joints, or links, of the robot."""
+
+Axis = int | _Joints
+PHASES = ("start", "outputs", "derivatives", "update")
+"""The methods of a unit: what they set is in `Declared.set_by`."""
+
+
+class Declared:
+    """A variable of a unit, an attribute of its class.
+
+    On an instance it is the variable's value: a number of shape ``()``, else an array.
+
+    Parameters
+    ----------
+    unit : str or sequence of str
+        Unit of measurement, ``"N.m"``, or a quantity of a joint, ``"position"``, whose unit follows from the joint's
+        type; or one for each element. ``"1"`` is a number without a unit.
+    shape : int, :data:`JOINTS`, or tuple of them
+        ``()``, the default, is a scalar.
+    text : str or sequence of str
+        What it is, or one for each element. An element of a joint gets ``Joint 1:`` before it, others their indices
+        behind it.
+    start : number, array_like or function of a robot
+        Start value, broadcast to the shape.
+    minimum, maximum : float, optional
+    """
+
+    causality: ClassVar[str] = "parameter"
+    variability: str = "continuous"
+    type: ClassVar[str] = "Real"
+    set_by: ClassVar[str | None] = None
+    choices: tuple[str, ...] = ()
+    name = ""
+
+    def __init__(
+        self,
+        unit: str | Sequence[str] = "1",
+        shape: Axis | tuple[Axis, ...] = (),
+        text: str | Sequence[str] = "",
+        *,
+        start: Any = 0.0,
+        minimum: float | None = None,
+        maximum: float | None = None,
+    ) -> None:
+        self.unit = unit
+        self.shape = shape if isinstance(shape, tuple) else (shape,)
+        self.text = text
+        self.start = start
+        self.minimum, self.maximum = minimum, maximum
+
+    def __set_name__(self, owner: type, name: str) -> None:
+        self.name = name
+
+    @overload
+    def __get__(self, unit: None, owner: type) -> Self: ...
+    @overload
+    def __get__(self, unit: Unit, owner: type) -> Any: ...
+    def __get__(self, unit: Unit | None, owner: type) -> Any:
+        return self if unit is None else unit._read(self)  # pyright: ignore[reportPrivateUsage]
+
+    def __set__(self, unit: Unit, value: Any) -> None:
+        unit._write(self, value)  # pyright: ignore[reportPrivateUsage]
+
+    def sizes(self, n: int) -> tuple[int, ...]:
+        """Shape for a robot of `n` joints."""
+        return tuple(n if isinstance(axis, _Joints) else axis for axis in self.shape)
+
+
+class Input(Declared):
+    """What the unit is given."""
+
+    causality = "input"
+
+
+class Output(Declared):
+    """What ``outputs`` calculates from inputs, parameters, states and time."""
+
+    causality = "output"
+    set_by = "outputs"
+
+
+class State(Declared):
+    """A continuous state, an output as well. It has a :class:`Derivative`.
+
+    ``start`` sets it from parameters; without that method it starts at a parameter ``<name>_0``.
+    """
+
+    causality = "output"
+    set_by = "start"
+
+
+class Sampled(State):
+    """A state that ``update`` sets every ``period``, a parameter of the unit [s]; it is held in between."""
+
+    variability = "discrete"
+
+
+class Derivative(Declared):
+    """The derivative in time of a state, which ``derivatives`` sets."""
+
+    causality = "local"
+    set_by = "derivatives"
+
+    def __init__(self, state: State) -> None:
+        super().__init__(state.unit, state.shape, state.text)
+        self.state = state
+
+
+class Parameter(Declared):
+    """A value that is fixed over a run, or `tunable` in it.
+
+    Parameters as of :class:`Declared`.
+    """
+
+    def __init__(
+        self,
+        unit: str | Sequence[str] = "1",
+        shape: Axis | tuple[Axis, ...] = (),
+        text: str | Sequence[str] = "",
+        *,
+        start: Any = 0.0,
+        minimum: float | None = None,
+        maximum: float | None = None,
+        tunable: bool = False,
+    ) -> None:
+        super().__init__(unit, shape, text, start=start, minimum=minimum, maximum=maximum)
+        self.variability = "tunable" if tunable else "fixed"
+
+
+class Choice(Declared):
+    """A fixed parameter with named values; on an instance it is the name. The first is the default."""
+
+    variability = "fixed"
+    type = "Integer"
+
+    def __init__(self, *choices: str, text: str = "") -> None:
+        super().__init__(text=text, start=0, minimum=0, maximum=len(choices) - 1)
+        self.choices = choices
+
+
+class Switch(Declared):
+    """A fixed parameter that is true or false."""
+
+    variability = "fixed"
+    type = "Boolean"
+
+    def __init__(self, start: bool, text: str = "") -> None:
+        super().__init__(text=text, start=start)
+
+
+class RobotParameters:
+    """Parameters of the robot that the unit is for; on an instance, a robot.
+
+    Parameters
+    ----------
+    *fields : str
+        Those of `Robot` that the unit has; default all that can be set at run time.
+    """
+
+    def __init__(self, *fields: str) -> None:
+        self.fields = fields
+
+    @overload
+    def __get__(self, unit: None, owner: type) -> Self: ...
+    @overload
+    def __get__(self, unit: Unit, owner: type) -> Any: ...
+    def __get__(self, unit: Unit | None, owner: type) -> Any:
+        return self if unit is None else unit._robot(self.fields)  # pyright: ignore[reportPrivateUsage]
+
+
+@dataclass(frozen=True)
+class Terminal:
+    """Variables of a unit that are connected together.
+
+    Units are connected by joining their terminals of the same name, output to input, member by member.
+
+    Attributes
+    ----------
+    name : str
+    side : "left", "right", "bottom" or "top"
+        Where it is drawn.
+    groups : tuple of str
+        Names of the variables.
+    description : str
+    """
+
+    name: str
+    side: Literal["left", "right", "bottom", "top"]
+    groups: tuple[str, ...]
+    description: str
+
+
+class Watch(Protocol):
+    """Sees what a method of a unit reads and sets, and decides what it reads; see :mod:`vdfmu.unit.trace`."""
+
+    def read(self, declared: Declared) -> Any:
+        """Value of a variable."""
+        ...
+
+    def write(self, declared: Declared, value: Any) -> None:
+        """Take the value of a variable."""
+        ...
+
+    def time(self) -> Any:
+        """Time [s]."""
+        ...
+
+    def robot(self, fields: tuple[str, ...]) -> Any:
+        """Robot with what a unit declares of it."""
+        ...
+
+
+class Unit:
+    """Base of all units. A subclass declares variables and overrides some of the four methods.
+
+    Its docstring is the unit's description: the first line says what it is, the rest is for its page.
+
+    Parameters
+    ----------
+    robot : Robot, optional
+        Of a unit that has variables for joints, or :class:`RobotParameters`.
+    **values : array_like
+        Parameters and inputs in place of their start values.
+
+    Raises
+    ------
+    UnitError
+        For a unit without the robot that it needs.
+    UsageError
+        For a name or a value that does not fit.
+    """
+
+    backend: ClassVar[Literal["native", "python"]] = "native"
+    """``"python"``: the methods cannot be traced; the FMU runs them in Python."""
+    terminals: ClassVar[tuple[Terminal, ...]] = ()
+    elimination: ClassVar[tuple[str, ...]] = ()
+    """States in the order in which the solver eliminates them; it decides the cost, not the result."""
+    experiment_stop: ClassVar[float] = 1.0
+    """End of the experiment of the FMU's reference results [s]."""
+    declared: ClassVar[Mapping[str, Declared]] = {}
+    """All variables by name."""
+    robot_fields: ClassVar[tuple[str, ...] | None] = None
+    """Fields of the :class:`RobotParameters`; empty: all; None: the unit has none."""
+
+    def __init_subclass__(cls, **kwargs: Any) -> None:
+        super().__init_subclass__(**kwargs)
+        found = dict(cls.declared)
+        for name, value in list(vars(cls).items()):
+            if isinstance(value, (Declared, RobotParameters)) and name != "robot" and hasattr(Unit, name):
+                raise UnitError(f"{cls.__name__}: a variable cannot be called {name}, which every unit has already.")
+            if isinstance(value, Declared):
+                found[name] = value
+            elif isinstance(value, RobotParameters):
+                cls.robot_fields = value.fields
+        states = [d for d in found.values() if isinstance(d, State)]
+        if cls.start is Unit.start:
+            for state in states:
+                name = f"{state.name}_0"
+                if name not in found:
+                    found[name] = _added(name, _start_parameter(state), cls)
+        if any(not isinstance(d, Sampled) for d in states) and "tolerance" not in found:
+            found["tolerance"] = _added("tolerance", _tolerance(), cls)
+        cls.declared = found
+
+    def __init__(self, robot: Robot | None = None, **values: Any) -> None:
+        if robot is None and self.needs_robot():
+            raise UnitError(f"{type(self).__name__} needs a robot, for its joints. Give one: robot=load_robot(..).")
+        self.of_robot = robot
+        self._watch: Watch | None = None
+        self.store: dict[str, Any] = {}
+        self.t = 0.0
+        n = robot.n if robot is not None else 0
+        for name, declared in self.declared.items():
+            if declared.set_by is None:
+                start = declared.start(robot) if callable(declared.start) else declared.start
+                if declared.choices:
+                    start = declared.choices[int(start)]
+                else:
+                    start = np.broadcast_to(np.asarray(start), declared.sizes(n)).copy()
+                self.store[name] = start if declared.choices or declared.shape else start[()]
+        for name, value in values.items():
+            if name not in self.store:
+                raise UsageError(f"{type(self).__name__} has no {name!r} to set. There are: {', '.join(self.store)}.")
+            setattr(self, name, value)
+
+    @classmethod
+    def needs_robot(cls) -> bool:
+        """Whether some variable has an element for each joint, or belongs to the robot."""
+        return cls.robot_fields is not None or any(JOINTS in d.shape for d in cls.declared.values())
+
+    @classmethod
+    def description(cls) -> str:
+        """First line of the docstring, without its full stop."""
+        return (cls.__doc__ or cls.__name__).strip().splitlines()[0].rstrip(".")
+
+    # ---------------------------------------------------------------- what a subclass overrides
+
+    def start(self) -> None:
+        """Set the states from the parameters."""
+        for name, declared in self.declared.items():
+            if isinstance(declared, State):
+                setattr(self, name, getattr(self, f"{name}_0"))
+
+    def outputs(self) -> None:
+        """Set the outputs."""
+
+    def derivatives(self) -> None:
+        """Set the derivatives of the continuous states."""
+
+    def update(self) -> None:
+        """Set the sampled states for the time until the next sample; what is not set keeps its value."""
+
+    def balance(self) -> Any:
+        """Return what is zero where the derivatives are right, in the order of the states, (n_x,).
+
+        The methods that solve stiff equations use its derivatives, which may be much shorter than those of
+        ``derivatives``: those of a balance of forces need no inverse of a mass matrix.
+        """
+        raise NotImplementedError
+
+    def experiment(self) -> None:
+        """Set the inputs for the time ``self.t`` of the experiment of the FMU's reference results."""
+        phase = 0.0
+        for name, declared in self.declared.items():
+            if isinstance(declared, Input):
+                size = np.shape(getattr(self, name))
+                count = math.prod(size)
+                wave = 0.1 * np.sin(2.0 * self.t + phase + 0.4 * np.arange(count)).reshape(size)
+                setattr(self, name, wave)
+                phase += 1.0
+
+    # ---------------------------------------------------------------- values
+
+    def watch(self, watch: Watch | None) -> None:
+        """Let `watch` decide what is read and take what is set; None: the instance's own values."""
+        self._watch = watch
+
+    def _read(self, declared: Declared) -> Any:
+        if self._watch is not None:
+            return self._watch.read(declared)
+        if declared.name not in self.store:
+            raise UnitError(f"{type(self).__name__}.{declared.name} is read before it is set.")
+        return self.store[declared.name]
+
+    def _write(self, declared: Declared, value: Any) -> None:
+        if self._watch is not None:
+            self._watch.write(declared, value)
+            return
+        self.store[declared.name] = self.fitting(declared, value)
+
+    def fitting(self, declared: Declared, value: Any) -> Any:
+        """Return a value in the shape of a variable; UsageError if it does not fit."""
+        where = f"{type(self).__name__}.{declared.name}"
+        if declared.choices:
+            if value not in declared.choices:
+                raise UsageError(f"{where}: expected {' or '.join(declared.choices)}, got {value!r}.")
+            return value
+        sizes = declared.sizes(self.n)
+        array = np.asarray(value)
+        if array.dtype.kind not in "biufO":
+            raise UsageError(f"{where}: expected numbers, got {value!r}.")
+        try:
+            shaped = np.broadcast_to(array, sizes)
+        except ValueError:
+            raise UsageError(f"{where}: expected shape {sizes}, got {array.shape}.") from None
+        return shaped if sizes else shaped[()]
+
+    @property
+    def n(self) -> int:
+        """Number of joints of the robot; 0 without one."""
+        return self.of_robot.n if self.of_robot is not None else 0
+
+    @property
+    def t(self) -> Any:
+        """Time [s]."""
+        return self._watch.time() if self._watch is not None else self._time
+
+    @t.setter
+    def t(self, value: float) -> None:
+        self._time = value
+
+    def _robot(self, fields: tuple[str, ...]) -> Any:
+        if self._watch is not None:
+            return self._watch.robot(fields)
+        return self.of_robot
+
+
+def unit_name(unit: type[Unit]) -> str:
+    """Name of a unit in commands, systems and scenarios: that of the file of a shipped one, ``pd_controller`` else."""
+    package, _, module = unit.__module__.rpartition(".")
+    if package == "vdfmu.units":
+        return module
+    return re.sub(r"(?<=[a-z0-9])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])", "_", unit.__name__).lower()
+
+
+def _added(name: str, parameter: Parameter, owner: type) -> Parameter:
+    parameter.__set_name__(owner, name)
+    setattr(owner, name, parameter)
+    return parameter
+
+
+def _start_parameter(state: State) -> Parameter:
+    text = state.text if isinstance(state.text, str) else list(state.text)
+    text = f"start of {text or state.name}" if isinstance(text, str) else [f"start of {one}" for one in text]
+    return Parameter(
+        state.unit, state.shape, text, start=state.start, minimum=state.minimum, maximum=state.maximum
+    )
+
+
+def _tolerance() -> Parameter:
+    text = (
+        "Tolerance of the solver, relative and absolute in SI units; a smaller tolerance of the experiment "
+        "replaces it"
+    )
+    return Parameter("1", (), text, start=1e-7, minimum=1e-12, maximum=1e-1)

@@ -1,0 +1,87 @@
+"""Which inputs, parameters and states each calculated variable depends on, read off the unit's program.
+
+An entry of a traced function's Jacobian that is not zero by structure is a dependency, so the declaration
+follows the equations and the robot's geometry.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+
+from vdfmu.unit.program import Call
+
+if TYPE_CHECKING:
+    from vdfmu.unit.interface import Interface
+
+__all__ = ["patterns"]
+
+Pattern = npt.NDArray[np.bool_]
+"""(N, N): row `i` marks the positions on which position `i` depends."""
+
+
+def patterns(interface: Interface) -> tuple[Pattern, Pattern]:
+    """Return the patterns over the whole memory of a unit: variables, derivatives of the states, time.
+
+    Returns
+    -------
+    step : (N, N)
+        What outputs and derivatives depend on after initialization: inputs, states and time. A state depends
+        on itself.
+    start : (N, N)
+        What they depend on during initialization: inputs, parameters and time.
+    """
+    program = interface.program
+    moving = (*program.outputs, *program.derivatives)
+    step, start = _after(interface, moving), _after(interface, (*program.start, *moving))
+    memory = interface.memory
+    of_state = np.zeros(interface.size, dtype=bool)
+    of_state[interface.slice("x")] = True
+    of_state |= np.array([v.variability == "discrete" for v in memory])
+    causality = np.array([v.causality for v in memory])
+    time = causality == "independent"
+    inputs, given = causality == "input", np.isin(causality, ("input", "parameter"))
+    calculated = np.isin(causality, ("output", "local"))
+    for found, known in ((step, inputs | of_state | time), (start, given | time)):
+        found[~calculated] = False
+        found[:, ~known] = False
+    return step, start
+
+
+def _after(interface: Interface, calls: Iterable[Call]) -> Pattern:
+    """Return what each position depends on after the calls, in terms of the positions before them."""
+    found = np.eye(interface.size, dtype=bool)
+    chosen = np.zeros(interface.size, dtype=bool)  # what an earlier choice has written
+    for call in calls:
+        direct, rows = _of_call(interface, call)
+        through = direct[rows] @ found
+        for parameter, _ in call.when:
+            through[through.any(axis=1), interface.reference[parameter]] = True
+        if call.when:
+            through |= found[rows] & chosen[rows, None]
+            chosen |= rows
+        found[rows] = through
+    return found
+
+
+def _of_call(interface: Interface, call: Call) -> tuple[Pattern, npt.NDArray[np.bool_]]:
+    """Return the pattern of what one call sets, and what it sets."""
+    pattern = np.zeros((interface.size, interface.size), dtype=bool)
+    rows = np.zeros(interface.size, dtype=bool)
+    function = interface.functions.casadi_function(call.function)
+    for result in function.name_out():
+        set_here = _positions(interface.slice(call.group(result)))
+        rows[set_here] = True
+        for argument in function.name_in():
+            columns = _positions(interface.slice(call.group(argument)))
+            sparsity = function.jac_sparsity(function.index_out(result), function.index_in(argument))
+            i, j = (np.array(index, np.intp) for index in sparsity.get_triplet())
+            pattern[set_here[i], columns[j]] = True
+    return pattern, rows
+
+
+def _positions(where: slice) -> npt.NDArray[np.intp]:
+    return np.arange(where.start, where.stop)

@@ -1,0 +1,188 @@
+"""A unit's methods on its memory, as traced functions or in plain numpy."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+
+from vdfmu.kernel.structure import set_parameters
+from vdfmu.model.robot import Robot
+from vdfmu.unit.declaration import Choice, Declared, Derivative, Switch
+from vdfmu.unit.interface import Interface
+from vdfmu.unit.program import Call
+from vdfmu.unit.trace import run
+
+__all__ = ["Evaluation", "Plain", "Traced", "evaluation"]
+
+Floats = npt.NDArray[np.float64]
+
+
+class Evaluation:
+    """The methods of a unit, which read and set its memory in place.
+
+    Parameters
+    ----------
+    interface : Interface
+    memory : (interface.size,) array, optional
+        Default the start values.
+    """
+
+    def __init__(self, interface: Interface, memory: Floats | None = None) -> None:
+        self.interface = interface
+        if memory is None:
+            memory = np.zeros(interface.size)
+            memory[: len(interface)] = interface.start_values()
+        self.memory = memory
+        self.x, self.x_dot = memory[interface.states], memory[interface.derivatives]
+
+    def group(self, name: str) -> Floats:
+        """Values of a group, or of ``p``, ``x``, ``x_dot`` or ``t``, in place."""
+        return self.memory[self.interface.slice(name)]
+
+    def start(self) -> None:
+        """Set the states of the start time."""
+        raise NotImplementedError
+
+    def outputs(self) -> None:
+        """Set the outputs."""
+        raise NotImplementedError
+
+    def derivatives(self) -> None:
+        """Set the derivatives of the continuous states."""
+        raise NotImplementedError
+
+    def update(self) -> None:
+        """Set the sampled states."""
+        raise NotImplementedError
+
+    def rate(self, t: float, x: Floats) -> Floats:
+        """Derivatives at a time and a state, (n_x,), for a solver."""
+        self.memory[-1] = t
+        self.x[:] = x
+        self.derivatives()
+        return self.x_dot.copy()
+
+
+class Traced(Evaluation):
+    """The traced functions, bound to the memory: a call copies nothing."""
+
+    def __init__(self, interface: Interface, memory: Floats | None = None) -> None:
+        super().__init__(interface, memory)
+        program = interface.program
+        self.start = self._bound(program.start)
+        self.outputs = self._bound(program.outputs)
+        self.derivatives = self._bound(program.derivatives)
+        self.update = self._bound(program.update)
+
+    def _bound(self, calls: Sequence[Call]) -> Callable[[], None]:
+        actions = [self._action(call) for call in calls]
+        if len(actions) == 1:
+            return actions[0]
+
+        def run_all() -> None:
+            for action in actions:
+                action()
+
+        return run_all
+
+    def _action(self, call: Call) -> Callable[[], None]:
+        functions = self.interface.functions
+        function = functions.casadi_function(call.function)
+        names = (*function.name_in(), *function.name_out())
+        new = [name for name in function.name_out() if call.group(name) != name]
+        bound = functions.function(
+            call.function, **{name: self.group(call.group(name)) for name in names if name not in new}
+        )
+        copies = [(self.group(call.group(name)), bound.results[name]) for name in new]
+        conditions = [(self.group(choice), float(value)) for choice, value in call.when]
+
+        def run_chosen() -> None:
+            if all(parameter[0] == value for parameter, value in conditions):
+                bound.run()
+                for target, source in copies:
+                    target[:] = source
+
+        return run_chosen
+
+
+class Plain(Evaluation):
+    """The methods themselves, in numpy."""
+
+    def __init__(self, interface: Interface, memory: Floats | None = None) -> None:
+        super().__init__(interface, memory)
+        self._unit = interface.unit(interface.robot)
+        self._robot: tuple[bytes, Any] = (b"", None)
+        self._phase = ""
+
+    def start(self) -> None:
+        """Set the states of the start time."""
+        self._run("start")
+
+    def outputs(self) -> None:
+        """Set the outputs."""
+        self._run("outputs")
+
+    def derivatives(self) -> None:
+        """Set the derivatives of the continuous states."""
+        self._run("derivatives")
+
+    def update(self) -> None:
+        """Set the sampled states."""
+        self._run("update")
+
+    def experiment(self) -> None:
+        """Set the inputs of the reference experiment."""
+        self._run("experiment")
+
+    def _run(self, phase: str) -> None:
+        run(self._unit, phase, self)
+
+    # what the unit sees: a `Watch`
+
+    def read(self, declared: Declared) -> Any:
+        """Value of a variable."""
+        if isinstance(declared, (Choice, Switch)):
+            value = int(self.group(declared.name)[0])
+            return declared.choices[value] if declared.choices else bool(value)
+        shape = declared.sizes(self._unit.n)
+        return self._place(declared).reshape(shape).copy() if shape else float(self._place(declared)[0])
+
+    def write(self, declared: Declared, value: Any) -> None:
+        """Take the value of a variable."""
+        self._place(declared)[:] = np.ravel(self._unit.fitting(declared, value))
+
+    def _place(self, declared: Declared) -> Floats:
+        if isinstance(declared, Derivative):
+            start = self.interface.groups[declared.state.name].start - self.interface.states.start
+            size = int(np.prod(declared.sizes(self._unit.n), dtype=int))
+            return self.x_dot[start : start + size]
+        return self.group(declared.name)
+
+    def time(self) -> float:
+        """Time [s]."""
+        return float(self.memory[-1])
+
+    def robot(self, fields: tuple[str, ...]) -> Any:
+        """Robot with the parameters in the memory."""
+        robot = self.interface.robot
+        assert isinstance(robot, Robot)
+        values = self.group("p") if not fields else np.concatenate([self.group(field) for field in fields])
+        key = values.tobytes()
+        if self._robot[0] != key:
+            if fields:
+                made = robot.with_parameters(**{field: self.group(field) for field in fields})
+            else:
+                made = set_parameters(robot, values)
+            self._robot = key, made
+        return self._robot[1]
+
+
+def evaluation(interface: Interface, memory: Floats | None = None) -> Evaluation:
+    """Return what runs a unit: traced, unless it says that it cannot be."""
+    return (Plain if interface.unit.backend == "python" else Traced)(interface, memory)
+
+

@@ -1,0 +1,114 @@
+"""The states of a unit over time: scipy between the samples, and sampled states that change at each."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from vdfmu.unit.evaluate import Evaluation
+
+__all__ = ["TOLERANCE", "Motion", "samples"]
+
+Floats = npt.NDArray[np.float64]
+
+TOLERANCE = 1e-12
+_MOST_CALLS = 1_000_000
+"""Calls of the right-hand side in one go, ten times what the shipped robots take: with odd values it may find no end."""
+_CLOSE = 1e-9
+"""Part of a period within which a time is that of a sample."""
+_SHORTEST = 1e-6
+"""Shortest first step [s]."""
+
+
+class _RunawayError(ArithmeticError):
+    """The motion has no end that can be found."""
+
+
+class Motion:
+    """Moves the states of a unit with its inputs held; from where they run away on they are not numbers.
+
+    Parameters
+    ----------
+    unit : Evaluation
+        Its memory holds inputs and states.
+    start : float [s]
+        The first sample.
+    tolerance : float
+        Absolute, and relative, of scipy's solver.
+    method : "LSODA" or "DOP853"
+        For long ways and stiff equations, or for short ones.
+    """
+
+    def __init__(
+        self,
+        unit: Evaluation,
+        start: float = 0.0,
+        tolerance: float = TOLERANCE,
+        method: Literal["LSODA", "DOP853"] = "LSODA",
+    ) -> None:
+        self.unit, self.start, self.tolerance, self._method = unit, start, tolerance, method
+        self.h = math.inf
+        """Last full step [s], a good first one for what comes next."""
+        self._calls = 0
+
+    def move(self, t: float, end: float) -> None:
+        """Move from `t` to `end` [s]; outputs are not calculated."""
+        for begin, to, sampled in samples(self.unit, self.start, t, end):
+            if sampled:
+                self.unit.memory[-1] = begin
+                self.unit.update()
+            self.advance(begin, to - begin)
+        self.unit.memory[-1] = end
+
+    def advance(self, t: float, duration: float) -> None:
+        """Move the continuous states by `duration` [s]."""
+        if not self.unit.x.size or not np.isfinite(self.unit.x).all():
+            return
+        from scipy import integrate  # takes half a second to import
+
+        self._calls = 0
+        first = min(self.h, duration) if self.h < math.inf else None
+        try:
+            solver = getattr(integrate, self._method)(
+                self._rate, t, self.unit.x.copy(), t + duration,
+                rtol=max(self.tolerance, 1e-13), atol=self.tolerance, first_step=first,
+            )  # fmt: skip
+            while solver.status == "running":
+                if solver.step() is not None:
+                    raise _RunawayError
+                self.h = max(getattr(solver, "h_abs", math.inf), _SHORTEST)
+            self.unit.x[:] = solver.y
+        except _RunawayError:
+            self.unit.x[:] = np.nan
+
+    def _rate(self, t: float, x: Floats) -> Floats:
+        self._calls += 1
+        rate = self.unit.rate(t, x)
+        if self._calls > _MOST_CALLS or not np.isfinite(rate).all():
+            raise _RunawayError
+        return rate
+
+
+def samples(unit: Evaluation, start: float, t: float, end: float) -> Iterator[tuple[float, float, bool]]:
+    """Yield the parts of the time from `t` to `end` between samples: begin, end, and whether a sample is at the begin.
+
+    The sample at `end` is left to what follows. A unit without sampled states has one part.
+    """
+    if not unit.interface.is_sampled:
+        yield t, end, False
+        return
+    period = float(unit.group("period")[0])
+    close = _CLOSE * period
+    while t < end:
+        k = math.ceil((t - start - close) / period)
+        sample = start + k * period
+        sampled = sample <= t + close
+        if sampled:
+            sample = start + (k + 1) * period
+        to = sample if sample < end - close else end
+        yield t, to, sampled
+        t = to

@@ -1,0 +1,232 @@
+"""What a unit computes, as short lists of calls of traced functions on its memory.
+
+The Python slave runs the lists, the native FMU is generated from them, and the dependencies are read off them. The
+arguments and results of a function are names of groups of variables; further groups are ``p``, the robot's run-time
+parameters, ``x`` and ``x_dot``, the continuous states and their derivatives, and ``t``, the time.
+"""
+
+from __future__ import annotations
+
+import inspect
+from dataclasses import dataclass
+from functools import cached_property
+from hashlib import sha256
+from pathlib import Path
+
+import casadi as ca
+import numpy as np
+
+from vdfmu.equations.elimination import factorize, solve
+from vdfmu.kernel.functions import Functions
+from vdfmu.kernel.rodas import rodas_step
+from vdfmu.kernel.structure import source_digest, structure_key
+from vdfmu.kernel.symbol import from_sx, to_sx
+from vdfmu.kernel.trace import traced_function
+from vdfmu.model import Robot
+from vdfmu.unit.declaration import PHASES, Unit, unit_name
+from vdfmu.unit.trace import Leaf, SymbolicWatch, leaves, run, state_slices
+
+__all__ = ["Call", "Program", "UnitFunctions"]
+
+_SOURCES = ("model", "equations", "kernel", "unit", "units")
+
+
+@dataclass(frozen=True)
+class Call:
+    """Run a traced function.
+
+    Attributes
+    ----------
+    function : str
+    when : tuple of (parameter, value)
+        Choices with which it runs.
+    reads, sets : tuple of str
+        Groups.
+    """
+
+    function: str
+    when: tuple[tuple[str, int], ...]
+    reads: tuple[str, ...]
+    sets: tuple[str, ...]
+
+    def group(self, name: str) -> str:
+        """Group of an argument or a result."""
+        return name[:-4] if name[-4:] == "_new" and name[:-4] in self.sets else name
+
+
+class Program:
+    """Lists of calls.
+
+    Attributes
+    ----------
+    start : from the parameters to the states of the start time
+    outputs : from inputs, parameters, states and time to the outputs
+    derivatives : to the derivatives of the continuous states
+    update : to the sampled states of the time until the next sample
+    step : one step of the solver. Arguments beside groups are `h`, `tolerance` and ``rate_<input>``; `x_new`, `norm`
+        and `ratio` are its results
+    """
+
+    def __init__(self, functions: UnitFunctions) -> None:
+        lists = {phase: tuple(functions.calls(phase)) for phase in PHASES}
+        self.start, self.outputs = lists["start"], lists["outputs"]
+        self.derivatives, self.update = lists["derivatives"], lists["update"]
+        self.step = tuple(
+            Call(call.function.replace("_derivatives", "_step", 1), call.when, call.reads, ())
+            for call in self.derivatives
+        )
+
+    @property
+    def calls(self) -> tuple[Call, ...]:
+        """Calls of start, outputs, derivatives and update."""
+        return (*self.start, *self.outputs, *self.derivatives, *self.update)
+
+
+class UnitFunctions(Functions):
+    """The traced functions of a unit for a robot.
+
+    Parameters
+    ----------
+    unit : type of Unit
+    robot : Robot or None
+        Its structure decides the functions.
+    cache : path, None or "default"
+        As of :class:`~vdfmu.kernel.functions.Functions`. Functions of a unit that is not one of the package's are not
+        kept: what they come from is known only once they are traced.
+    """
+
+    def __init__(self, unit: type[Unit], robot: Robot | None, cache: Path | None | str = "default") -> None:
+        self.unit, self.robot = unit, robot
+        self.name = unit_name(unit)
+        self._leaves: dict[str, Leaf] = {}
+        instance = unit(robot)
+        self._calls = {phase: self._listed(phase, leaves(instance, phase)) for phase in PHASES}
+        self.shipped = unit.__module__.startswith("vdfmu.units.")
+        key = f"{structure_key(robot) if robot is not None else 'no-robot'}-{source_digest(*_SOURCES)[:16]}"
+        super().__init__(key, cache if self.shipped else None)
+
+    def _listed(self, phase: str, found_leaves: list[Leaf]) -> list[Call]:
+        found: list[Call] = []
+        for leaf in found_leaves:
+            names = [_choice_name(self.unit, name, value) for name, value in leaf.fixed.items()]
+            function = "_".join((self.name, phase, *names))
+            self._leaves[function] = leaf
+            found.append(Call(function, tuple(leaf.fixed.items()), leaf.reads, leaf.sets))
+        return found
+
+    def calls(self, phase: str) -> list[Call]:
+        """Calls of one method, one for each value of the choices that it reads."""
+        return self._calls[phase]
+
+    def names(self) -> list[str]:
+        """Names of the functions, but for derivatives of them."""
+        steps = [c.function.replace("_derivatives", "_step", 1) for c in self._calls["derivatives"]]
+        return [*self._leaves, *steps, *(name.replace("_step", "_jacobian", 1) for name in steps)]
+
+    @cached_property
+    def digest(self) -> str:
+        """Digest of what the functions calculate; empty for units of the package, whose sources decide it."""
+        if self.shipped:
+            return ""
+        if self.unit.backend == "python":
+            return sha256(Path(inspect.getsourcefile(self.unit) or "").read_bytes()).hexdigest()
+        return sha256("".join(self.casadi_function(name).serialize() for name in self._leaves).encode()).hexdigest()
+
+    def made(self, name: str) -> ca.Function:
+        """Trace a function."""
+        if name in self._leaves:
+            watch = self._traced(self._leaves[name])
+            return traced_function(name, watch.symbols, watch.expressions())
+        kind = "step" if name.startswith(f"{self.name}_step") else "jacobian"
+        leaf = self._leaves[name.replace(f"_{kind}", "_derivatives", 1)]
+        stiff = _Stiff(self._traced(leaf))
+        return stiff.step(name) if kind == "step" else stiff.jacobian(name)
+
+    def _traced(self, leaf: Leaf) -> SymbolicWatch:
+        instance = self.unit(self.robot)
+        watch = SymbolicWatch(instance, leaf.phase, leaf.fixed)
+        run(instance, leaf.phase, watch)
+        return watch
+
+
+def _choice_name(unit: type[Unit], name: str, value: int) -> str:
+    choices = unit.declared[name].choices
+    return choices[value] if choices else f"{'' if value else 'not_'}{name}"
+
+
+class _Stiff:
+    """The right-hand side of a unit and its linearisation, as expressions.
+
+    ``E`` and ``EJ`` are the derivatives of the balance with respect to derivatives and states, where the unit has one:
+    the identity and the Jacobian else. `Ef_t` is E times the derivative along inputs that change at `rates`, and time.
+    """
+
+    def __init__(self, watch: SymbolicWatch) -> None:
+        unit = watch.unit
+        n_x = state_slices(unit)[""].stop
+        self.inputs = watch.symbols
+        x = self.x = watch.symbol("x", n_x)
+        self.x_dot = watch.expressions()["x_dot"]
+        given = [name for name in self.inputs if name in unit.declared and unit.declared[name].causality == "input"]
+        self.rates = {name: ca.SX.sym(f"rate_{name}", self.inputs[name].numel()) for name in given}
+        changing = [self.inputs[name] for name in given]
+        changes = list(self.rates.values())
+        if "t" in self.inputs:
+            changing.append(self.inputs["t"])
+            changes.append(ca.SX(1))
+        if type(unit).balance is Unit.balance:
+            self.E, self.EJ = ca.SX.eye(n_x), ca.jacobian(self.x_dot, x)
+            along = _along(self.x_dot, changing, changes)
+        else:
+            balance = SymbolicWatch(unit, "balance", watch.fixed, watch)
+            x_dot = balance.symbol("x_dot", n_x)
+            residual = to_sx(run(unit, "balance", balance))
+            at = list(self.inputs.values())
+            parts = [ca.jacobian(residual, x), -ca.jacobian(residual, x_dot), _along(residual, changing, changes)]
+            balanced = ca.Function("balance", [x_dot, *at, *self.rates.values()], parts)
+            self.EJ, self.E, along = balanced(self.x_dot, *at, *self.rates.values())
+        self.Ef_t = along
+        order = type(unit).elimination
+        where = state_slices(unit)
+        names = [*order, *(name for name in where if name and name not in order)]
+        self.order = np.concatenate([np.arange(where[name].start, where[name].stop) for name in names])
+
+    def step(self, name: str) -> ca.Function:
+        """One Rodas4 step, inputs linear in time, and its local error relative to the tolerance, by component."""
+        x, h, tolerance = self.x, ca.SX.sym("h"), ca.SX.sym("tolerance")
+        f = ca.Function("f", list(self.inputs.values()), [self.x_dot])
+
+        def at(x_i: ca.SX, time: ca.SX) -> ca.SX:
+            moved = {key: value + time * self.rates[key] for key, value in self.inputs.items() if key in self.rates}
+            moved["x"] = x_i
+            if "t" in self.inputs:
+                moved["t"] = self.inputs["t"] + time
+            return f(*(moved.get(key, value) for key, value in self.inputs.items()))
+
+        x_new, error = rodas_step(at, x, h, self.E, self.EJ, self.Ef_t, self.order)
+        nominal = 1.0  # SI unit, of every state
+        ratio = error / (tolerance * (nominal + ca.fmax(ca.fabs(x), ca.fabs(x_new))))
+        norm = ca.sqrt(ca.sumsqr(ratio) / x.numel())
+        rates = {f"rate_{key}": rate for key, rate in self.rates.items()}
+        inputs = {**self.inputs, **rates, "h": h, "tolerance": tolerance}
+        return traced_function(name, inputs, {"x_new": x_new, "norm": norm, "ratio": ratio})
+
+    def jacobian(self, name: str) -> ca.Function:
+        """Jacobian of the derivatives with respect to the states."""
+        n_x, order = self.x.numel(), self.order
+        matrix = from_sx(ca.densify(self.E)).reshape(n_x, n_x)
+        rows = from_sx(ca.densify(self.EJ)).reshape(n_x, n_x)
+        factors = factorize(matrix[np.ix_(order, order)])
+        J = np.empty((n_x, n_x), dtype=object)
+        for j in range(n_x):
+            J[order, j] = solve(factors, rows[order, j])
+        column = ca.reshape(ca.reshape(to_sx(J), n_x, n_x).T, n_x, n_x)
+        return traced_function(name, self.inputs, {"J": column})
+
+
+def _along(expression: ca.SX, changing: list[ca.SX], changes: list[ca.SX]) -> ca.SX:
+    if not changing:
+        return ca.SX(*expression.shape)
+    return ca.jtimes(expression, ca.vertcat(*changing), ca.vertcat(*changes))
+
+

@@ -1,0 +1,296 @@
+"""A unit's methods as traced functions: what each reads and sets, by choice, and its expressions."""
+
+from __future__ import annotations
+
+import inspect
+import traceback
+from collections.abc import Iterator, Mapping
+from typing import Any, NoReturn
+
+import casadi as ca
+import numpy as np
+
+from vdfmu.errors import KernelError, UnitError, UsageError
+from vdfmu.kernel.structure import symbolic_robot
+from vdfmu.kernel.symbol import SymbolArray, from_sx, to_sx
+from vdfmu.unit.declaration import Choice, Declared, Derivative, Output, Sampled, State, Switch, Unit
+
+__all__ = ["Leaf", "SymbolicWatch", "leaves"]
+
+Fixed = Mapping[str, int]
+"""Choice or switch to its value."""
+
+_MAY_SET: dict[str, tuple[type[Declared], ...]] = {
+    "start": (State, Sampled),
+    "outputs": (Output,),
+    "derivatives": (Derivative,),
+    "update": (Sampled,),
+    "balance": (),
+}
+
+
+class Leaf:
+    """One method of a unit for some choices: what it reads and sets.
+
+    Attributes
+    ----------
+    phase : one of :data:`~vdfmu.unit.declaration.PHASES`
+    fixed : mapping of str to int
+        The choices that it reads, and their values.
+    reads, sets : tuple of str
+        Names of variables, ``p`` for the robot's parameters and ``t`` for the time.
+    """
+
+    def __init__(self, phase: str, fixed: Fixed, reads: tuple[str, ...], sets: tuple[str, ...]) -> None:
+        self.phase, self.fixed, self.reads, self.sets = phase, fixed, reads, sets
+
+
+class _ForkError(Exception):
+    """A method reads a choice of which no value is fixed."""
+
+    def __init__(self, choice: Declared) -> None:
+        self.choice = choice
+
+
+class _Watch:
+    """What the watches on floats and on symbols have in common."""
+
+    def __init__(self, unit: Unit, phase: str, fixed: Fixed) -> None:
+        self.unit, self.phase, self.fixed = unit, phase, fixed
+        self.reads: dict[str, None] = {}
+        self.sets: dict[str, Any] = {}
+
+    def read(self, declared: Declared) -> Any:
+        if isinstance(declared, (Choice, Switch)):
+            if declared.name not in self.fixed:
+                raise _ForkError(declared)
+            value = self.fixed[declared.name]
+            return declared.choices[value] if declared.choices else bool(value)
+        if declared.name in self.sets:
+            return self.sets[declared.name]
+        if isinstance(declared, Output) or (isinstance(declared, Derivative) and self.phase != "balance"):
+            raise UnitError(f"{declared.name} is read before it is set")
+        if isinstance(declared, State) and self.phase == "start":
+            raise UnitError(f"{declared.name} is a state, which has no value before start() sets it")
+        self.reads[declared.name] = None
+        return self.value(declared)
+
+    def write(self, declared: Declared, value: Any) -> None:
+        if not isinstance(declared, _MAY_SET[self.phase]) or (
+            self.phase == "update" and not isinstance(declared, Sampled)
+        ):
+            raise UnitError(f"{self.phase}() sets {declared.name}, {_kind(declared)}, which it may not")
+        self.sets[declared.name] = self.unit.fitting(declared, value)
+
+    def time(self) -> Any:
+        self.reads["t"] = None
+        return self.time_value()
+
+    def robot(self, fields: tuple[str, ...]) -> Any:
+        if not fields:
+            self.reads["p"] = None
+            return self.robot_value()
+        return _RobotPart(self, fields)
+
+    def value(self, declared: Declared) -> Any:
+        raise NotImplementedError
+
+    def field(self, name: str) -> Any:
+        raise NotImplementedError
+
+    def time_value(self) -> Any:
+        raise NotImplementedError
+
+    def robot_value(self) -> Any:
+        raise NotImplementedError
+
+
+class _RobotPart:
+    """Those fields of a robot that a unit declares."""
+
+    def __init__(self, watch: _Watch, fields: tuple[str, ...]) -> None:
+        self._watch, self._fields = watch, fields
+        self.n = watch.unit.n
+
+    def __getattr__(self, name: str) -> Any:
+        if name not in self._fields:
+            known = ", ".join(repr(field) for field in (*self._fields, name))
+            raise UnitError(f"the unit declares no {name} of the robot. Write RobotParameters({known})")
+        self._watch.reads[name] = None
+        return self._watch.field(name)
+
+
+class _FloatWatch(_Watch):
+    """Runs a method on the values of an instance, to see what it reads and sets."""
+
+    def value(self, declared: Declared) -> Any:
+        return self.unit.store[declared.name]
+
+    def field(self, name: str) -> Any:
+        return getattr(self.unit.of_robot, name)
+
+    def time_value(self) -> float:
+        return 0.0
+
+    def robot_value(self) -> Any:
+        return self.unit.of_robot
+
+
+class SymbolicWatch(_Watch):
+    """Runs a method on symbols, or those of another watch.
+
+    Attributes
+    ----------
+    symbols : dict of str to casadi.SX
+        Columns of the variables read, of ``x``, the continuous states, ``x_dot``, ``p`` and ``t``.
+    """
+
+    def __init__(self, unit: Unit, phase: str, fixed: Fixed, other: SymbolicWatch | None = None) -> None:
+        super().__init__(unit, phase, fixed)
+        self.symbols: dict[str, ca.SX] = {} if other is None else dict(other.symbols)
+        self._robot: Any = None if other is None else other._robot
+
+    def symbol(self, name: str, size: int) -> ca.SX:
+        """Column of a name."""
+        if name not in self.symbols:
+            self.symbols[name] = ca.SX.sym(name, size)
+        return self.symbols[name]
+
+    def value(self, declared: Declared) -> Any:
+        where = state_slices(self.unit)
+        shape = declared.sizes(self.unit.n)
+        size = int(np.prod(shape, dtype=int))
+        state = declared.state if isinstance(declared, Derivative) else declared
+        if state.name in where:
+            column = self.symbol("x_dot" if isinstance(declared, Derivative) else "x", where[""].stop)
+            column = column[where[state.name]]
+        else:
+            column = self.symbol(declared.name, size)
+        array = from_sx(ca.SX(column)).reshape(shape)
+        return array.view(SymbolArray) if shape else array[()]
+
+    def field(self, name: str) -> Any:
+        return from_sx(self.symbol(name, self.unit.n)).view(SymbolArray)
+
+    def time_value(self) -> Any:
+        return from_sx(self.symbol("t", 1))[0]
+
+    def robot_value(self) -> Any:
+        if self._robot is None:
+            assert self.unit.of_robot is not None
+            self._robot, self.symbols["p"] = symbolic_robot(self.unit.of_robot)
+        return self._robot
+
+    def expressions(self) -> dict[str, ca.SX]:
+        """What the method has set, as columns; continuous states together as ``x``, derivatives as ``x_dot``."""
+        found: dict[str, ca.SX] = {}
+        together: dict[str, dict[str, ca.SX]] = {"x": {}, "x_dot": {}}
+        where = state_slices(self.unit)
+        for name, value in self.sets.items():
+            declared = self.unit.declared[name]
+            if isinstance(declared, Derivative):
+                together["x_dot"][declared.state.name] = to_sx(value)
+            elif name in where:
+                together["x"][name] = to_sx(value)
+            else:
+                found[f"{name}_new" if self.phase == "update" else name] = to_sx(value)
+        for name, columns in together.items():
+            if columns:
+                found[name] = ca.vertcat(*[columns[state] for state in where if state])
+        return found
+
+
+def state_slices(unit: Unit) -> dict[str, slice]:
+    """Continuous state to its place in ``x``; ``""`` to the whole."""
+    found: dict[str, slice] = {}
+    begin = 0
+    for declared in unit.declared.values():
+        if type(declared) is State:
+            end = begin + int(np.prod(declared.sizes(unit.n), dtype=int))
+            found[declared.name] = slice(begin, end)
+            begin = end
+    return found | {"": slice(0, begin)}
+
+
+def _kind(declared: Declared) -> str:
+    names = {"Output": "an output", "Input": "an input", "State": "a continuous state", "Sampled": "a sampled state"}
+    return names.get(type(declared).__name__, f"a {type(declared).__name__.lower()}")
+
+
+def leaves(unit: Unit, phase: str) -> list[Leaf]:
+    """Return what a method reads and sets for each value of the choices that it reads; none for one that sets nothing.
+
+    Raises
+    ------
+    UnitError
+        For a method that fails, or sets not all that it must.
+    """
+    return list(_leaves(unit, phase, {}))
+
+
+def _leaves(unit: Unit, phase: str, fixed: Fixed) -> Iterator[Leaf]:
+    watch = _FloatWatch(unit, phase, fixed)
+    try:
+        run(unit, phase, watch)
+    except _ForkError as fork:
+        choice = fork.choice
+        for value in range(max(2, len(choice.choices))):
+            yield from _leaves(unit, phase, {**fixed, choice.name: value})
+        return
+    _check_complete(unit, phase, fixed, watch.sets)
+    for name, value in watch.sets.items():
+        unit.store.setdefault(name, value)
+    if watch.sets:
+        yield Leaf(phase, fixed, tuple(watch.reads), tuple(watch.sets))
+
+
+def _check_complete(unit: Unit, phase: str, fixed: Fixed, sets: Mapping[str, Any]) -> None:
+    """Raise for what a method must set and does not."""
+    if phase == "update":
+        return
+    needed = [name for name, d in unit.declared.items() if d.set_by == phase]
+    missing = [name for name in needed if name not in sets]
+    if missing:
+        choices = [
+            f"{name} = {unit.declared[name].choices[value] if unit.declared[name].choices else bool(value)}"
+            for name, value in fixed.items()
+        ]
+        with_choices = f" with {', '.join(choices)}" if choices else ""
+        raise UnitError(f"{_file(type(unit))}: {phase}() never sets {', '.join(missing)}{with_choices}.")
+
+
+def run(unit: Unit, phase: str, watch: Any) -> Any:
+    """Run a method of a unit under a watch.
+
+    Raises
+    ------
+    UnitError
+        Naming file, line and reason.
+    """
+    unit.watch(watch)
+    try:
+        with np.errstate(all="ignore"):
+            return getattr(unit, phase)()
+    except _ForkError:
+        raise
+    except RecursionError as error:
+        _fail(unit, phase, error, "it calls itself without end")
+    except (KernelError, UnitError, UsageError) as error:
+        _fail(unit, phase, error, str(error).rstrip("."))
+    except Exception as error:
+        _fail(unit, phase, error, f"{type(error).__name__}: {error}")
+    finally:
+        unit.watch(None)
+
+
+def _fail(unit: Unit, phase: str, error: Exception, reason: str) -> NoReturn:
+    file = _file(type(unit))
+    lines = [
+        frame.lineno for frame in traceback.extract_tb(error.__traceback__) if frame.filename == inspect.getsourcefile(type(unit))
+    ]
+    where = f"{file}, line {lines[-1]}" if lines else file
+    raise UnitError(f"{where}: {phase}() of {type(unit).__name__} fails: {reason}.") from None
+
+
+def _file(unit: type[Unit]) -> str:
+    return inspect.getsourcefile(unit) or unit.__name__

@@ -1,0 +1,222 @@
+"""One scalar variable of a unit, and the declared variables of a unit as scalars for a robot.
+
+FMI names are structured and count from 1. Python indices count from 0; `Variable.name` is where the two meet.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from vdfmu.errors import UnitError
+from vdfmu.kernel.structure import parameters
+from vdfmu.measure import derivative_of, measure, unit_of
+from vdfmu.model import Robot
+from vdfmu.model.check import LARGEST
+from vdfmu.model.read import POSITIVE
+from vdfmu.model.robot import WHOLE_FIELDS
+from vdfmu.unit.declaration import JOINTS, Declared, Derivative, Input, Output, Sampled, State, Unit
+
+__all__ = ["NO_LIMIT", "Variable", "derivative_variables", "scalar_variables"]
+
+NO_LIMIT = 1e12
+"""Start value of a limit that does not limit; FMI has no portable infinity."""
+
+
+@dataclass(frozen=True)
+class Variable:
+    """One scalar variable.
+
+    Attributes
+    ----------
+    group : str
+        Name without indices, the paper's symbol.
+    index : tuple of int
+        Indices from 0; empty for a scalar.
+    type : "Real", "Integer" or "Boolean"
+    causality : "input", "output" or "parameter"
+        Beside them a native unit has "local" derivatives and the "independent" time.
+    variability : "continuous", "discrete", "fixed" or "tunable"
+    unit : str or None
+    start : float, int, bool or None
+        None for an output, whose value is calculated.
+    minimum, maximum : float or None
+    description : str
+    choices : tuple of str
+        Names of the values 0, 1, .. of an integer.
+    """
+
+    group: str
+    index: tuple[int, ...]
+    type: str
+    causality: str
+    variability: str
+    unit: str | None
+    start: Any
+    minimum: float | None
+    maximum: float | None
+    description: str
+    choices: tuple[str, ...] = ()
+
+    @property
+    def name(self) -> str:
+        """Structured FMI name, counted from 1: ``q[1]``, ``inertia[1,3,3]``, ``T``, ``der(q[1])``."""
+        if not self.index:
+            return self.group
+        indices = f"[{','.join(str(i + 1) for i in self.index)}]"
+        return f"{self.group[:-1]}{indices})" if self.group.endswith(")") else self.group + indices
+
+    @property
+    def display_unit(self) -> str | None:
+        """First display unit of the unit, if it has any."""
+        return next(iter(measure(self.unit).display), None) if self.unit else None
+
+    def problem(self, value: Any) -> str | None:
+        """Return what is wrong with a value, as ``expected .., got ..``; None if nothing."""
+        try:
+            value = float(value)
+        except (TypeError, ValueError):
+            return f"expected a number, got {value!r}"
+        unit = f" {self.unit}" if self.unit and self.unit != "1" else ""
+        low, high = self.minimum, self.maximum
+        if self.choices:
+            if value in range(len(self.choices)):
+                return None
+            expected = " or ".join(f"{i} ({name})" for i, name in enumerate(self.choices))
+        elif not math.isfinite(value):
+            expected = "a finite number"
+        elif low is not None and value < low:
+            strict = low == POSITIVE and value <= 0.0
+            expected = "a number above 0" if strict else f"at least {low:g}{unit}"
+        elif high is not None and value > high:
+            expected = f"at most {high:g}{unit}"
+        else:
+            return None
+        return f"expected {expected}, got {value:.9g}{unit}"
+
+
+_ORDER = (Input, State, Sampled, Output)
+
+
+def scalar_variables(unit: type[Unit], robot: Robot | None) -> list[Variable]:
+    """Variables of a unit in the order of their value references.
+
+    Inputs, continuous states, sampled states, outputs, parameters, parameters of the robot.
+    """
+    groups = [d for d in unit.declared.values() if not isinstance(d, Derivative)]
+    groups.sort(key=lambda d: _ORDER.index(type(d)) if type(d) in _ORDER else len(_ORDER))
+    found = [v for declared in groups for v in _scalars(declared, robot)]
+    if unit.robot_fields is not None:
+        assert robot is not None
+        found += _robot_parameters(robot, unit.robot_fields)
+    return found
+
+
+def derivative_variables(unit: type[Unit], robot: Robot | None) -> list[Variable]:
+    """Derivatives of the continuous states of a unit, in the order of the states."""
+    by_state = {d.state: d for d in unit.declared.values() if isinstance(d, Derivative)}
+    states = [d for d in unit.declared.values() if type(d) is State]
+    return [v for state in states for v in _scalars(by_state[state], robot)]
+
+
+def _scalars(declared: Declared, robot: Robot | None) -> Iterator[Variable]:
+    shape = declared.sizes(robot.n if robot is not None else 0)
+    start: Any = None
+    if declared.set_by is None:
+        start = declared.start(robot) if callable(declared.start) else declared.start
+        start = np.broadcast_to(np.asarray(start), shape)
+    for position, index in enumerate(np.ndindex(shape)):
+        joint = robot.joint_types[index[0]] if robot is not None and JOINTS in declared.shape[:1] else "revolute"
+        quantity = declared.unit if isinstance(declared.unit, str) else declared.unit[position]
+        unit = unit_of(quantity, joint)
+        yield Variable(
+            f"der({declared.state.name})" if isinstance(declared, Derivative) else declared.name,
+            index,
+            declared.type,
+            declared.causality,
+            declared.variability,
+            (derivative_of(unit) if isinstance(declared, Derivative) else unit) if declared.type == "Real" else None,
+            None if start is None else start[index].item(),
+            declared.minimum,
+            declared.maximum,
+            _text(declared, position, index),
+            declared.choices,
+        )
+
+
+def _text(declared: Declared, position: int, index: tuple[int, ...]) -> str:
+    """Description of an element."""
+    if not isinstance(declared.text, str):
+        return declared.text[position]
+    text = declared.text
+    counted = tuple(i + 1 for i in index)
+    joint = f"Joint {counted[0]}: " if declared.shape[:1] == (JOINTS,) else ""
+    if isinstance(declared, Derivative):
+        text = f"derivative of the {text}"
+    if joint:
+        counted = counted[1:]
+    else:
+        text = text[:1].upper() + text[1:]
+    if len(counted) == 2:
+        return f"{joint}{text}, row {counted[0]}, column {counted[1]}"
+    return f"{joint}{text} {','.join(map(str, counted))}".rstrip()
+
+
+# Field of the robot: quantity, smallest value, description.
+_ROBOT: dict[str, tuple[str, float | None, str]] = {
+    "gravity": ("m/s2", None, "Gravity vector of Eq. (62) in {I}, upward, axis"),
+    "tool_offset": ("m", None, "Origin of the end-effector frame {O} in the last link frame, axis"),
+    "payload_mass": ("kg", 0.0, "Mass of the payload"),
+    "payload_centroid": ("m", None, "Centre of mass of the payload in {O}, axis"),
+    "payload_inertia": ("kg.m2", None, "Inertia of the payload about its centre of mass, (row, column)"),
+    "offset": ("m", None, "Origin of the link frame in the frame of the previous link, (link, axis)"),
+    "centroid": ("m", None, "Centre of mass in the link frame, (link, axis)"),
+    "mass": ("kg", POSITIVE, "mass of the link"),
+    "inertia": ("kg.m2", None, "Inertia about the centre of mass, (link, row, column)"),
+    "ell": ("ratio", 1.0, "reduction ratio"),
+    "I_m": ("rotor inertia", POSITIVE, "rotor inertia times ell, Eq. (56)"),
+    "K_f0": ("stiffness", POSITIVE, "flexspline stiffness, link-side, Eq. (2)"),
+    "c_f": ("per torque", POSITIVE, "flexspline stiffening, link-side, Eq. (2)"),
+    "K_w0": ("N.m/rad", POSITIVE, "wave generator stiffness, motor-side, Eq. (3)"),
+    "c_w": ("1/(N.m)", POSITIVE, "wave generator stiffening, motor-side, Eq. (3)"),
+    "f_c": ("torque", 0.0, "Coulomb friction, link-side, Eq. (54)"),
+    "f_s": ("torque", 0.0, "static friction, link-side, Eq. (54)"),
+    "f_v": ("damping", 0.0, "viscous friction, link-side, Eq. (54)"),
+    "v_s": ("velocity", POSITIVE, "Stribeck velocity, Eq. (54)"),
+    "eps": ("velocity", POSITIVE, "velocity that regularises sgn as tanh(v/eps)"),
+    "f_ck": ("N.m", 0.0, "Coulomb friction of the rotor, motor-side, Eq. (55)"),
+    "q_min": ("position", None, "lower end stop"),
+    "q_max": ("position", None, "upper end stop"),
+    "stop_stiffness": ("stiffness", POSITIVE, "stiffness of the end stops, link-side"),
+    "stop_damping": ("per velocity", 0.0, "damping of the end stops over stiffness and depth"),
+    "tau_stall": ("N.m", POSITIVE, "largest torque of the motor, motor-side"),
+    "kappa_dot_max": ("velocity", POSITIVE, "no-load speed of the motor divided by ell"),
+    "theta_err_amplitude": ("position", 0.0, "amplitude of the kinematic error, link-side, Eq. (3)"),
+    "theta_err_phase": ("rad", None, "phase of the kinematic error, Eq. (3)"),
+}
+
+
+def _robot_parameters(robot: Robot, fields: tuple[str, ...]) -> Iterator[Variable]:
+    """Parameters of the robot that are not folded, in the order of the kernel's parameter vector; or some fields."""
+    if not fields:
+        for p in parameters(robot):
+            yield _of_robot(robot, p.field, p.index)
+    for field in fields:
+        if field in WHOLE_FIELDS or np.ndim(getattr(robot, field, None)) != 1:
+            raise UnitError(f"RobotParameters({field!r}): expected a parameter with one number for each joint.")
+        yield from (_of_robot(robot, field, (i,)) for i in range(robot.n))
+
+
+def _of_robot(robot: Robot, field: str, index: tuple[int, ...]) -> Variable:
+    quantity, minimum, text = _ROBOT[field]
+    counted = ",".join(str(i + 1) for i in index)
+    of_joint = field not in WHOLE_FIELDS
+    text = f"Joint {counted}: {text}" if of_joint and len(index) == 1 else f"{text} {counted}".rstrip()
+    unit = unit_of(quantity, robot.joint_types[index[0]] if of_joint else "revolute")
+    start, most = float(getattr(robot, field)[index]), LARGEST[field]
+    low = -most if minimum is None else minimum
+    return Variable(field, index, "Real", "parameter", "fixed", unit, start, low, most, text)

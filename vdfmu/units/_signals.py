@@ -1,0 +1,42 @@
+"""Variables that several units have: the motion of the joints, and the wrench of the end effector."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from vdfmu.equations.trajectory import Desired, desired_motion
+from vdfmu.unit import JOINTS, Input, Parameter
+
+__all__ = ["DESIRED", "gain", "small_motion", "wave_wrench", "wrench"]
+
+DESIRED = {
+    "q_d": ("position", JOINTS, "desired position"),
+    "q_d_dot": ("velocity", JOINTS, "desired velocity"),
+    "q_d_ddot": ("acceleration", JOINTS, "desired acceleration"),
+    "q_d_dddot": ("jerk", JOINTS, "third derivative of the desired position"),
+    "q_d_ddddot": ("snap", JOINTS, "fourth derivative of the desired position"),
+}
+"""Unit, shape and text of the desired motion."""
+
+
+def wrench(text: str) -> Input:
+    """Wrench at the end effector, (6,), in {O}."""
+    texts = [f"{'Force' if k < 3 else 'Moment'} {text} in {{O}}, axis {k % 3 + 1}" for k in range(6)]
+    return Input(3 * ("N",) + 3 * ("N.m",), 6, texts)
+
+
+def gain(unit: str, text: str, start: float) -> Parameter:
+    """Tunable parameter of each joint, not below 0."""
+    return Parameter(unit, JOINTS, text, start=start, minimum=0.0, tunable=True)
+
+
+def small_motion(t: float, n: int, stop: float) -> Desired:
+    """Small desired motion of `n` joints, for experiments that end at `stop`."""
+    return desired_motion(t, np.zeros(n), 0.05 * (1.0 + np.arange(n) / n), 2.0 * stop)
+
+
+def wave_wrench(t: float) -> Any:
+    """Small wrench, for experiments."""
+    return 0.1 * np.sin(2.0 * t + np.arange(6.0))

@@ -1,0 +1,129 @@
+"""The unit Plant: the arm with its drives."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from vdfmu.equations.flexible_joint import rotor_position, spring_rate
+from vdfmu.equations.plant import balance, equilibrium_torque, plant_derivative, plant_outputs
+from vdfmu.unit import (
+    JOINTS,
+    Derivative,
+    Input,
+    Output,
+    Parameter,
+    RobotParameters,
+    State,
+    Switch,
+    Terminal,
+    Unit,
+)
+from vdfmu.units._signals import wave_wrench, wrench
+
+__all__ = ["Plant"]
+
+
+class Plant(Unit):
+    """Serial manipulator with flexible harmonic-drive joints, Eq. (4)-(11), (29)-(47), (54)-(56).
+
+    Numbers in brackets are those of the paper. q is the position of a link, kappa that of its rotor divided by the
+    reduction ratio ell, tau_s the spring torque, link-side. For a prismatic joint read m for rad and N for N.m on the
+    link side. The state is q, q_dot, kappa_dot, tau_s::
+
+        M(q) q_ddot + C q_dot + G = tau_s - xi_l - J_q' F_e                       links, (9)
+        I_m kappa_ddot = tau - tau_s / ell - xi_m                                 rotors, (10), (56)
+        tau_s_dot = [kappa_dot (1 - theta_err'(kappa)) - q_dot] / D'(tau_s)       springs, (2)-(3)
+        kappa = q + D(tau_s) + theta_err(kappa)
+
+    with the deformation of the harmonic drive, its kinematic error, and friction::
+
+        D(tau) = atan(c_f tau) / (c_f K_f0) + sgn(tau) (1 - exp(-c_w |tau| / ell)) / (c_w ell K_w0)
+        theta_err(kappa) = A sin(2 ell kappa + phi)
+        xi(v) = [f_c + (f_s - f_c) exp(-(v / v_s)^2)] tanh(v / eps) + f_v v       (54)
+        lumped: xi_l = 0, xi_m = xi(kappa_dot) / ell
+        split:  xi_l = xi(q_dot), xi_m = f_ck tanh(kappa_dot / eps)               (54)-(55)
+
+    A robot with rotor_coupling has rotors as bodies that turn with the links, (4), (7), (11).
+
+    The springs start with the torque that holds the arm under F_e unless equilibrium is false. Outputs depend on the
+    state alone. Friction is regularised by tanh(v / eps), so the equations are smooth and there are no events; sticking
+    is a creep slower than eps. Energies: E_kin of links and rotors, E_pot of gravity, E_spring of drives and stops.
+    """
+
+    tau = Input("N.m", JOINTS, "motor torque, motor-side")
+    F_e = wrench("of the arm on its surroundings")
+    q = State("position", JOINTS, "position of the link")
+    q_dot = State("velocity", JOINTS, "velocity of the link")
+    kappa_dot = State("velocity", JOINTS, "velocity of the rotor divided by ell")
+    tau_s = State("torque", JOINTS, "spring torque, link-side")
+    der_q = Derivative(q)
+    der_q_dot = Derivative(q_dot)
+    der_kappa_dot = Derivative(kappa_dot)
+    der_tau_s = Derivative(tau_s)
+    kappa = Output("position", JOINTS, "position of the rotor divided by ell")
+    p_O = Output("m", 3, "Position of the end effector in {I}, axis")
+    R_O = Output("1", (3, 3), "Rotation matrix of the end effector in {I}")
+    E_kin = Output("J", text="Kinetic energy of links and rotors")
+    E_pot = Output("J", text="Potential energy of gravity")
+    E_spring = Output("J", text="Elastic energy of drives and end stops")
+    q_0 = Parameter("position", JOINTS, "start position of the link")
+    q_dot_0 = Parameter("velocity", JOINTS, "start velocity of the link")
+    equilibrium = Switch(
+        True,
+        "Start the springs with the torque that holds the arm under F_e, and the rotors with the velocity of their "
+        "links; otherwise from kappa_dot_0 and tau_s_0",
+    )
+    kappa_dot_0 = Parameter("velocity", JOINTS, "start velocity of the rotor, without equilibrium")
+    tau_s_0 = Parameter("torque", JOINTS, "start spring torque, link-side, without equilibrium")
+    robot = RobotParameters()
+    terminals = (
+        Terminal(
+            "joints",
+            "left",
+            ("tau", "q", "q_dot", "kappa_dot", "tau_s", "kappa"),
+            "Motor torques and motion of the joints",
+        ),
+        Terminal("end_effector", "right", ("F_e", "p_O", "R_O"), "Wrench and pose of the end effector"),
+    )
+    # positions, rotors and springs are each tied to their own joint; the links' dense block last
+    elimination = ("q", "kappa_dot", "tau_s", "q_dot")
+    experiment_stop = 0.2
+
+    def _x(self) -> Any:
+        return np.concatenate([self.q, self.q_dot, self.kappa_dot, self.tau_s])
+
+    def start(self) -> None:
+        """Rest under the wrench, or what the parameters say."""
+        self.q, self.q_dot = self.q_0, self.q_dot_0
+        if self.equilibrium:
+            self.kappa_dot = self.q_dot_0
+            self.tau_s = equilibrium_torque(self.robot, self.q_0, self.F_e)
+        else:
+            self.kappa_dot, self.tau_s = self.kappa_dot_0, self.tau_s_0
+
+    def outputs(self) -> None:
+        """What the plant shows beside its state."""
+        self.kappa, self.p_O, self.R_O, self.E_kin, self.E_pot, self.E_spring = plant_outputs(self.robot, self._x())
+
+    def derivatives(self) -> None:
+        """Eq. (9), (10) and the springs."""
+        x_dot = plant_derivative(self.robot, self._x(), self.tau, self.F_e)
+        self.der_q, self.der_q_dot, self.der_kappa_dot, self.der_tau_s = np.split(x_dot, 4)
+
+    def balance(self) -> Any:
+        """Forces instead of accelerations: links and rotors by the inverse dynamics."""
+        links, rotors = balance(self.robot, self._x(), self.der_q_dot, self.tau, self.F_e)
+        kappa = rotor_position(self.robot, self.q, self.tau_s)
+        springs = spring_rate(self.robot, kappa, self.kappa_dot, self.q_dot, self.tau_s)
+        rates = [self.q_dot - self.der_q, links, rotors - self.der_kappa_dot, springs - self.der_tau_s]
+        return np.concatenate(rates)
+
+    def experiment(self) -> None:
+        """Torques that hold the arm at its start and push it somewhat harder than friction, and a small wrench."""
+        hold = equilibrium_torque(self.robot, self.q_0)
+        ramp = np.sin(np.pi * self.t / self.experiment_stop) ** 2
+        push = 1.5 * self.robot.f_s * ramp * (-1.0) ** np.arange(self.n)
+        self.tau = (hold + push) / self.robot.ell
+        self.F_e = wave_wrench(self.t)
