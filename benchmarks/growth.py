@@ -21,8 +21,8 @@ from vdfmu.equations.lagrange import lagrange_inverse_dynamics
 from vdfmu.equations.newton_euler import newton_euler
 from vdfmu.kernel import KernelFunction
 from vdfmu.kernel.structure import symbolic_robot, values
-from vdfmu.kernel.symbol import from_sx, to_sx
 from vdfmu.model import Robot
+from vdfmu.scalar.symbol import from_sx, to_sx
 
 __all__ = ["FORMULATIONS", "Growth", "run", "trace"]
 

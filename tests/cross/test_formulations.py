@@ -8,7 +8,6 @@ import pytest
 
 from vdfmu.equations.forward_dynamics import forward_dynamics
 from vdfmu.equations.inverse_dynamics import inverse_dynamics
-from vdfmu.equations.jet import derivative, jets
 from vdfmu.equations.kinematics import end_effector_pose
 from vdfmu.equations.lagrange import (
     christoffel_symbols,
@@ -20,6 +19,7 @@ from vdfmu.equations.mapping import jacobian, joint_space_mass_matrix
 from vdfmu.equations.newton_euler import newton_euler
 from vdfmu.kernel import Kernel
 from vdfmu.model import load_robot
+from vdfmu.scalar.jet import derivative, jets
 
 EPS = np.finfo(float).eps
 

@@ -9,13 +9,13 @@ import numpy as np
 import platformdirs
 import pytest
 
-from vdfmu.equations.generic import clip, piecewise_hold, sgn, zeros
-from vdfmu.equations.jet import Jet
 from vdfmu.errors import KernelError
 from vdfmu.kernel import Kernel, cache, functions
 from vdfmu.kernel.cache import cache_folder
 from vdfmu.kernel.functions import KernelFunction
-from vdfmu.kernel.symbol import Symbol, from_sx, to_sx
+from vdfmu.scalar.generic import clip, piecewise_hold, sgn, zeros
+from vdfmu.scalar.jet import Jet
+from vdfmu.scalar.symbol import Symbol, from_sx, to_sx
 
 SIZES = [2, 2, 2, 6]
 
@@ -261,7 +261,7 @@ def symbol(name="s"):
 def test_symbol_refuses_to_become_a_float():
     with pytest.raises(KernelError, match=r"Symbol\(s\) has no value while equations are traced"):
         float(symbol())
-    with pytest.raises(KernelError, match=r"Make the array with vdfmu.equations.generic.zeros"):
+    with pytest.raises(KernelError, match=r"Make the array with vdfmu.scalar.generic.zeros"):
         np.zeros(2)[0] = symbol()
     assert float(Symbol(2.5)) == 2.5
 

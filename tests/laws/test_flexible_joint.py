@@ -21,11 +21,11 @@ from vdfmu.equations.harmonic_drive import (
     spring_energy,
 )
 from vdfmu.equations.inverse_dynamics import inverse_dynamics
-from vdfmu.equations.jet import derivative, jets
 from vdfmu.equations.mapping import joint_space_mass_matrix
 from vdfmu.equations.plant import equilibrium_torque, plant_derivative
 from vdfmu.equations.spatial import force_transform, joint_axis
 from vdfmu.kernel import Integrator
+from vdfmu.scalar.jet import derivative, jets
 
 EPS = np.finfo(float).eps
 TORQUES = (-80.0, -7.0, -1e-3, 0.0, 1e-6, 0.3, 20.0, 80.0)

@@ -13,7 +13,6 @@ from vdfmu.equations.flexible_joint import rotor_acceleration, rotor_torque
 from vdfmu.equations.friction import coulomb_friction, joint_friction, stribeck_friction
 from vdfmu.equations.harmonic_drive import wave_generator_position
 from vdfmu.equations.inverse_dynamics import inverse_dynamics
-from vdfmu.equations.jet import derivative, jets
 from vdfmu.equations.kinematics import end_effector_pose, joint_rotation, link_motion
 from vdfmu.equations.mapping import (
     extended_jacobian,
@@ -25,6 +24,7 @@ from vdfmu.equations.mapping import (
 from vdfmu.equations.plant import equilibrium_torque, plant_outputs
 from vdfmu.equations.spatial import joint_axis
 from vdfmu.equations.trajectory import desired_motion
+from vdfmu.scalar.jet import derivative, jets
 
 EPS = np.finfo(float).eps
 Q = np.array([0.3, 0.4, -0.9, 0.7, 0.8, -0.2])

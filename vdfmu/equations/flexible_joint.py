@@ -11,10 +11,10 @@ from typing import Any
 
 import numpy as np
 
-from vdfmu.equations.generic import zeros
 from vdfmu.equations.harmonic_drive import deformation, deformation_derivative, kinematic_error
 from vdfmu.equations.rigid_body import coriolis_force, net_force
 from vdfmu.equations.spatial import force_transform, joint_axis
+from vdfmu.scalar.generic import zeros
 
 __all__ = [
     "axial_torques",

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from vdfmu.equations.generic import sgn
+from vdfmu.scalar.generic import sgn
 
 __all__ = [
     "deformation",

@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 
 from vdfmu.equations.flexible_joint import rotor_forces, rotor_transform
-from vdfmu.equations.generic import zeros
 from vdfmu.equations.kinematics import Motion, gravity_in_links, link_motion
 from vdfmu.equations.rigid_body import link_body, net_force
 from vdfmu.equations.spatial import force_transform, joint_axis
+from vdfmu.scalar.generic import zeros
 
 __all__ = ["inverse_dynamics", "joint_torques", "link_forces", "tool_transform"]
 

@@ -24,7 +24,7 @@ __all__ = ["BACKENDS", "CONTENT_FILE", "FMI_VERSIONS", "Content", "installed_dig
 CONTENT_FILE = "vdfmu.json"
 BACKENDS = ("python", "native")
 FMI_VERSIONS = ("2.0", "3.0")
-_SOURCES = ("model", "equations", "kernel", "fmu")
+_SOURCES = ("model", "scalar", "equations", "kernel", "fmu")
 _OF_BACKEND = {
     "python": (_SOURCES, ("python/*.py",)),
     "native": ((*_SOURCES, "fmu/native"), ("c/*.[ch]", "icons/*")),

@@ -17,9 +17,9 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from vdfmu.kernel.symbol import Symbol
 from vdfmu.model import Robot
 from vdfmu.model.robot import LIMIT_KEYS
+from vdfmu.scalar.symbol import Symbol
 
 __all__ = [
     "Parameter",
@@ -136,7 +136,7 @@ def source_digest(*packages: str) -> str:
         Default: those that decide what a traced function computes.
     """
     digest = sha256(ca.CasadiMeta.version().encode())
-    for package in packages or ("model", "equations", "kernel"):
+    for package in packages or ("model", "scalar", "equations", "kernel"):
         folder = files("vdfmu").joinpath(package)
         for entry in sorted((e for e in folder.iterdir() if e.name.endswith(".py")), key=lambda e: e.name):
             digest.update(f"{package}/{entry.name}\n".encode())

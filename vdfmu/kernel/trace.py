@@ -9,7 +9,6 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from vdfmu.equations.elimination import factorize, solve
 from vdfmu.equations.estimator import torque_estimates
 from vdfmu.equations.feedforward import Gains, feedforward_inverse, feedforward_vdc
 from vdfmu.equations.forward_dynamics import forward_dynamics
@@ -24,9 +23,10 @@ from vdfmu.kernel.derivatives import DIRECTIONS
 from vdfmu.kernel.requirements import margins, requirements
 from vdfmu.kernel.rodas import rodas_step
 from vdfmu.kernel.structure import symbolic_robot
-from vdfmu.kernel.symbol import from_sx, to_sx
 from vdfmu.model import Robot
 from vdfmu.model.robot import SPRING_KEYS
+from vdfmu.scalar.elimination import factorize, solve
+from vdfmu.scalar.symbol import from_sx, to_sx
 
 __all__ = ["FUNCTIONS", "derivative_of", "trace"]
 
