@@ -12,8 +12,8 @@ from vdfmu.equations.feedforward import Gains, feedforward_inverse, feedforward_
 from vdfmu.equations.flexible_joint import rotor_acceleration, rotor_torque
 from vdfmu.equations.friction import coulomb_friction, joint_friction, stribeck_friction
 from vdfmu.equations.harmonic_drive import wave_generator_position
-from vdfmu.equations.inverse_dynamics import inverse_dynamics
-from vdfmu.equations.kinematics import end_effector_pose, joint_rotation, link_motion
+from vdfmu.equations.inverse_dynamics import inverse_dynamics, link_motion
+from vdfmu.equations.kinematics import end_effector_pose, joint_rotation
 from vdfmu.equations.mapping import (
     extended_jacobian,
     jacobian,

@@ -15,8 +15,14 @@ from vdfmu.equations.flexible_joint import (
     rotor_velocities,
 )
 from vdfmu.equations.friction import joint_friction
-from vdfmu.equations.inverse_dynamics import inverse_dynamics, joint_torques, link_forces, tool_transform
-from vdfmu.equations.kinematics import gravity_in_links, joint_transforms, link_motion
+from vdfmu.equations.inverse_dynamics import (
+    gravity_in_links,
+    inverse_dynamics,
+    joint_torques,
+    link_forces,
+    link_motion,
+)
+from vdfmu.equations.kinematics import joint_transforms, tool_transform
 from vdfmu.equations.rigid_body import coriolis_matrix, gravity_force, link_body, mass_matrix
 from vdfmu.equations.spatial import cross_motion, joint_axis
 from vdfmu.equations.trajectory import Desired

@@ -6,8 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from vdfmu.equations.inverse_dynamics import tool_transform
-from vdfmu.equations.kinematics import joint_transforms
+from vdfmu.equations.kinematics import joint_transforms, tool_transform
 from vdfmu.equations.rigid_body import link_body
 from vdfmu.equations.rigid_body import mass_matrix as body_mass_matrix
 from vdfmu.equations.spatial import joint_axis
