@@ -9,7 +9,7 @@ import numpy as np
 import platformdirs
 import pytest
 
-from vdfmu.errors import KernelError
+from vdfmu.errors import KernelError, UsageError
 from vdfmu.kernel import Kernel, cache, functions
 from vdfmu.kernel.cache import cache_folder
 from vdfmu.kernel.functions import KernelFunction
@@ -126,7 +126,7 @@ def stored(folder):
 
 
 def test_beyond_its_size_the_cache_forgets_what_was_not_used_for_longest(tmp_path, monkeypatch):
-    monkeypatch.setattr(cache, "_LIMIT", 10_000)
+    monkeypatch.setenv("VDFMU_CACHE_MB", str(10_000 / 2**20))
     (tmp_path / cache.COMPILER).mkdir()
     (tmp_path / cache.COMPILER / "huge").write_bytes(bytes(50_000))  # is not ours
     fill(
@@ -142,11 +142,28 @@ def test_beyond_its_size_the_cache_forgets_what_was_not_used_for_longest(tmp_pat
     assert sorted(p.name for p in tmp_path.iterdir()) == ["c", cache.COMPILER]
 
 
+def test_a_folder_that_holds_other_files_too_keeps_them(tmp_path, monkeypatch):
+    """Such as ``VDFMU_CACHE_DIR=$HOME``."""
+    monkeypatch.setenv("VDFMU_CACHE_MB", "0")
+    (tmp_path / "letters").mkdir()
+    (tmp_path / "letters" / "long").write_bytes(bytes(20_000))
+    fill(tmp_path, ["a/1", "letters/2"], 100)
+    assert stored(tmp_path) == ["a/1", "letters/long"]  # of the entries the last that was stored
+    assert [entry.path.name for entry in cache.clear(tmp_path)] == ["1"]
+    assert stored(tmp_path) == ["letters/long"]
+
+
+@pytest.mark.parametrize("given", ["much", "-1", "nan"])
+def test_a_limit_that_is_not_a_size_is_refused(tmp_path, monkeypatch, given):
+    monkeypatch.setenv("VDFMU_CACHE_MB", given)
+    with pytest.raises(UsageError, match=f"VDFMU_CACHE_MB: expected .* a number >= 0 in MB, got '{given}'"):
+        cache.store(tmp_path / "a" / "1", b"")
+
+
 CROWD = """
 import sys
 from pathlib import Path
 from vdfmu.kernel import cache
-cache._LIMIT = 20_000
 folder, seed = Path(sys.argv[1]), int(sys.argv[2])
 for k in range(300):
     name = f"{(seed * k) % 3}/{(7 * k + seed) % 40}"
@@ -161,7 +178,10 @@ for k in range(300):
 def test_processes_share_a_cache_that_each_of_them_empties(tmp_path):
     crowd = [
         subprocess.Popen(
-            [sys.executable, "-c", CROWD, tmp_path, str(seed)], stderr=subprocess.PIPE, text=True
+            [sys.executable, "-c", CROWD, tmp_path, str(seed)],
+            stderr=subprocess.PIPE,
+            text=True,
+            env=os.environ | {"VDFMU_CACHE_MB": str(20_000 / 2**20)},
         )
         for seed in (1, 2, 5)
     ]

@@ -6,6 +6,7 @@ import heapq
 from collections import deque
 from collections.abc import Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from graphlib import TopologicalSorter
 from typing import TypeVar
 
 import numpy as np
@@ -313,21 +314,18 @@ def _loop_message(cycle: Sequence[Port], descriptions: Mapping[str, Description]
 
 def topological(nodes: Sequence[N], edges: Iterable[tuple[N, N]]) -> list[N]:
     """Order the nodes of an acyclic graph; ties stay in the given order."""
-    after: dict[N, list[N]] = {node: [] for node in nodes}
-    waiting = dict.fromkeys(nodes, 0)
-    for a, b in edges:
-        after[a].append(b)
-        waiting[b] += 1
     rank = {node: i for i, node in enumerate(nodes)}
-    ready = [rank[node] for node in nodes if waiting[node] == 0]
+    graph = TopologicalSorter(dict.fromkeys(nodes, ()))
+    for a, b in edges:
+        graph.add(b, a)
+    graph.prepare()
+    ready: list[int] = []
     order: list[N] = []
-    while ready:
-        node = nodes[heapq.heappop(ready)]
-        order.append(node)
-        for following in after[node]:
-            waiting[following] -= 1
-            if waiting[following] == 0:
-                heapq.heappush(ready, rank[following])
+    while graph.is_active():
+        for node in graph.get_ready():
+            heapq.heappush(ready, rank[node])
+        order.append(nodes[heapq.heappop(ready)])
+        graph.done(order[-1])
     return order
 
 
