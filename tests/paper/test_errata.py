@@ -8,7 +8,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from vdfmu.equations.feedforward import Gains, feedforward_inverse, feedforward_vdc, printed_motor_torque
+from vdfmu.equations.feedforward import Gains, feedforward_inverse, feedforward_vdc
 from vdfmu.equations.flexible_joint import rotor_acceleration, rotor_torque
 from vdfmu.equations.friction import coulomb_friction, joint_friction, stribeck_friction
 from vdfmu.equations.harmonic_drive import wave_generator_position
@@ -66,10 +66,10 @@ def test_erratum_28_counts_the_spring_torque_twice(arm):
     np.testing.assert_allclose(tau, tau_s / arm.ell, rtol=0, atol=1e-15)
     assert np.abs(rotor_acceleration(arm, rotor_torque(arm, tau, tau_s, zero))).max() <= 1e-15 / 0.00114
     # Printed, tau_m = tau + tau_f adds the link-side torque: 1 + ell times what is needed.
-    printed = printed_motor_torque(tau, tau_s)
+    printed = tau + tau_s
     np.testing.assert_allclose(printed, 101.0 * tau_s / arm.ell, rtol=0, atol=1e-13)
     # Brought to the motor side it still is twice the torque, and the rotor runs away at tau_s / (ell I_m).
-    same_side = printed_motor_torque(tau, tau_s / arm.ell)
+    same_side = tau + tau_s / arm.ell
     np.testing.assert_allclose(same_side, 2.0 * tau_s / arm.ell, rtol=0, atol=1e-14)
     assert np.abs(rotor_acceleration(arm, rotor_torque(arm, same_side, tau_s, zero))).max() > 100.0
 

@@ -7,6 +7,7 @@ from collections import deque
 from collections.abc import Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from graphlib import TopologicalSorter
+from itertools import pairwise
 from typing import TypeVar
 
 import numpy as np
@@ -178,7 +179,9 @@ def make_schedule(
     unit_edges = {(k.start[0], k.end[0]) for k in fresh}
     if not problems:
         for _, cycle in cycles(names, unit_edges):
-            joins = [next(str(k) for k in fresh if (k.start[0], k.end[0]) == pair) for pair in _pairs(cycle)]
+            joins = [
+                next(str(k) for k in fresh if (k.start[0], k.end[0]) == pair) for pair in pairwise(cycle)
+            ]
             problems.append(
                 f"gauss-seidel cannot order {', '.join(cycle[:-1])}: each must step before the next although "
                 f"no variable depends on itself ({'; '.join(joins)}); use jacobi, or split a unit"
@@ -238,10 +241,6 @@ def _blocks(names: Sequence[str], links: Sequence[Link], feeding: set[str]) -> t
         listed = sorted(part, key=lambda name: name not in feeding)
         blocks.append(tuple(listed if cycles(listed, inner) else topological(listed, inner)))
     return tuple(blocks)
-
-
-def _pairs(cycle: Sequence[N]) -> list[tuple[N, N]]:
-    return list(zip(cycle[:-1], cycle[1:], strict=True))
 
 
 def _dependencies(

@@ -28,20 +28,16 @@ from vdfmu.model.robot import SPRING_KEYS
 from vdfmu.scalar.elimination import factorize, solve
 from vdfmu.scalar.symbol import from_sx, to_sx
 
-__all__ = ["FUNCTIONS", "derivative_of", "trace"]
+__all__ = ["FUNCTIONS", "derivative_of"]
 
 Trace = Callable[[Robot], ca.Function]
 FUNCTIONS: dict[str, Trace] = {}
+"""Name to what traces the function for the structure of a robot."""
 
 
 def _traced(make: Trace) -> Trace:
     FUNCTIONS[make.__name__.removeprefix("_trace_")] = make
     return make
-
-
-def trace(name: str, robot: Robot) -> ca.Function:
-    """Trace one function of :data:`FUNCTIONS` for the structure of a robot."""
-    return FUNCTIONS[name](robot)
 
 
 def derivative_of(name: str) -> tuple[str, str] | None:
