@@ -10,9 +10,10 @@ import platformdirs
 import pytest
 
 from vdfmu.errors import KernelError, UsageError
-from vdfmu.kernel import Kernel, cache, functions
+from vdfmu.kernel import Kernel, cache
 from vdfmu.kernel.cache import cache_folder
 from vdfmu.kernel.functions import KernelFunction
+from vdfmu.kernel.structure import SOURCES
 from vdfmu.scalar.generic import clip, piecewise_hold, sgn, zeros
 from vdfmu.scalar.jet import Jet
 from vdfmu.scalar.symbol import Symbol, from_sx, to_sx
@@ -32,7 +33,7 @@ def refuse_to_trace(monkeypatch):
     def fail(*_):
         raise AssertionError("traced, where the cache has the function")
 
-    monkeypatch.setattr(functions, "trace", fail)
+    monkeypatch.setattr(Kernel, "_made", fail)
 
 
 def test_second_start_does_not_trace(planar, tmp_path, monkeypatch):
@@ -53,6 +54,16 @@ def test_cache_folder_is_taken_from_the_environment(planar, tmp_path, monkeypatc
     assert [path.name for path in tmp_path.rglob("*") if path.is_file()] == ["inverse_dynamics.casadi"]
     monkeypatch.delenv("VDFMU_CACHE_DIR")
     assert cache_folder() == platformdirs.user_cache_path("vdfmu", appauthor=False)
+
+
+def test_the_digest_of_the_sources_covers_all_that_a_trace_loads():
+    """Else a change there would leave functions of before in the cache."""
+    code = (
+        "import sys, vdfmu.kernel.trace; print(*(name for name in sys.modules if name.startswith('vdfmu.')))"
+    )
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    modules = [name.split(".")[1:] for name in run.stdout.split()]
+    assert {parts[0] for parts in modules if len(parts) > 1} == set(SOURCES)
 
 
 @pytest.mark.parametrize("content", [b"", b"not a function", "truncated"])
