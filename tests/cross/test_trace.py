@@ -10,7 +10,6 @@ from vdfmu.equations.feedforward import Gains, feedforward_inverse, feedforward_
 from vdfmu.equations.flexible_joint import rotor_position
 from vdfmu.equations.forward_dynamics import forward_dynamics
 from vdfmu.equations.inverse_dynamics import inverse_dynamics
-from vdfmu.equations.jet import derivative, jets
 from vdfmu.equations.kinematics import end_effector_pose
 from vdfmu.equations.mapping import jacobian, joint_space_mass_matrix
 from vdfmu.equations.newton_euler import newton_euler
@@ -24,6 +23,7 @@ from vdfmu.kernel.structure import set_parameters, structure_key, values
 from vdfmu.kernel.trace import FUNCTIONS
 from vdfmu.model import Robot, load_robot
 from vdfmu.model.robot import JOINT_FIELDS, SPRING_KEYS
+from vdfmu.scalar.jet import derivative, jets
 
 
 @pytest.fixture(

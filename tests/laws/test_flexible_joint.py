@@ -18,14 +18,15 @@ from vdfmu.equations.harmonic_drive import (
     deformation,
     deformation_derivative,
     kinematic_error,
+    kinematic_error_slope,
     spring_energy,
 )
 from vdfmu.equations.inverse_dynamics import inverse_dynamics
-from vdfmu.equations.jet import derivative, jets
 from vdfmu.equations.mapping import joint_space_mass_matrix
 from vdfmu.equations.plant import equilibrium_torque, plant_derivative
 from vdfmu.equations.spatial import force_transform, joint_axis
 from vdfmu.kernel import Integrator
+from vdfmu.scalar.jet import derivative, jets
 
 EPS = np.finfo(float).eps
 TORQUES = (-80.0, -7.0, -1e-3, 0.0, 1e-6, 0.3, 20.0, 80.0)
@@ -71,6 +72,13 @@ def test_spring_energy_is_the_work_done_on_the_spring(chain, torque):
         # ell from one another down to a^2 / 2: relative rounding 1e-16 / a <= 1e-12 for the smallest a, 6e-4,
         # and more.
         assert spring_energy(chain, np.full(chain.n, torque))[i] == pytest.approx(work, rel=1e-11)
+
+
+def test_slope_of_the_kinematic_error_is_its_derivative(general, draw):
+    for state in draw(general, 10, seed=23):
+        found = derivative(kinematic_error(general, jets(state.q, np.ones(general.n), 0.0)), 1)
+        # the same product in another order: 4 roundings of 2 ell A, below 1
+        np.testing.assert_allclose(kinematic_error_slope(general, state.q), found, rtol=0, atol=4 * EPS)
 
 
 def test_rotor_position_solves_the_spring_equation(chain, draw):

@@ -11,8 +11,8 @@ from benchmarks.counting import count_operations
 from vdfmu.equations.feedforward import Gains, desired_drive_motion, feedforward_inverse, feedforward_vdc
 from vdfmu.equations.flexible_joint import rotor_acceleration, rotor_velocities
 from vdfmu.equations.forward_dynamics import Rotors, forward_dynamics
-from vdfmu.equations.inverse_dynamics import inverse_dynamics
-from vdfmu.equations.kinematics import joint_transforms, link_motion
+from vdfmu.equations.inverse_dynamics import inverse_dynamics, link_motion
+from vdfmu.equations.kinematics import joint_transforms
 from vdfmu.equations.plant import equilibrium_torque, plant_derivative, plant_outputs, split_state
 from vdfmu.equations.rigid_body import mass_matrix
 from vdfmu.equations.trajectory import desired_motion

@@ -8,9 +8,9 @@ from pathlib import Path
 
 from vdfmu.errors import StorageError, UsageError
 from vdfmu.fmu.archive import is_built, keep_record
-from vdfmu.fmu.python.behaviour import robot_problems
 from vdfmu.fmu.content import BACKENDS, FMI_VERSIONS, Content
 from vdfmu.fmu.native import native_available
+from vdfmu.fmu.python.behaviour import robot_problems
 from vdfmu.model import Robot, check_robot
 from vdfmu.unit.declaration import Unit, unit_name
 from vdfmu.units import find_unit, shipped_units

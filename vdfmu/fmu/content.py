@@ -14,8 +14,8 @@ from typing import Any
 
 from vdfmu import __version__
 from vdfmu.data import data_path
-from vdfmu.errors import FmuError, UsageError, VdfmuError
-from vdfmu.kernel.structure import source_digest
+from vdfmu.errors import FmuError, VdfmuError
+from vdfmu.kernel.structure import SOURCES, source_digest
 from vdfmu.model import Robot, robot_from_dict
 from vdfmu.unit.declaration import Unit, unit_name
 from vdfmu.unit.interface import Interface
@@ -29,7 +29,7 @@ UNIT_FILE = "unit.py"
 """Source of a unit that is not one of the package, in a Python FMU."""
 BACKENDS = ("python", "native")
 FMI_VERSIONS = ("2.0", "3.0")
-_SOURCES = ("model", "equations", "kernel", "unit", "units", "fmu")
+_SOURCES = (*SOURCES, "unit", "units", "fmu")
 _OF_BACKEND = {
     "python": ((*_SOURCES, "fmu/python"), ("python/*.py",)),
     "native": ((*_SOURCES, "fmu/native"), ("c/*.[ch]", "icons/*")),

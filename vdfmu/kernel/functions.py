@@ -113,7 +113,9 @@ class Functions:
         """CasADi function of a name, or ``<name>_forward`` or ``<name>_reverse``, see :mod:`.derivatives`."""
         if name not in self._known:
             if name not in self.names() and self._derivative(name) is None:
-                raise KernelError(f"There is no traced function {name!r}. There are: {', '.join(self.names())}.")
+                raise KernelError(
+                    f"There is no traced function {name!r}. There are: {', '.join(self.names())}."
+                )
             with listening(signal.SIGINT):  # of which CasADi would drop what the default handler raises
                 self._known[name] = self._casadi_function(name)
         return self._known[name]

@@ -17,11 +17,12 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from vdfmu.kernel.symbol import Symbol
 from vdfmu.model import Robot
 from vdfmu.model.robot import LIMIT_KEYS
+from vdfmu.scalar.symbol import Symbol
 
 __all__ = [
+    "SOURCES",
     "Parameter",
     "parameters",
     "set_parameters",
@@ -31,6 +32,8 @@ __all__ = [
     "values",
 ]
 
+SOURCES = ("model", "scalar", "equations", "kernel")
+"""Packages that decide what a traced function computes."""
 _PER_JOINT = ("ell", "I_m", "K_f0", "c_f", "K_w0", "c_w", "f_c", "f_s", "f_v", "v_s", "eps")
 
 
@@ -133,10 +136,10 @@ def source_digest(*packages: str) -> str:
     Parameters
     ----------
     *packages : str
-        Default: those that decide what a traced function computes.
+        Default: `SOURCES`.
     """
     digest = sha256(ca.CasadiMeta.version().encode())
-    for package in packages or ("model", "equations", "kernel"):
+    for package in packages or SOURCES:
         folder = files("vdfmu").joinpath(package)
         for entry in sorted((e for e in folder.iterdir() if e.name.endswith(".py")), key=lambda e: e.name):
             digest.update(f"{package}/{entry.name}\n".encode())

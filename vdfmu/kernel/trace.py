@@ -14,13 +14,13 @@ from vdfmu.equations.mapping import jacobian, joint_space_mass_matrix
 from vdfmu.equations.newton_euler import newton_euler
 from vdfmu.kernel.requirements import margins, requirements
 from vdfmu.kernel.structure import symbolic_robot
-from vdfmu.kernel.symbol import from_sx, to_sx
 from vdfmu.model import Robot
 
 __all__ = ["FUNCTIONS", "trace", "traced_function"]
 
 Trace = Callable[[Robot], ca.Function]
 FUNCTIONS: dict[str, Trace] = {}
+"""Name to what traces the function for the structure of a robot."""
 
 
 def _traced(make: Trace) -> Trace:

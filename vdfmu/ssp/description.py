@@ -22,10 +22,7 @@ from vdfmu.units import shipped_units
 __all__ = ["Binding", "Link", "ParameterSet", "Signal", "SystemDescription", "positions"]
 
 Values = Mapping[str, Mapping[str, Any]]
-_TYPES = {
-    "1.0": {"Real": "Real", "Integer": "Integer", "Boolean": "Boolean"},
-    "2.0": {"Real": "Float64", "Integer": "Int32", "Boolean": "Boolean"},
-}
+_SSP_2_TYPES = {"Real": "Float64", "Integer": "Int32"}
 
 
 @dataclass(frozen=True)
@@ -135,14 +132,14 @@ class SystemDescription:
         self._signals = {unit: self._signals_of(table) for unit, table in self.tables.items()}
 
     def _signals_of(self, table: Interface) -> tuple[Signal, ...]:
-        types = _TYPES[self.version]
         if self.version == "1.0":
-            return tuple(Signal(v.name, (v,), (), types[v.type]) for v in table)
+            return tuple(Signal(v.name, (v,), (), v.type) for v in table)
         found: list[Signal] = []
         for array in table.arrays:
             variables = table.memory[array.positions]
             if variables[0].causality in ("input", "output", "parameter"):
-                found.append(Signal(array.name, variables, array.shape, types[variables[0].type]))
+                kind = variables[0].type
+                found.append(Signal(array.name, variables, array.shape, _SSP_2_TYPES.get(kind, kind)))
         return tuple(found)
 
     def signals(self, unit: str, kind: str) -> tuple[Signal, ...]:
@@ -238,7 +235,10 @@ class SystemDescription:
             robot = {
                 name: entry
                 for name, entry in entries.items()
-                if all(v.name in nominal and value == nominal[v.name] for v, value in _elements(entry))
+                if all(
+                    v.name in nominal and x == nominal[v.name]
+                    for v, x in zip(entry[0].variables, entry[1], strict=True)
+                )
             }
             robots[unit] = robot
             rest = tuple(entry for name, entry in entries.items() if name not in robot)
@@ -292,10 +292,6 @@ class SystemDescription:
 def _places(table: Interface, group: str) -> range:
     where = table.groups[group]
     return range(where.start, where.stop)
-
-
-def _elements(entry: tuple[Signal, Sequence[Any]]) -> list[tuple[Variable, Any]]:
-    return list(zip(entry[0].variables, entry[1], strict=True))
 
 
 def _key(entry: tuple[Signal, Sequence[Any]]) -> tuple[Any, ...]:

@@ -9,8 +9,8 @@ import numpy.typing as npt
 
 from vdfmu.cosim.results import Results, Signal
 from vdfmu.equations.trajectory import desired_motion
-from vdfmu.measure import unit_of
 from vdfmu.kernel import Kernel
+from vdfmu.measure import unit_of
 from vdfmu.model import Robot, Scenario
 
 __all__ = ["Contrast", "contrast"]

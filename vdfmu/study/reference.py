@@ -79,9 +79,13 @@ class _System:
         self.links = [
             _Link(
                 start,
-                np.array([i for s, i, e, _ in pairs if (s, e) == (start, end) and self._direct(s, i) == direct]),
+                np.array(
+                    [i for s, i, e, _ in pairs if (s, e) == (start, end) and self._direct(s, i) == direct]
+                ),
                 end,
-                np.array([j for s, i, e, j in pairs if (s, e) == (start, end) and self._direct(s, i) == direct]),
+                np.array(
+                    [j for s, i, e, j in pairs if (s, e) == (start, end) and self._direct(s, i) == direct]
+                ),
                 direct,
             )
             for start, end, direct in dict.fromkeys((s, e, self._direct(s, i)) for s, i, e, _ in pairs)
@@ -191,7 +195,9 @@ def _sampled(
     """Yield the rows of a sampled reference."""
     order = list(system.units) if delayed else system.order()
     late = [link for link in system.links if delayed or not link.direct]
-    fresh = {name: [k for k in system.links if k.end == name and not (delayed or not k.direct)] for name in order}
+    fresh = {
+        name: [k for k in system.links if k.end == name and not (delayed or not k.direct)] for name in order
+    }
     system.start()
     yield [values.copy() for values in system.row()]
     for k in range(len(t) - 1):
@@ -296,6 +302,8 @@ def _passes(system: _System) -> list[str]:
     for node in nodes:  # the level of an output: how many units it comes after
         level[node] = max((level[other] + (other[0] != node[0]) for other in graph[node]), default=0)
     for depth in range(max(level.values(), default=0) + 1):
-        units = [name for name in system.units if any(n == name and at == depth for (n, _), at in level.items())]
+        units = [
+            name for name in system.units if any(n == name and at == depth for (n, _), at in level.items())
+        ]
         order += units
     return order

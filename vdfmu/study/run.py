@@ -21,7 +21,6 @@ from vdfmu.errors import CosimError, UsageError
 from vdfmu.fmu import build_fmus
 from vdfmu.fmu.build import build_notes, choose_backend
 from vdfmu.fmu.content import Content
-from vdfmu.units import shipped_units
 from vdfmu.kernel.cache import cache_folder, load, store
 from vdfmu.model import Robot, Scenario, load_robot, load_scenario
 from vdfmu.model.check import check_step, model_notes
@@ -45,6 +44,7 @@ from vdfmu.study.summary import (
     sampling_warnings,
     tracking_errors,
 )
+from vdfmu.units import shipped_units
 
 __all__ = ["cached_fmus", "prepare", "run"]
 
@@ -96,7 +96,10 @@ def cached_fmus(
     """FMUs of a scenario's system in `folder`: those that the cache has, by their content, and the others built."""
     robot, units, backend = scenario.robot, units_of(scenario), choose_backend(backend)
     cached: dict[str, bytes | None] = {}
-    places = {u: cache_folder() / "fmus" / Content(shipped_units()[u], robot, {}, backend).guid.strip("{}") for u in units}
+    places = {
+        u: cache_folder() / "fmus" / Content(shipped_units()[u], robot, {}, backend).guid.strip("{}")
+        for u in units
+    }
     for unit, place in places.items():
         cached[unit] = content = load(place)
         if content is not None:

@@ -99,7 +99,9 @@ def compare_statistics(results: Results, reference: Reference) -> dict[str, floa
 
     ours = results.array("controller.tau") - results.array("controller.tau_m")
     return {
-        "rms_position_difference": difference(q_d - results.array("plant.q"), q_d - reference.array("plant.q")),
+        "rms_position_difference": difference(
+            q_d - results.array("plant.q"), q_d - reference.array("plant.q")
+        ),
         "rms_torque_difference": difference(ours, reference.array("controller.tau") - tau_m),
     }
 

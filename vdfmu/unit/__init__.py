@@ -1,6 +1,6 @@
 """Units: their declaration, their variables for a robot, and their traced functions."""
 
-from vdfmu.equations.generic import clip, interpolate, maximum, minimum, sgn, where, zeros
+from vdfmu.scalar.generic import clip, interpolate, maximum, minimum, sgn, where, zeros
 from vdfmu.unit.declaration import (
     JOINTS,
     Choice,

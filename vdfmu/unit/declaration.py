@@ -18,9 +18,9 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar, Literal, Protocol, Self, cast, overload
+from typing import Any, ClassVar, Literal, Protocol, Self, overload
 
 import numpy as np
 
@@ -290,7 +290,9 @@ class Unit:
         found = dict(cls.declared)
         for name, value in list(vars(cls).items()):
             if isinstance(value, (Declared, RobotParameters)) and name != "robot" and hasattr(Unit, name):
-                raise UnitError(f"{cls.__name__}: a variable cannot be called {name}, which every unit has already.")
+                raise UnitError(
+                    f"{cls.__name__}: a variable cannot be called {name}, which every unit has already."
+                )
             if isinstance(value, Declared):
                 found[name] = value
             elif isinstance(value, RobotParameters):
@@ -307,7 +309,9 @@ class Unit:
 
     def __init__(self, robot: Robot | None = None, **values: Any) -> None:
         if robot is None and self.needs_robot():
-            raise UnitError(f"{type(self).__name__} needs a robot, for its joints. Give one: robot=load_robot(..).")
+            raise UnitError(
+                f"{type(self).__name__} needs a robot, for its joints. Give one: robot=load_robot(..)."
+            )
         self.of_robot = robot
         self._watch: Watch | None = None
         self.store: dict[str, Any] = {}
@@ -323,7 +327,9 @@ class Unit:
                 self.store[name] = start if declared.choices or declared.shape else start[()]
         for name, value in values.items():
             if name not in self.store:
-                raise UsageError(f"{type(self).__name__} has no {name!r} to set. There are: {', '.join(self.store)}.")
+                raise UsageError(
+                    f"{type(self).__name__} has no {name!r} to set. There are: {', '.join(self.store)}."
+                )
             setattr(self, name, value)
 
     @classmethod

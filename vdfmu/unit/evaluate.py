@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-
 from vdfmu.kernel.structure import set_parameters
 from vdfmu.model.robot import Robot
 from vdfmu.unit.declaration import Choice, Declared, Derivative, Switch
@@ -184,5 +183,3 @@ class Plain(Evaluation):
 def evaluation(interface: Interface, memory: Floats | None = None) -> Evaluation:
     """Return what runs a unit: traced, unless it says that it cannot be."""
     return (Plain if interface.unit.backend == "python" else Traced)(interface, memory)
-
-

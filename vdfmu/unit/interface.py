@@ -92,7 +92,9 @@ class Interface:
         If the unit needs a robot and there is none, or its methods fail.
     """
 
-    def __init__(self, unit: type[Unit], robot: Robot | None, start: Mapping[str, float] | None = None) -> None:
+    def __init__(
+        self, unit: type[Unit], robot: Robot | None, start: Mapping[str, float] | None = None
+    ) -> None:
         if robot is None and unit.needs_robot():
             raise UnitError(f"{unit.__name__} needs a robot, for its joints. Name one.")
         self.unit = unit

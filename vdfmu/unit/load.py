@@ -69,7 +69,9 @@ def _check(unit: type[Unit], file: Path) -> None:
                 f"{state.name} is a continuous state and needs one derivative: {state.name}_dot = Derivative({state.name})"
             )
     problems += [
-        f"{state.name} is not a continuous state of the unit and has no derivative" for state in derived if state not in states
+        f"{state.name} is not a continuous state of the unit and has no derivative"
+        for state in derived
+        if state not in states
     ]
     if any(isinstance(d, Sampled) for d in unit.declared.values()) and "period" not in unit.declared:
         problems.append('sampled states need a period: period = Parameter("s", start=1e-3, minimum=1e-6)')

@@ -16,19 +16,19 @@ from pathlib import Path
 import casadi as ca
 import numpy as np
 
-from vdfmu.equations.elimination import factorize, solve
 from vdfmu.kernel.functions import Functions
 from vdfmu.kernel.rodas import rodas_step
-from vdfmu.kernel.structure import source_digest, structure_key
-from vdfmu.kernel.symbol import from_sx, to_sx
+from vdfmu.kernel.structure import SOURCES, source_digest, structure_key
 from vdfmu.kernel.trace import traced_function
 from vdfmu.model import Robot
+from vdfmu.scalar.elimination import factorize, solve
+from vdfmu.scalar.symbol import from_sx, to_sx
 from vdfmu.unit.declaration import PHASES, Unit, unit_name
 from vdfmu.unit.trace import Leaf, SymbolicWatch, leaves, run, state_slices
 
 __all__ = ["Call", "Program", "UnitFunctions"]
 
-_SOURCES = ("model", "equations", "kernel", "unit", "units")
+_SOURCES = (*SOURCES, "unit", "units")
 
 
 @dataclass(frozen=True)
@@ -130,7 +130,9 @@ class UnitFunctions(Functions):
             return ""
         if self.unit.backend == "python":
             return sha256(Path(inspect.getsourcefile(self.unit) or "").read_bytes()).hexdigest()
-        return sha256("".join(self.casadi_function(name).serialize() for name in self._leaves).encode()).hexdigest()
+        return sha256(
+            "".join(self.casadi_function(name).serialize() for name in self._leaves).encode()
+        ).hexdigest()
 
     def made(self, name: str) -> ca.Function:
         """Trace a function."""
@@ -167,7 +169,9 @@ class _Stiff:
         self.inputs = watch.symbols
         x = self.x = watch.symbol("x", n_x)
         self.x_dot = watch.expressions()["x_dot"]
-        given = [name for name in self.inputs if name in unit.declared and unit.declared[name].causality == "input"]
+        given = [
+            name for name in self.inputs if name in unit.declared and unit.declared[name].causality == "input"
+        ]
         self.rates = {name: ca.SX.sym(f"rate_{name}", self.inputs[name].numel()) for name in given}
         changing = [self.inputs[name] for name in given]
         changes = list(self.rates.values())
@@ -182,7 +186,11 @@ class _Stiff:
             x_dot = balance.symbol("x_dot", n_x)
             residual = to_sx(run(unit, "balance", balance))
             at = list(self.inputs.values())
-            parts = [ca.jacobian(residual, x), -ca.jacobian(residual, x_dot), _along(residual, changing, changes)]
+            parts = [
+                ca.jacobian(residual, x),
+                -ca.jacobian(residual, x_dot),
+                _along(residual, changing, changes),
+            ]
             balanced = ca.Function("balance", [x_dot, *at, *self.rates.values()], parts)
             self.EJ, self.E, along = balanced(self.x_dot, *at, *self.rates.values())
         self.Ef_t = along
@@ -197,7 +205,9 @@ class _Stiff:
         f = ca.Function("f", list(self.inputs.values()), [self.x_dot])
 
         def at(x_i: ca.SX, time: ca.SX) -> ca.SX:
-            moved = {key: value + time * self.rates[key] for key, value in self.inputs.items() if key in self.rates}
+            moved = {
+                key: value + time * self.rates[key] for key, value in self.inputs.items() if key in self.rates
+            }
             moved["x"] = x_i
             if "t" in self.inputs:
                 moved["t"] = self.inputs["t"] + time
@@ -228,5 +238,3 @@ def _along(expression: ca.SX, changing: list[ca.SX], changes: list[ca.SX]) -> ca
     if not changing:
         return ca.SX(*expression.shape)
     return ca.jtimes(expression, ca.vertcat(*changing), ca.vertcat(*changes))
-
-

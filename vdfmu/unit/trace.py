@@ -12,7 +12,7 @@ import numpy as np
 
 from vdfmu.errors import KernelError, UnitError, UsageError
 from vdfmu.kernel.structure import symbolic_robot
-from vdfmu.kernel.symbol import SymbolArray, from_sx, to_sx
+from vdfmu.scalar.symbol import SymbolArray, from_sx, to_sx
 from vdfmu.unit.declaration import Choice, Declared, Derivative, Output, Sampled, State, Switch, Unit
 
 __all__ = ["Leaf", "SymbolicWatch", "leaves"]
@@ -213,7 +213,12 @@ def state_slices(unit: Unit) -> dict[str, slice]:
 
 
 def _kind(declared: Declared) -> str:
-    names = {"Output": "an output", "Input": "an input", "State": "a continuous state", "Sampled": "a sampled state"}
+    names = {
+        "Output": "an output",
+        "Input": "an input",
+        "State": "a continuous state",
+        "Sampled": "a sampled state",
+    }
     return names.get(type(declared).__name__, f"a {type(declared).__name__.lower()}")
 
 
@@ -286,7 +291,9 @@ def run(unit: Unit, phase: str, watch: Any) -> Any:
 def _fail(unit: Unit, phase: str, error: Exception, reason: str) -> NoReturn:
     file = _file(type(unit))
     lines = [
-        frame.lineno for frame in traceback.extract_tb(error.__traceback__) if frame.filename == inspect.getsourcefile(type(unit))
+        frame.lineno
+        for frame in traceback.extract_tb(error.__traceback__)
+        if frame.filename == inspect.getsourcefile(type(unit))
     ]
     where = f"{file}, line {lines[-1]}" if lines else file
     raise UnitError(f"{where}: {phase}() of {type(unit).__name__} fails: {reason}.") from None

@@ -130,7 +130,9 @@ def _scalars(declared: Declared, robot: Robot | None) -> Iterator[Variable]:
         start = declared.start(robot) if callable(declared.start) else declared.start
         start = np.broadcast_to(np.asarray(start), shape)
     for position, index in enumerate(np.ndindex(shape)):
-        joint = robot.joint_types[index[0]] if robot is not None and JOINTS in declared.shape[:1] else "revolute"
+        joint = (
+            robot.joint_types[index[0]] if robot is not None and JOINTS in declared.shape[:1] else "revolute"
+        )
         quantity = declared.unit if isinstance(declared.unit, str) else declared.unit[position]
         unit = unit_of(quantity, joint)
         yield Variable(
@@ -139,7 +141,9 @@ def _scalars(declared: Declared, robot: Robot | None) -> Iterator[Variable]:
             declared.type,
             declared.causality,
             declared.variability,
-            (derivative_of(unit) if isinstance(declared, Derivative) else unit) if declared.type == "Real" else None,
+            (derivative_of(unit) if isinstance(declared, Derivative) else unit)
+            if declared.type == "Real"
+            else None,
             None if start is None else start[index].item(),
             declared.minimum,
             declared.maximum,
@@ -207,7 +211,9 @@ def _robot_parameters(robot: Robot, fields: tuple[str, ...]) -> Iterator[Variabl
             yield _of_robot(robot, p.field, p.index)
     for field in fields:
         if field in WHOLE_FIELDS or np.ndim(getattr(robot, field, None)) != 1:
-            raise UnitError(f"RobotParameters({field!r}): expected a parameter with one number for each joint.")
+            raise UnitError(
+                f"RobotParameters({field!r}): expected a parameter with one number for each joint."
+            )
         yield from (_of_robot(robot, field, (i,)) for i in range(robot.n))
 
 

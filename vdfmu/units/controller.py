@@ -50,7 +50,9 @@ class PDController(Unit):
         Terminal(
             "feedforward", "bottom", ("tau_m", "kappa_dot_d"), "Torques and rotors along the desired motion"
         ),
-        Terminal("joints", "right", ("tau", "q", "q_dot", "kappa_dot"), "Motor torques and motion of the joints"),
+        Terminal(
+            "joints", "right", ("tau", "q", "q_dot", "kappa_dot"), "Motor torques and motion of the joints"
+        ),
     )
 
     def outputs(self) -> None:
@@ -62,7 +64,15 @@ class PDController(Unit):
         else:
             velocity_d, velocity = self.q_d_dot, self.kappa_dot
         self.tau, self.tau_e = pd_control(
-            self.K_p, self.K_v, self.robot.ell, self.tau_max, self.q_d, velocity_d, self.q, velocity, self.tau_m
+            self.K_p,
+            self.K_v,
+            self.robot.ell,
+            self.tau_max,
+            self.q_d,
+            velocity_d,
+            self.q,
+            velocity,
+            self.tau_m,
         )
 
     def experiment(self) -> None:

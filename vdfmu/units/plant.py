@@ -105,7 +105,9 @@ class Plant(Unit):
 
     def outputs(self) -> None:
         """What the plant shows beside its state."""
-        self.kappa, self.p_O, self.R_O, self.E_kin, self.E_pot, self.E_spring = plant_outputs(self.robot, self._x())
+        self.kappa, self.p_O, self.R_O, self.E_kin, self.E_pot, self.E_spring = plant_outputs(
+            self.robot, self._x()
+        )
 
     def derivatives(self) -> None:
         """Eq. (9), (10) and the springs."""

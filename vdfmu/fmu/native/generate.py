@@ -11,13 +11,13 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 import casadi as ca
 
 from vdfmu import __version__
-from vdfmu.unit.interface import Interface
-from vdfmu.unit.program import Call
 from vdfmu.fmu.native.text import array, cell, comment, fields, integer, number, string
-from vdfmu.unit.variable import Variable
 from vdfmu.kernel import Kernel
 from vdfmu.kernel.c_code import c_function, c_prototype
 from vdfmu.kernel.requirements import requirements
+from vdfmu.unit.interface import Interface
+from vdfmu.unit.program import Call
+from vdfmu.unit.variable import Variable
 
 __all__ = ["generated_sources"]
 

@@ -16,8 +16,8 @@ from vdfmu.fmu.archive import is_built, keep_record, pack_zip, read_member
 from vdfmu.fmu.content import CONTENT_FILE, Content
 from vdfmu.fmu.description import document, model_description
 from vdfmu.fmu.description3 import build_description, model_description_3
-from vdfmu.fmu.native.compile import Job, compile_libraries
 from vdfmu.fmu.documentation import documentation_files
+from vdfmu.fmu.native.compile import Job, compile_libraries
 from vdfmu.fmu.native.generate import generated_sources
 from vdfmu.fmu.native.platforms import binaries, chosen_platforms
 from vdfmu.fmu.native.reference_results import reference_files
@@ -33,9 +33,7 @@ LLVM-exception) and zig (MIT); those for Windows also parts of mingw-w64 (ZPL-2.
 """
 
 
-def build_native_fmus(
-    contents: Mapping[Path, Content], platforms: Sequence[str] | str | None
-) -> None:
+def build_native_fmus(contents: Mapping[Path, Content], platforms: Sequence[str] | str | None) -> None:
     """Write the FMUs that are not up to date.
 
     Parameters

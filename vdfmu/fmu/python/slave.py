@@ -20,10 +20,10 @@ from pythonfmu import Fmi2Slave
 from pythonfmu.enums import Fmi2Status
 
 from vdfmu.errors import FmuError, VdfmuError
-from vdfmu.fmu.python.access import Read, Write, reader, writer
-from vdfmu.fmu.python.behaviour import Behaviour
 from vdfmu.fmu.content import Content
 from vdfmu.fmu.description import LOG_CATEGORIES, model_description
+from vdfmu.fmu.python.access import Read, Write, reader, writer
+from vdfmu.fmu.python.behaviour import Behaviour
 from vdfmu.fmu.python.wrapper import hold, hold_all_for_ever, hold_for_ever, loaded_from, plain, refusal
 from vdfmu.unit.variable import Variable
 

@@ -7,7 +7,6 @@ method by name and fall back to numpy on floats.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -15,27 +14,12 @@ import numpy as np
 __all__ = ["clip", "interpolate", "maximum", "minimum", "piecewise_hold", "sgn", "where", "zeros"]
 
 
-def _by_method(name: str, on_floats: Callable[..., Any]) -> Callable[..., Any]:
-    def one(x: Any, *args: Any) -> Any:
-        method = getattr(x, name, None)
-        return method(*args) if method is not None and not isinstance(x, np.generic) else on_floats(x, *args)
-
-    vectorised = np.frompyfunc(one, 1, 1)
-
-    def apply(x: Any, *args: Any) -> Any:
-        if not args and isinstance(x, np.ndarray) and x.dtype == object:
-            return vectorised(x)
-        return one(x, *args)
-
-    return apply
-
-
-_sgn = _by_method("sgn", lambda x: np.copysign(1.0, x))
-
-
 def sgn(x: Any) -> Any:
     """Sign of every element, -1 or 1; that of the zero at zero, so that sgn(x) * f(|x|) keeps its slope."""
-    return _sgn(x)
+    if isinstance(x, np.ndarray) and x.dtype == object:
+        return np.frompyfunc(sgn, 1, 1)(x)
+    own = getattr(x, "sgn", None)
+    return np.copysign(1.0, x) if own is None else own()
 
 
 def clip(x: Any, low: Any, high: Any) -> Any:
@@ -67,12 +51,25 @@ def _where_one(condition: Any, a: Any, b: Any) -> Any:
 
 def minimum(a: Any, b: Any) -> Any:
     """Return the smaller of two, element by element."""
-    return clip(a, -np.inf, b)
+    return _by_pairs(a, b, "minimum", np.minimum)
 
 
 def maximum(a: Any, b: Any) -> Any:
     """Return the larger of two, element by element."""
-    return clip(a, b, np.inf)
+    return _by_pairs(a, b, "maximum", np.maximum)
+
+
+def _by_pairs(a: Any, b: Any, method: str, on_floats: Any) -> Any:
+    def one(x: Any, y: Any) -> Any:
+        if hasattr(x, method):
+            return getattr(x, method)(y)
+        return getattr(y, method)(x) if hasattr(y, method) else on_floats(x, y)
+
+    return (
+        np.frompyfunc(one, 2, 1)(a, b)
+        if object in (np.asarray(a).dtype, np.asarray(b).dtype)
+        else on_floats(a, b)
+    )
 
 
 def interpolate(x: Any, points: Any, values: Any) -> Any:

@@ -197,6 +197,10 @@ class Symbol:
         """Return the smaller of two."""
         return Symbol(ca.fmin(self.sx, _sx(other)))
 
+    def maximum(self, other: Any) -> Symbol:
+        """Return the larger of two."""
+        return Symbol(ca.fmax(self.sx, _sx(other)))
+
     @staticmethod
     def clip_between(x: Any, low: Any, high: Any) -> Symbol:
         """Limit `x` to [`low`, `high`]; any of them may be a number."""
