@@ -26,7 +26,7 @@ from vdfmu.kernel.rodas import rodas_step
 from vdfmu.kernel.structure import symbolic_robot
 from vdfmu.kernel.symbol import from_sx, to_sx
 from vdfmu.model import Robot
-from vdfmu.model.robot import SPRING_KEYS
+from vdfmu.model.parameters import SPRING_KEYS
 
 __all__ = ["FUNCTIONS", "derivative_of", "trace"]
 
