@@ -24,9 +24,8 @@ class PlainDocstrings(griffe.Extension):
     def on_object(self, *, obj: griffe.Object, **_: Any) -> None:
         """Change the docstring of one object."""
         if obj.docstring is not None:
-            table = (
-                obj.path == f"{Robot.__module__}.Robot"
-            )  # its docstring ends with the table of its parameters
-            text = inspect.getdoc(Robot) or "" if table else obj.docstring.value
+            text = obj.docstring.value
+            if obj.path == f"{Robot.__module__}.Robot":  # its docstring goes on with the table of parameters
+                text = inspect.getdoc(Robot) or ""
             text = _TYPE.sub(lambda line: line[0].replace(" [", "\u00a0["), text)
             obj.docstring.value = _ROLE.sub(r"`\1`", text)

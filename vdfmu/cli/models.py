@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from itertools import groupby
 from typing import Annotated, Any
 
 import typer
@@ -10,8 +10,8 @@ from rich.markup import escape
 from rich.table import Table
 
 from vdfmu.cli.terminal import console, say
-from vdfmu.model import Robot, load_robot, load_scenario, robot_names, scenario_names
-from vdfmu.model.parameters import Row, section
+from vdfmu.model import load_robot, load_scenario, robot_names, scenario_names
+from vdfmu.model.parameters import PARAMETERS, section
 
 app = typer.Typer(no_args_is_help=True, help="List and show robots and scenarios.")
 
@@ -48,8 +48,12 @@ def show_model(
     if robot.payload:
         load = [f"{row.name} {_number(getattr(robot, row.name))}" for row in section("payload")]
         console.print(", ".join(load))
-    for title, rows in _shown(robot):
-        table = Table(title=title, title_justify="left", show_edge=False)
+    shown = [row for row in PARAMETERS.values() if row.per_joint and row.fold != "always"]
+    for part, group in groupby(shown, lambda row: row.section):
+        if part == "limits" and not robot.limits:
+            continue
+        rows = list(group)
+        table = Table(title=part.capitalize(), title_justify="left", show_edge=False)
         for heading in ("joint", *(row.name for row in rows)):
             table.add_column(heading, overflow="fold")
         for i, kind in enumerate(robot.joint_types):
@@ -62,18 +66,6 @@ def show_model(
             sources.setdefault(source, []).append(row.name)
         for source, those in sources.items():
             console.print(f"{', '.join(those)}: {source}", markup=False)
-
-
-def _shown(robot: Robot) -> Iterator[tuple[str, list[Row]]]:
-    """Yield title and columns of the tables of a robot, of at most six columns."""
-    parts = {"Links": [*section("joint"), *section("link")], "Drives": section("drive")}
-    parts["Friction"] = section("friction")
-    if robot.limits:
-        parts["Limits"] = section("limits")
-    for title, rows in parts.items():
-        settable = [row for row in rows if row.settable]
-        for start in range(0, len(settable), 6):
-            yield title, settable[start : start + 6]
 
 
 def _number(value: Any) -> str:

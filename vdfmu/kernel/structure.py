@@ -91,7 +91,7 @@ def _replace(robot: Robot, listed: Sequence[Parameter], new: Sequence[Any], dtyp
     for parameter, value in zip(listed, new, strict=True):
         array = arrays.setdefault(parameter.field, np.array(getattr(robot, parameter.field), dtype=dtype))
         array[parameter.index] = value
-        if PARAMETERS[parameter.field].is_inertia:
+        if PARAMETERS[parameter.field].fold == "inertia":
             *joint, j, k = parameter.index
             array[(*joint, k, j)] = value
     for array in arrays.values():

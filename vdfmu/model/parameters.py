@@ -6,9 +6,7 @@ docs read it. A new parameter is a field of `Parameters`, and an equation that u
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, field, fields
-from functools import partial
 from typing import Any, Literal
 
 import numpy as np
@@ -20,8 +18,8 @@ from vdfmu.model.read import LARGEST_NUMBER, POSITIVE
 __all__ = ["OPTIONAL", "PARAMETERS", "SPRING_KEYS", "Array", "Parameters", "Row", "read_only", "section"]
 
 Array = npt.NDArray[Any]
-Index = tuple[int, ...]
 Section = Literal["robot", "payload", "joint", "link", "drive", "friction", "limits"]
+Fold = Literal["never", "always", "zeros", "inertia", "lumped friction", "no kinematic error"]
 
 OPTIONAL: tuple[Section, ...] = ("payload", "limits")
 """Sections that a robot may lack; the flag of `Robot` that says so has the same name."""
@@ -32,37 +30,6 @@ def read_only(values: npt.ArrayLike) -> npt.NDArray[np.float64]:
     array = np.array(values, dtype=float)
     array.flags.writeable = False
     return array
-
-
-# Which entries are parameters at run time; the others are folded into the functions.
-def _all(robot: Any, name: str, index: Index) -> bool:
-    return True
-
-
-def _none(robot: Any, name: str, index: Index) -> bool:
-    return False
-
-
-def _nonzero(robot: Any, name: str, index: Index) -> bool:
-    return bool(getattr(robot, name)[index] != 0.0)
-
-
-def _symmetric(robot: Any, name: str, index: Index) -> bool:
-    """Diagonal and upper triangle without structural zeros."""
-    *_, j, k = index
-    return j == k or (j < k and _nonzero(robot, name, index))
-
-
-def _symmetric_or_zero(robot: Any, name: str, index: Index) -> bool:
-    return bool(getattr(robot, name).any()) and _symmetric(robot, name, index)
-
-
-def _split_friction(robot: Any, name: str, index: Index) -> bool:
-    return robot.friction == "split"
-
-
-def _kinematic_error(robot: Any, name: str, index: Index) -> bool:
-    return _nonzero(robot, "theta_err_amplitude", index)
 
 
 @dataclass(frozen=True)
@@ -90,10 +57,12 @@ class Row:
         Of every entry, where the file says nothing. None: the file must have it.
     shape : tuple of int
         Of one joint, or of what there is once.
-    free : function of robot, name and index
-        Whether an entry is a parameter at run time. Others are folded, so that structural zeros cost nothing.
+    fold : str
+        Which entries are constants of the functions and no parameters at run time, so that they cost nothing: "never"
+        any, "always" all, "zeros", of an "inertia" the zeros off the diagonal and what symmetry gives, all in an arm
+        with "lumped friction", those of joints with "no kinematic error".
     hint : str
-        Way out of a problem with it.
+        Way out of a problem with it; else the text.
     """
 
     name: str
@@ -105,23 +74,13 @@ class Row:
     smallest: float | None = None
     default: float | None = None
     shape: tuple[int, ...] = ()
-    free: Callable[[Any, str, Index], bool] = _all
+    fold: Fold = "never"
     hint: str = ""
 
     @property
     def per_joint(self) -> bool:
         """Whether each joint has its own."""
         return self.section not in ("robot", "payload")
-
-    @property
-    def is_inertia(self) -> bool:
-        """Whether it is a symmetric matrix: two entries off the diagonal are one parameter."""
-        return self.free in (_symmetric, _symmetric_or_zero)
-
-    @property
-    def settable(self) -> bool:
-        """Whether any entry can be a parameter at run time."""
-        return self.free is not _none
 
     @property
     def key(self) -> str:
@@ -145,23 +104,37 @@ class Row:
         """The text with the number of the equation."""
         return self.text.replace("{}", self.equation)
 
-    def is_free(self, robot: Any, index: Index) -> bool:
-        """Whether an entry of this robot's array is a parameter at run time."""
-        there = self.section not in OPTIONAL or getattr(robot, self.section)
-        return there and self.free(robot, self.name, index)
+    @property
+    def way_out(self) -> str:
+        """Last sentence of a problem with it."""
+        return self.hint or f"It is the {self.description[0].lower()}{self.description[1:]}."
 
     def unit(self, joint_type: str = "revolute") -> str:
         """Return the unit of measurement for a joint type."""
         return unit_of(self.quantity, joint_type)
 
+    def is_free(self, robot: Any, index: tuple[int, ...]) -> bool:
+        """Whether an entry of this robot's array is a parameter at run time."""
+        if self.section in OPTIONAL and not getattr(robot, self.section):
+            return False
+        array = getattr(robot, self.name)
+        match self.fold:
+            case "zeros":
+                return bool(array[index] != 0.0)
+            case "inertia":  # one that is all zero, of a point mass, has no parameters
+                j, k = index[-2:]
+                return bool((j == k and array.any()) or (j < k and array[index] != 0.0))
+            case "lumped friction":
+                return robot.friction == "split"
+            case "no kinematic error":
+                return bool(robot.theta_err_amplitude[index] != 0.0)
+            case _:
+                return self.fold == "never"
 
-def _row(section: Section, *row: Any, **rest: Any) -> Any:
-    """Field of `Parameters` that is a `Row`. What a robot may lack is zero by itself, and that of no joint."""
-    metadata = {"row": (section, *row), "rest": rest}
-    if section not in OPTIONAL:
-        return field(metadata=metadata)
-    none = np.zeros((0,) if section == "limits" else rest.get("shape", ()))
-    return field(default_factory=partial(read_only, none), metadata=metadata)
+
+def _row(*row: Any, **rest: Any) -> Any:
+    """Field of `Parameters` that is a `Row`."""
+    return field(metadata={"row": row, "rest": rest})
 
 
 _VECTOR, _MATRIX = (3,), (3, 3)
@@ -175,115 +148,69 @@ class Parameters:
 
     # fmt: off
     gravity: Array = _row(
-        "robot", "m/s2", "Gravity vector of Eq. {} in {I}, upward", "(62)", 1e4, shape=_VECTOR, free=_nonzero,
-        hint="Write +9.81 along the upward axis.",
-    )
+        "robot", "m/s2", "Gravity vector of Eq. {} in {I}, upward", "(62)", 1e4, shape=_VECTOR, fold="zeros",
+        hint="Write +9.81 along the upward axis.")
     tool_offset: Array = _row(
         "robot", "m", "Origin of the end-effector frame {O} in the last link frame", "(44)", 1e4, default=0.0,
-        shape=_VECTOR, free=_nonzero,
-    )
+        shape=_VECTOR, fold="zeros")
     payload_mass: Array = _row(
-        "payload", "kg", "Mass of the payload", "(51)", 1e6, 0.0, hint="Give 0 for none; it can be set at run time."
-    )
+        "payload", "kg", "Mass of the payload", "(51)", 1e6, 0.0, hint="Give 0 for none; it can be set at run time.")
     payload_centroid: Array = _row(
-        "payload", "m", "Centre of mass of the payload in {O}", "(51)", 1e4, default=0.0, shape=_VECTOR,
-        hint="It is the centre of mass in {O}.",
-    )
+        "payload", "m", "Centre of mass of the payload in {O}", "(51)", 1e4, default=0.0, shape=_VECTOR)
     payload_inertia: Array = _row(
-        "payload", "kg.m2", "Inertia of the payload about its centre of mass", "(51)", 1e9, default=0.0, shape=_MATRIX,
-        free=_symmetric_or_zero, hint=_MOMENTS,
-    )
+        "payload", "kg.m2", "Inertia of the payload about its centre of mass", "(51)", 1e9, default=0.0,
+        shape=_MATRIX, fold="inertia", hint=_MOMENTS)
     rotation: Array = _row(
-        "joint", "1", "Axes of the link frame in the frame of the previous link at q = 0, as columns", "(34)-(36)",
-        shape=_MATRIX, free=_none, hint="Its columns are the axes of B_i.",
-    )
+        "joint", "1", "Rotation matrix from the link frame to the frame of the previous link at q = 0", "(34)-(36)",
+        shape=_MATRIX, fold="always")
     offset: Array = _row(
         "joint", "m", "Origin of the link frame in the frame of the previous link", "(34)-(36)", 1e4, shape=_VECTOR,
-        free=_nonzero, hint="It is the origin of B_i in B_(i-1).",
-    )
-    centroid: Array = _row(
-        "link", "m", "Centre of mass in the link frame", "(60)", 1e4, shape=_VECTOR, free=_nonzero,
-        hint="It is the centre of mass in B_i.",
-    )
-    mass: Array = _row(
-        "link", "kg", "mass of the link", "(60)", 1e6, POSITIVE, hint="Give the mass of the link."
-    )
+        fold="zeros")
+    centroid: Array = _row("link", "m", "Centre of mass in the link frame", "(60)", 1e4, shape=_VECTOR, fold="zeros")
+    mass: Array = _row("link", "kg", "mass of the link", "(60)", 1e6, POSITIVE)
     inertia: Array = _row(
-        "link", "kg.m2", "Inertia about the centre of mass", "(60)", 1e9, shape=_MATRIX, free=_symmetric, hint=_MOMENTS
-    )
+        "link", "kg.m2", "Inertia about the centre of mass", "(60)", 1e9, shape=_MATRIX, fold="inertia",
+        hint=_MOMENTS)
     ell: Array = _row(
-        "drive", "ratio", "reduction ratio", "(1)", 1e6, 1.0, hint="Give the rotor angle for one unit of joint motion."
-    )
-    I_m: Array = _row(
-        "drive", "rotor inertia", "rotor inertia times ell, Eq. {}", "(56)", 1e6, POSITIVE,
-        hint="Give the rotor inertia times ell.",
-    )
-    K_f0: Array = _row(
-        "drive", "stiffness", "flexspline stiffness, link-side, Eq. {}", "(2)", 1e12, POSITIVE,
-        hint="Give the flexspline stiffness, link side.",
-    )
+        "drive", "ratio", "reduction ratio", "(1)", 1e6, 1.0,
+        hint="Give the rotor angle for one unit of joint motion.")
+    I_m: Array = _row("drive", "rotor inertia", "rotor inertia times ell, Eq. {}", "(56)", 1e6, POSITIVE)
+    K_f0: Array = _row("drive", "stiffness", "flexspline stiffness, link-side, Eq. {}", "(2)", 1e12, POSITIVE)
     c_f: Array = _row(
         "drive", "per torque", "flexspline stiffening, link-side, Eq. {}", "(2)", 1e6, POSITIVE,
-        hint="For a linear spring give a small value such as 1e-6.",
-    )
-    K_w0: Array = _row(
-        "drive", "N.m/rad", "wave generator stiffness, motor-side, Eq. {}", "(3)", 1e12, POSITIVE,
-        hint="Give the wave generator stiffness, motor side.",
-    )
+        hint="For a linear spring give a small value such as 1e-6.")
+    K_w0: Array = _row("drive", "N.m/rad", "wave generator stiffness, motor-side, Eq. {}", "(3)", 1e12, POSITIVE)
     c_w: Array = _row(
         "drive", "1/(N.m)", "wave generator stiffening, motor-side, Eq. {}", "(3)", 1e9, POSITIVE,
-        hint="For a linear spring give a small value such as 1e-3.",
-    )
+        hint="For a linear spring give a small value such as 1e-3.")
     f_c: Array = _row(
-        "friction", "torque", "Coulomb friction, link-side, Eq. {}", "(54)", 1e9, 0.0, hint=_NOT_NEGATIVE
-    )
+        "friction", "torque", "Coulomb friction, link-side, Eq. {}", "(54)", 1e9, 0.0, hint=_NOT_NEGATIVE)
     f_s: Array = _row(
-        "friction", "torque", "static friction, link-side, Eq. {}", "(54)", 1e9, 0.0, hint=_NOT_NEGATIVE
-    )
+        "friction", "torque", "static friction, link-side, Eq. {}", "(54)", 1e9, 0.0, hint=_NOT_NEGATIVE)
     f_v: Array = _row(
-        "friction", "damping", "viscous friction, link-side, Eq. {}", "(54)", 1e9, 0.0, hint=_NOT_NEGATIVE
-    )
+        "friction", "damping", "viscous friction, link-side, Eq. {}", "(54)", 1e9, 0.0, hint=_NOT_NEGATIVE)
     v_s: Array = _row(
         "friction", "velocity", "Stribeck velocity, Eq. {}", "(54)", 1e6, POSITIVE,
-        hint="For friction without the Stribeck effect set f_s = f_c.",
-    )
+        hint="For friction without the Stribeck effect set f_s = f_c.")
     eps: Array = _row(
-        "friction", "velocity", "velocity that regularises sgn as tanh(v/eps)", "(54)-(55)", 1e6, POSITIVE, 1e-3,
-        hint="It is the width of tanh(v/eps), which stands for sgn(v).",
-    )
+        "friction", "velocity", "velocity that regularises sgn as tanh(v/eps)", "(54)-(55)", 1e6, POSITIVE,
+        default=1e-3)
     f_ck: Array = _row(
         "friction", "N.m", "Coulomb friction of the rotor, motor-side, Eq. {}", "(55)", 1e9, 0.0,
-        free=_split_friction, hint=_NOT_NEGATIVE,
-    )
-    q_min: Array = _row(
-        "limits", "position", "lower end stop", "", 1e6, hint="Give the position of the lower end stop."
-    )
-    q_max: Array = _row(
-        "limits", "position", "upper end stop", "", 1e6, hint="Give the position of the upper end stop."
-    )
-    stop_stiffness: Array = _row(
-        "limits", "stiffness", "stiffness of the end stops, link-side", "", 1e12, POSITIVE,
-        hint="Give the stiffness of the end stops, link side.",
-    )
+        fold="lumped friction", hint=_NOT_NEGATIVE)
+    q_min: Array = _row("limits", "position", "lower end stop", "", 1e6)
+    q_max: Array = _row("limits", "position", "upper end stop", "", 1e6)
+    stop_stiffness: Array = _row("limits", "stiffness", "stiffness of the end stops, link-side", "", 1e12, POSITIVE)
     stop_damping: Array = _row(
         "limits", "per velocity", "damping of the end stops over stiffness and depth", "", 1e6, 0.0,
-        hint="Give 0 for stops without loss.",
-    )
-    tau_stall: Array = _row(
-        "limits", "N.m", "largest torque of the motor, motor-side", "", 1e9, POSITIVE,
-        hint="Give the largest torque of the motor, motor side.",
-    )
-    kappa_dot_max: Array = _row(
-        "limits", "velocity", "no-load speed of the motor divided by ell", "", 1e9, POSITIVE,
-        hint="Give the no-load speed of the motor divided by ell.",
-    )
+        hint="Give 0 for stops without loss.")
+    tau_stall: Array = _row("limits", "N.m", "largest torque of the motor, motor-side", "", 1e9, POSITIVE)
+    kappa_dot_max: Array = _row("limits", "velocity", "no-load speed of the motor divided by ell", "", 1e9, POSITIVE)
     theta_err_amplitude: Array = _row(
-        "drive", "position", "amplitude of the kinematic error, link-side, Eq. {}", "(3)", 1.0, 0.0, 0.0,
-        free=_kinematic_error, hint="Give 0 for none; shift the phase by pi for a sign.",
-    )
+        "drive", "position", "amplitude of the kinematic error, link-side, Eq. {}", "(3)", 1.0, 0.0, default=0.0,
+        fold="no kinematic error", hint="Give 0 for none; shift the phase by pi for a sign.")
     theta_err_phase: Array = _row(
-        "drive", "rad", "phase of the kinematic error, Eq. {}", "(3)", 1e6, default=0.0, free=_kinematic_error
-    )
+        "drive", "rad", "phase of the kinematic error, Eq. {}", "(3)", 1e6, default=0.0, fold="no kinematic error")
     # fmt: on
 
 

@@ -7,13 +7,7 @@ from typing import Any, cast
 
 import numpy as np
 
-from vdfmu.model.check import (
-    check_drive,
-    check_friction,
-    check_inertia,
-    check_rotation,
-    check_stops,
-)
+from vdfmu.model.check import check_drive, check_friction, check_inertia, check_rotation, check_stops
 from vdfmu.model.parameters import PARAMETERS, Row, Section, read_only, section
 from vdfmu.model.read import POSITIVE, FloatArray, Problems, Table, nearest, shape_of, shown
 from vdfmu.model.robot import FRICTION_ARRANGEMENTS, JOINT_TYPES, Robot, joint_free, robot_argument
@@ -53,19 +47,14 @@ def robot_from_dict(data: Mapping[str, Any], where: str = "robot") -> Robot:
     description = file.text("description", "")
     friction = file.text("friction", "lumped", FRICTION_ARRANGEMENTS)
     rotor_coupling = file.flag("rotor_coupling", True)
-    whole = _numbers(file, "robot")
+    whole = _numbers(file, "robot") | {row.name: np.zeros(row.shape) for row in section("payload")}
     if "payload" in file.data:
         whole |= _numbers(file.table("payload", _keys("payload")), "payload")
     sources = _sources(file)
-    joints = file.value("joints", "one table [[joints]] for each joint")
+    expected = "one table [[joints]] for each joint"
+    joints = file.value("joints", expected)
     if joints is not None and (not isinstance(joints, list) or not joints):
-        got = shown(joints)
-        problems.add(
-            "joints",
-            "one table [[joints]] for each joint",
-            got,
-            "Write [[joints]] in double brackets, at least once.",
-        )
+        problems.add("joints", expected, shown(joints), "Write [[joints]] in double brackets, at least once.")
         joints = None
     read = [
         _joint(problems, joint, f"joints[{i}]") for i, joint in enumerate(cast("list[Any]", joints or []), 1)
@@ -77,10 +66,10 @@ def robot_from_dict(data: Mapping[str, Any], where: str = "robot") -> Robot:
                 f"joints[{i}].limits", "a table, as other joints have", "nothing", "Give it to all or none."
             )
     problems.raise_any()
-    arrays: dict[str, Any] = {name: read_only(value) for name, value in whole.items()}
-    for row in PARAMETERS.values():
-        if row.per_joint:
-            arrays[row.name] = read_only([joint.get(row.name, 0.0) for joint in read])
+    arrays: dict[str, Any] = {
+        name: whole[name] if name in whole else [joint.get(name, 0.0) for joint in read]
+        for name in PARAMETERS
+    }
     return Robot(
         name=name,
         description=description,
@@ -90,7 +79,7 @@ def robot_from_dict(data: Mapping[str, Any], where: str = "robot") -> Robot:
         sources=sources,
         payload="payload" in file.data,
         limits=limits,
-        **arrays,
+        **{name: read_only(array) for name, array in arrays.items()},
     )
 
 
@@ -129,9 +118,9 @@ def _numbers(table: Table, part: Section, joint_type: str = "revolute") -> Numbe
     for row in section(part):
         unit = row.unit(joint_type)
         bound = {"above": 0.0} if row.smallest == POSITIVE else {"at_least": row.smallest}
-        options: dict[str, Any] = bound | {"at_most": row.largest, "way_out": row.hint}
+        options: dict[str, Any] = bound | {"at_most": row.largest, "way_out": row.way_out}
         options["unit"] = "" if unit == "1" else unit
-        if row.is_inertia:
+        if row.fold == "inertia":
             found[row.name] = _inertia(table, row, options)
         elif row.shape:
             default = None if row.default is None else np.full(row.shape, row.default).tolist()
