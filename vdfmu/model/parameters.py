@@ -138,7 +138,6 @@ def _row(*row: Any, **rest: Any) -> Any:
 
 
 _VECTOR, _MATRIX = (3,), (3, 3)
-_NOT_NEGATIVE = "Friction coefficients are not negative."
 _MOMENTS = "One number (isotropic), 3 principal moments or a symmetric 3 x 3 matrix will do."
 
 
@@ -183,12 +182,9 @@ class Parameters:
     c_w: Array = _row(
         "drive", "1/(N.m)", "wave generator stiffening, motor-side, Eq. {}", "(3)", 1e9, POSITIVE,
         hint="For a linear spring give a small value such as 1e-3.")
-    f_c: Array = _row(
-        "friction", "torque", "Coulomb friction, link-side, Eq. {}", "(54)", 1e9, 0.0, hint=_NOT_NEGATIVE)
-    f_s: Array = _row(
-        "friction", "torque", "static friction, link-side, Eq. {}", "(54)", 1e9, 0.0, hint=_NOT_NEGATIVE)
-    f_v: Array = _row(
-        "friction", "damping", "viscous friction, link-side, Eq. {}", "(54)", 1e9, 0.0, hint=_NOT_NEGATIVE)
+    f_c: Array = _row("friction", "torque", "Coulomb friction, link-side, Eq. {}", "(54)", 1e9, 0.0)
+    f_s: Array = _row("friction", "torque", "static friction, link-side, Eq. {}", "(54)", 1e9, 0.0)
+    f_v: Array = _row("friction", "damping", "viscous friction, link-side, Eq. {}", "(54)", 1e9, 0.0)
     v_s: Array = _row(
         "friction", "velocity", "Stribeck velocity, Eq. {}", "(54)", 1e6, POSITIVE,
         hint="For friction without the Stribeck effect set f_s = f_c.")
@@ -197,7 +193,7 @@ class Parameters:
         default=1e-3)
     f_ck: Array = _row(
         "friction", "N.m", "Coulomb friction of the rotor, motor-side, Eq. {}", "(55)", 1e9, 0.0,
-        fold="lumped friction", hint=_NOT_NEGATIVE)
+        fold="lumped friction")
     q_min: Array = _row("limits", "position", "lower end stop", "", 1e6)
     q_max: Array = _row("limits", "position", "upper end stop", "", 1e6)
     stop_stiffness: Array = _row("limits", "stiffness", "stiffness of the end stops, link-side", "", 1e12, POSITIVE)
