@@ -24,8 +24,8 @@ class Robot(Parameters):
     """Parameters of a serial chain of n links on revolute or prismatic joints with flexible drives.
 
     Frame {B_i} is fixed to link i, its z axis is the axis of joint i; {B_0} is the inertial frame {I}, {O} that of the
-    end effector. SI units, angles in rad; a unit after "or" is that of a prismatic joint, whose motor side stays rad and
-    N.m. The kinematic error of Eq. (3) is ``A*sin(2*ell*kappa + phase)``.
+    end effector. SI units, angles in rad; a unit after "or" is that of a prismatic joint, whose motor side stays
+    rad and N.m. The kinematic error of Eq. (3) is ``A*sin(2*ell*kappa + phase)``.
 
     Nothing is checked here: the equations also run with fields that hold symbols. `vdfmu.model.load` checks.
 
