@@ -13,6 +13,7 @@ import pytest
 from vdfmu.kernel import Kernel
 from vdfmu.kernel.cache import cache_folder
 from vdfmu.model import Robot, check_robot, load_robot
+from vdfmu.model.parameters import section
 
 SHIPPED = ("manipulator_6dof", "planar_2dof", "slider_3dof")
 
@@ -91,6 +92,7 @@ def make_general_chain() -> Robot:
             rotor_coupling=True,
             sources={},
             payload=True,
+            **{row.name: np.zeros(n) for row in section("limits")},
             payload_mass=np.array(1.7),
             payload_centroid=np.array([-0.04, 0.07, 0.1]),
             payload_inertia=1.7 * random_inertia(np.random.default_rng(20240502), 0.1),

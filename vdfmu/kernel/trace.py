@@ -15,6 +15,7 @@ from vdfmu.equations.newton_euler import newton_euler
 from vdfmu.kernel.requirements import margins, requirements
 from vdfmu.kernel.structure import symbolic_robot
 from vdfmu.model import Robot
+from vdfmu.scalar.symbol import from_sx, to_sx
 
 __all__ = ["FUNCTIONS", "trace", "traced_function"]
 

@@ -26,6 +26,7 @@ import numpy as np
 
 from vdfmu.errors import UnitError, UsageError
 from vdfmu.model import Robot
+from vdfmu.model.scenario import SOLVER_TOLERANCE
 
 __all__ = [
     "JOINTS", "PHASES", "Choice", "Declared", "Derivative", "Input", "Output", "Parameter", "RobotParameters", "Sampled",
@@ -461,4 +462,4 @@ def _tolerance() -> Parameter:
         "Tolerance of the solver, relative and absolute in SI units; a smaller tolerance of the experiment "
         "replaces it"
     )
-    return Parameter("1", (), text, start=1e-7, minimum=1e-12, maximum=1e-1)
+    return Parameter("1", (), text, start=SOLVER_TOLERANCE, minimum=1e-12, maximum=1e-1)

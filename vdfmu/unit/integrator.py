@@ -10,6 +10,7 @@ import numpy.typing as npt
 from vdfmu.errors import KernelError
 from vdfmu.kernel.functions import KernelFunction
 from vdfmu.kernel.rodas import ORDER
+from vdfmu.model.scenario import SOLVER_TOLERANCE
 from vdfmu.unit.evaluate import Evaluation
 
 __all__ = ["Integrator"]
@@ -44,7 +45,7 @@ class Integrator:
         self.x = unit.x
         interface = unit.interface
         functions = interface.functions
-        self._h, self._tolerance = np.zeros(1), np.full(1, 1e-9)
+        self._h, self._tolerance = np.zeros(1), np.full(1, SOLVER_TOLERANCE)
         self._x_new, self._norm, self._ratio = np.zeros_like(unit.x), np.zeros(1), np.zeros_like(unit.x)
         shared = {
             "h": self._h, "tolerance": self._tolerance, "x_new": self._x_new, "norm": self._norm, "ratio": self._ratio

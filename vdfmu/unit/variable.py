@@ -16,9 +16,8 @@ from vdfmu.errors import UnitError
 from vdfmu.kernel.structure import parameters
 from vdfmu.measure import derivative_of, measure, unit_of
 from vdfmu.model import Robot
-from vdfmu.model.check import LARGEST
+from vdfmu.model.parameters import PARAMETERS
 from vdfmu.model.read import POSITIVE
-from vdfmu.model.robot import WHOLE_FIELDS
 from vdfmu.unit.declaration import JOINTS, Declared, Derivative, Input, Output, Sampled, State, Unit
 
 __all__ = ["NO_LIMIT", "Variable", "derivative_variables", "scalar_variables"]
@@ -170,47 +169,14 @@ def _text(declared: Declared, position: int, index: tuple[int, ...]) -> str:
     return f"{joint}{text} {','.join(map(str, counted))}".rstrip()
 
 
-# Field of the robot: quantity, smallest value, description.
-_ROBOT: dict[str, tuple[str, float | None, str]] = {
-    "gravity": ("m/s2", None, "Gravity vector of Eq. (62) in {I}, upward, axis"),
-    "tool_offset": ("m", None, "Origin of the end-effector frame {O} in the last link frame, axis"),
-    "payload_mass": ("kg", 0.0, "Mass of the payload"),
-    "payload_centroid": ("m", None, "Centre of mass of the payload in {O}, axis"),
-    "payload_inertia": ("kg.m2", None, "Inertia of the payload about its centre of mass, (row, column)"),
-    "offset": ("m", None, "Origin of the link frame in the frame of the previous link, (link, axis)"),
-    "centroid": ("m", None, "Centre of mass in the link frame, (link, axis)"),
-    "mass": ("kg", POSITIVE, "mass of the link"),
-    "inertia": ("kg.m2", None, "Inertia about the centre of mass, (link, row, column)"),
-    "ell": ("ratio", 1.0, "reduction ratio"),
-    "I_m": ("rotor inertia", POSITIVE, "rotor inertia times ell, Eq. (56)"),
-    "K_f0": ("stiffness", POSITIVE, "flexspline stiffness, link-side, Eq. (2)"),
-    "c_f": ("per torque", POSITIVE, "flexspline stiffening, link-side, Eq. (2)"),
-    "K_w0": ("N.m/rad", POSITIVE, "wave generator stiffness, motor-side, Eq. (3)"),
-    "c_w": ("1/(N.m)", POSITIVE, "wave generator stiffening, motor-side, Eq. (3)"),
-    "f_c": ("torque", 0.0, "Coulomb friction, link-side, Eq. (54)"),
-    "f_s": ("torque", 0.0, "static friction, link-side, Eq. (54)"),
-    "f_v": ("damping", 0.0, "viscous friction, link-side, Eq. (54)"),
-    "v_s": ("velocity", POSITIVE, "Stribeck velocity, Eq. (54)"),
-    "eps": ("velocity", POSITIVE, "velocity that regularises sgn as tanh(v/eps)"),
-    "f_ck": ("N.m", 0.0, "Coulomb friction of the rotor, motor-side, Eq. (55)"),
-    "q_min": ("position", None, "lower end stop"),
-    "q_max": ("position", None, "upper end stop"),
-    "stop_stiffness": ("stiffness", POSITIVE, "stiffness of the end stops, link-side"),
-    "stop_damping": ("per velocity", 0.0, "damping of the end stops over stiffness and depth"),
-    "tau_stall": ("N.m", POSITIVE, "largest torque of the motor, motor-side"),
-    "kappa_dot_max": ("velocity", POSITIVE, "no-load speed of the motor divided by ell"),
-    "theta_err_amplitude": ("position", 0.0, "amplitude of the kinematic error, link-side, Eq. (3)"),
-    "theta_err_phase": ("rad", None, "phase of the kinematic error, Eq. (3)"),
-}
-
-
 def _robot_parameters(robot: Robot, fields: tuple[str, ...]) -> Iterator[Variable]:
     """Parameters of the robot that are not folded, in the order of the kernel's parameter vector; or some fields."""
     if not fields:
         for p in parameters(robot):
             yield _of_robot(robot, p.field, p.index)
     for field in fields:
-        if field in WHOLE_FIELDS or np.ndim(getattr(robot, field, None)) != 1:
+        row = PARAMETERS.get(field)
+        if row is None or not row.per_joint or row.shape:
             raise UnitError(
                 f"RobotParameters({field!r}): expected a parameter with one number for each joint."
             )
@@ -218,11 +184,20 @@ def _robot_parameters(robot: Robot, fields: tuple[str, ...]) -> Iterator[Variabl
 
 
 def _of_robot(robot: Robot, field: str, index: tuple[int, ...]) -> Variable:
-    quantity, minimum, text = _ROBOT[field]
+    """One entry of a robot's array."""
+    row = PARAMETERS[field]
     counted = ",".join(str(i + 1) for i in index)
-    of_joint = field not in WHOLE_FIELDS
-    text = f"Joint {counted}: {text}" if of_joint and len(index) == 1 else f"{text} {counted}".rstrip()
-    unit = unit_of(quantity, robot.joint_types[index[0]] if of_joint else "revolute")
-    start, most = float(getattr(robot, field)[index]), LARGEST[field]
-    low = -most if minimum is None else minimum
-    return Variable(field, index, "Real", "parameter", "fixed", unit, start, low, most, text)
+    text = f"{row.description}{_PLACES[row.per_joint, len(row.shape)]} {counted}".rstrip()
+    if row.per_joint and not row.shape:
+        text = f"Joint {counted}: {row.description}"
+    unit = row.unit(robot.joint_types[index[0]] if row.per_joint else "revolute")
+    start = float(getattr(robot, field)[index])
+    low = -row.largest if row.smallest is None else row.smallest
+    return Variable(field, index, "Real", "parameter", "fixed", unit, start, low, row.largest, text)
+
+
+_PLACES = {
+    (False, 0): "", (False, 1): ", axis", (False, 2): ", (row, column)",
+    (True, 0): "", (True, 1): ", (link, axis)", (True, 2): ", (link, row, column)",
+}  # fmt: skip
+"""Whether each joint has its own and number of axes, to what the indices are."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from vdfmu.equations.estimator import torque_estimates
-from vdfmu.model.robot import SPRING_KEYS
+from vdfmu.model.parameters import SPRING_KEYS
 from vdfmu.unit import JOINTS, Input, Output, Parameter, RobotParameters, Terminal, Unit
 from vdfmu.units._signals import small_motion
 
