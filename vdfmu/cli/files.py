@@ -152,7 +152,7 @@ def check(
 
     if not no_run:
         errors.print(
-            f"note: runs code of {file}, in a process of its own; --no-run reads only",
+            f"note: runs code of {file}, unless reading finds problems, in a process of its own; --no-run reads only",
             markup=False, soft_wrap=True,
         )  # fmt: skip
     try:

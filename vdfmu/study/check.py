@@ -20,7 +20,7 @@ from vdfmu.study.check_osp import NAMESPACE as OSP_NAMESPACE
 from vdfmu.study.check_osp import check_osp
 from vdfmu.study.check_ssp1 import check_ssp1, package_faults, same_names
 from vdfmu.study.check_ssp2 import check_ssp2
-from vdfmu.study.check_unit import check_unit
+from vdfmu.study.check_unit import NOT_RUN, check_unit
 from vdfmu.study.findings import Findings, one_line
 
 __all__ = ["FORMAT", "Report", "check_file", "inspect_file"]
@@ -175,10 +175,13 @@ def _check_package(path: Path, folder: Path, run: bool) -> tuple[Findings, str |
         else:
             findings.add(check_ssp1(path, name, folder, checked), place)
     default = versions[DEFAULT] or ""
-    if run and not findings.problems and default.startswith("1"):
-        from vdfmu.study.check_run import run_apart
+    if run and not default.startswith("2"):
+        if findings.problems:
+            findings.notes.append(NOT_RUN)
+        else:
+            from vdfmu.study.check_run import run_apart
 
-        findings.add(run_apart(path, "SSP"))
+            findings.add(run_apart(path, "SSP"))
     return findings, f"SSP {default}" if default else None
 
 
