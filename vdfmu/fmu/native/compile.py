@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import os
 import re
-import signal
 import struct
 import subprocess
 import tempfile
@@ -26,6 +25,7 @@ from pathlib import Path, PurePosixPath
 from vdfmu.errors import FmuError
 from vdfmu.fmu.native.platforms import PLATFORMS, Platform, this_platform
 from vdfmu.kernel.cache import COMPILER, cache_folder, load, store, trusted
+from vdfmu.process import end_group
 
 __all__ = ["Job", "compile_libraries", "compile_library", "compiler_version", "native_available"]
 
@@ -294,13 +294,7 @@ class _Workshop:
     def _stop(self) -> None:
         self._stopped = True
         for process in list(self._running):
-            try:
-                if os.name == "posix":
-                    os.killpg(process.pid, signal.SIGKILL)
-                else:
-                    process.kill()
-            except OSError:  # it has just ended
-                continue
+            end_group(process)
 
 
 def _without_time(library: bytes) -> bytes:
