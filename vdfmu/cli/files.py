@@ -147,7 +147,7 @@ def check(
 
     Steps run code of the file, in a process of its own that is limited in time and memory; not with --no-run.
     """
-    from vdfmu.ssp.archive import package_limit
+    from vdfmu.ssp.limits import package_limit
     from vdfmu.study.check import inspect_file
 
     if not no_run:

@@ -150,7 +150,7 @@ def simulate(
     Start, stop, step and master that are not given are those of the package's default experiment and its annotations.
     """
     from vdfmu.report import tables
-    from vdfmu.ssp.archive import package_limit
+    from vdfmu.ssp.limits import package_limit
     from vdfmu.study.folder import SYSTEM_OUTPUTS
     from vdfmu.study.system import default_folder, run_system
 

@@ -14,7 +14,8 @@ from urllib.parse import unquote
 
 from vdfmu.errors import SspError, StorageError, UsageError
 from vdfmu.fmu.archive import pack_zip
-from vdfmu.ssp.archive import Archive, is_inside, parse_xml
+from vdfmu.ssp.archive import Archive, is_inside
+from vdfmu.ssp.parse import parse_xml
 from vdfmu.ssp.read import DEFAULT, variants
 from vdfmu.study.check_osp import NAMESPACE as OSP_NAMESPACE
 from vdfmu.study.check_osp import check_osp

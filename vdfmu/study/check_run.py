@@ -23,7 +23,7 @@ from vdfmu.cosim.master import simulate
 from vdfmu.errors import StorageError, VdfmuError
 from vdfmu.interrupt import listening
 from vdfmu.process import Listener, end_group
-from vdfmu.ssp.archive import package_limit, unpack_limit
+from vdfmu.ssp.limits import package_limit, unpack_limit
 from vdfmu.ssp.read import load_ssp
 from vdfmu.ssp.structure import System
 from vdfmu.study.check_reference import compare

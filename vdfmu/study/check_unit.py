@@ -12,7 +12,8 @@ from typing import Any
 import fmpy
 
 from vdfmu.errors import SspError, StorageError
-from vdfmu.ssp.archive import Archive, parse_xml
+from vdfmu.ssp.archive import Archive
+from vdfmu.ssp.parse import parse_xml
 from vdfmu.study.check_binary import ENDINGS, architecture_fault, library_fault
 from vdfmu.study.check_description import DESCRIPTION, description_faults
 from vdfmu.study.check_fmi import BUILD, TERMINALS, build_faults, terminal_faults, variable_faults
