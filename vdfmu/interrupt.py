@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 import signal
 import threading
 import time
@@ -11,7 +12,7 @@ from contextlib import contextmanager
 from types import FrameType
 from typing import Any
 
-__all__ = ["InterruptGuard", "Stopped", "listening"]
+__all__ = ["InterruptGuard", "Stopped", "command_ended", "listen", "listening"]
 
 _SIGNALS = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
 _RETRY = 0.005
@@ -19,6 +20,7 @@ _RETRY = 0.005
 _PATIENCE = 1.0
 """Time [s] after a signal in which others do not disturb the end of the command."""
 _last = -math.inf
+_ended = False
 _guards: list[InterruptGuard] = []
 
 
@@ -36,6 +38,16 @@ def listening(*signals: int) -> Generator[None]:
 
     Does nothing outside the main thread, where Python does not allow it.
     """
+    taken = listen(*signals)
+    try:
+        yield
+    finally:
+        for number, before in taken:
+            signal.signal(number, before)
+
+
+def listen(*signals: int) -> list[tuple[int, Any]]:
+    """As `listening`, without an end; return number and handler before of the signals that were taken."""
     taken: list[tuple[int, Any]] = []
     if threading.current_thread() is threading.main_thread():
         for number in signals or _SIGNALS:
@@ -43,11 +55,13 @@ def listening(*signals: int) -> Generator[None]:
             if before in (signal.SIG_DFL, signal.default_int_handler):
                 signal.signal(number, _stop)
                 taken.append((number, before))
-    try:
-        yield
-    finally:
-        for number, before in taken:
-            signal.signal(number, before)
+    return taken
+
+
+def command_ended() -> None:
+    """Let signals change nothing while Python ends, but for one after a second, which ends the process at once."""
+    global _last, _ended
+    _last, _ended = time.monotonic(), True
 
 
 def _stop(number: int, frame: FrameType | None) -> None:
@@ -69,6 +83,8 @@ def _stop(number: int, frame: FrameType | None) -> None:
             return
         frame = frame.f_back
     if time.monotonic() > _last + _PATIENCE:
+        if _ended:
+            os._exit(128 + number)
         _last = time.monotonic()
         raise Stopped(number)
 

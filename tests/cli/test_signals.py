@@ -29,13 +29,10 @@ class Command:
         environment = {**os.environ, "TMPDIR": str(self.temporary)}
         if cache is not None:
             environment["VDFMU_CACHE_DIR"] = cache
-        # a test runner in the background may ignore Ctrl-C, which its children inherit
-        before = signal.signal(signal.SIGINT, signal.default_int_handler)
         self.process = subprocess.Popen(
             [sys.executable, "-m", "vdfmu.cli", *arguments],
             cwd=folder, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
         )  # fmt: skip
-        signal.signal(signal.SIGINT, before)
 
     def wait_for(self, sign: Callable[[], object]) -> None:
         """Wait for a sign that the command has come as far as it should."""
@@ -107,6 +104,21 @@ def test_a_signal_keeps_the_rows_and_the_results_before(start, tmp_path, number)
     assert len(rows) > 3
     assert len({row.count(",") for row in rows[1:]}) == 1
     assert {path.name: path.read_bytes() for path in folder.iterdir() if path.is_file()} == kept
+
+
+def test_signals_while_a_command_ends_add_nothing(start):
+    """As of a user who presses Ctrl-C until the prompt is back."""
+    command = start("run", "tracking", cache="empty")
+    command.wait_for(lambda: command.files("results/tracking"))
+    command.process.send_signal(signal.SIGINT)
+    assert command.process.stderr.readline() == "stopped\n"
+    while command.process.poll() is None:
+        command.process.send_signal(signal.SIGINT)
+        time.sleep(0.001)
+    # the last moments of Python are beyond a program; for a shell both are 130
+    assert command.process.returncode in (130, -signal.SIGINT)
+    assert command.process.stderr.read() == ""
+    assert list(command.temporary.iterdir()) == []
 
 
 def test_ctrl_c_before_the_co_simulation_says_so(start):

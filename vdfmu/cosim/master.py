@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import shutil
 import signal
 import tempfile
 import time as clock
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
@@ -31,6 +31,7 @@ from vdfmu.ssp.archive import Archive
 from vdfmu.ssp.experiment import Experiment
 from vdfmu.ssp.read import load_ssp
 from vdfmu.ssp.structure import System
+from vdfmu.temporary import temporary_folder
 
 _OURS = {"resources/vdfmu.json", "extra/vdfmu/vdfmu.json"}
 """Members of which an FMU has one if this project built it; see `vdfmu.fmu.content`."""
@@ -251,20 +252,20 @@ class _Run:
         self.isolated = isolate
         self.stepper: SampledStepper | ContinuousStepper | Isolated
         self._limits = limits
-        self._folder: Path
+        self._stack = ExitStack()
 
     def __enter__(self) -> _Run:
         try:
-            self._folder = Path(tempfile.mkdtemp(prefix="vdfmu-"))
+            folder = Path(self._stack.enter_context(temporary_folder("vdfmu-")))
         except OSError as error:
             raise _no_room(tempfile.gettempdir(), error) from error
         for note in self.checked.notes:
             self.box.pending.append(LogMessage("", 0.0, "note", "", note))
         self.box.flush()
         try:
-            folders = self._unpack(self._folder)
+            folders = self._unpack(folder)
             if self.isolated:
-                self.components = Isolated(self.checked, folders, self.box, self._folder, self._limits)
+                self.components = Isolated(self.checked, folders, self.box, folder, self._limits)
             else:
                 self.components = Components(self.checked, folders, self.box)
             self.components.load()
@@ -300,7 +301,7 @@ class _Run:
             if hasattr(self, "components"):
                 failure = self.components.close()
         finally:
-            shutil.rmtree(self._folder, ignore_errors=True)
+            self._stack.close()
         if failure is not None and error is not None:
             self.box.pending.append(failure_message(failure))
         self.box.flush()

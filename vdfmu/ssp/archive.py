@@ -18,6 +18,7 @@ import fmpy.ssp
 from lxml import etree  # pyright: ignore[reportAttributeAccessIssue]
 
 from vdfmu.errors import SspError
+from vdfmu.interrupt import InterruptGuard
 
 XML_LIMIT = 64 * 2**20
 """Largest member that is taken into memory, such as XML [byte]."""
@@ -293,7 +294,8 @@ class Archive:
             raise SspError(
                 f"{self.label}: {name!r} is a package inside {NESTING_LIMIT} others; that is the limit"
             )
-        file = tempfile.TemporaryFile(prefix="vdfmu_")
+        with InterruptGuard():  # the first look for the temporary folder tries it with a file
+            file = tempfile.TemporaryFile(prefix="vdfmu_")
         try:
             self.copy(name, file)
         except BaseException:
