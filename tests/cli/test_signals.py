@@ -106,19 +106,33 @@ def test_a_signal_keeps_the_rows_and_the_results_before(start, tmp_path, number)
     assert {path.name: path.read_bytes() for path in folder.iterdir() if path.is_file()} == kept
 
 
-def test_signals_while_a_command_ends_add_nothing(start):
-    """As of a user who presses Ctrl-C until the prompt is back."""
-    command = start("run", "tracking", cache="empty")
-    command.wait_for(lambda: command.files("results/tracking"))
-    command.process.send_signal(signal.SIGINT)
-    assert command.process.stderr.readline() == "stopped\n"
-    while command.process.poll() is None:
-        command.process.send_signal(signal.SIGINT)
-        time.sleep(0.001)
-    # the last moments of Python are beyond a program; for a shell both are 130
-    assert command.process.returncode in (130, -signal.SIGINT)
-    assert command.process.stderr.read() == ""
-    assert list(command.temporary.iterdir()) == []
+DROPPED = """
+import signal, sys, time
+from vdfmu.cli import commands, main
+def command():
+    try:
+        signal.raise_signal(signal.SIGINT)
+    except:
+        pass
+    time.sleep(60)
+commands.command = command
+main()
+"""
+ENDING = """
+import atexit, signal, sys
+from vdfmu.cli import main
+atexit.register(lambda: [signal.raise_signal(s) for s in (signal.SIGINT, signal.SIGTERM)])
+sys.argv = ["vdfmu", "--version"]
+main()
+"""
+
+
+@pytest.mark.parametrize(("code", "ended", "said"), [(DROPPED, 130, "stopped\n"), (ENDING, 0, "")])
+def test_a_signal_that_a_library_drops_comes_again_and_one_at_the_end_adds_nothing(code, ended, said):
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, timeout=300, check=False
+    )
+    assert (done.returncode, done.stderr) == (ended, said)
 
 
 def test_ctrl_c_before_the_co_simulation_says_so(start):

@@ -10,14 +10,14 @@ import os
 import signal
 import sys
 
-from vdfmu.interrupt import command_ended, listen
+from vdfmu.interrupt import command_begins, command_ended
 
 __all__ = ["main"]
 
 
 def main() -> None:
     """Entry point: signals end the command from here on, while its modules are imported too. Python ends with it."""
-    listen()
+    command_begins()
     try:
         from vdfmu.cli.commands import command
 

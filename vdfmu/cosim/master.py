@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 import signal
 import tempfile
 import time as clock
@@ -19,6 +20,7 @@ from vdfmu.cosim.component import LogMessage, MessageBox
 from vdfmu.cosim.components import CONVERGENCE, Components, failure_message
 from vdfmu.cosim.continuous import ContinuousStepper
 from vdfmu.cosim.exchange import SampledStepper, largest_step
+from vdfmu.cosim.exits import exits_said
 from vdfmu.cosim.isolated import Isolated, Limits
 from vdfmu.cosim.recorder import ROWS, Recorder
 from vdfmu.cosim.results import Results
@@ -253,6 +255,7 @@ class _Run:
         self.stepper: SampledStepper | ContinuousStepper | Isolated
         self._limits = limits
         self._stack = ExitStack()
+        self._save: Callable[[], str] = lambda: ""
 
     def __enter__(self) -> _Run:
         try:
@@ -267,6 +270,7 @@ class _Run:
             if self.isolated:
                 self.components = Isolated(self.checked, folders, self.box, folder, self._limits)
             else:
+                self._stack.enter_context(exits_said(self.box, lambda: self._left(folder)))
                 self.components = Components(self.checked, folders, self.box)
             self.components.load()
         except BaseException as error:
@@ -291,6 +295,11 @@ class _Run:
                 _refuse_escapes(unpacked[source])
         self.isolated = foreign if self.isolated is None else self.isolated
         return unpacked
+
+    def _left(self, folder: Path) -> str:
+        """Save the rows of a process that a component ends; return what is said of them."""
+        shutil.rmtree(folder, ignore_errors=True)
+        return self._save()
 
     def __exit__(self, _: object, error: BaseException | None, *__: object) -> None:
         results = getattr(self, "results", None)
@@ -343,9 +352,14 @@ class _Run:
             kept = recorder.finish(time) if recorder else {kind: array[rows] for kind, array in data.items()}
             return Results(time, signals, kept, self.summary, box.kept)
 
+        def save() -> str:
+            results()
+            return f" The rows so far are in {stream}." if stream is not None and done >= 0 else ""
+
         if stream is not None:
             recorder = Recorder(stream, signals, data, store, times)
             store = recorder.store
+        self._save = save
         began = clock.perf_counter()
         stride = max(1, -(-n // 100))
         guard = InterruptGuard()
