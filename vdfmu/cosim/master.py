@@ -311,6 +311,7 @@ class _Run:
                 failure = self.components.close()
         finally:
             self._stack.close()
+            self._save = lambda: ""  # nothing is to hold the run, and the files of its memory, any more
         if failure is not None and error is not None:
             self.box.pending.append(failure_message(failure))
         self.box.flush()
