@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import inspect
 import os
 import platform
 import sys
@@ -52,7 +53,7 @@ def exits_said(box: MessageBox, save: Callable[[], str]) -> Generator[None]:
 
 def _caller() -> str:
     """Return the name of the component that the code above in this thread is calling."""
-    frame = sys._getframe()
+    frame = inspect.currentframe()
     while frame is not None:
         names = frame.f_locals
         for value in (names.get("slave"), names.get("self"), getattr(names.get("unit"), "slave", None)):
