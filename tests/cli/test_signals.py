@@ -29,13 +29,10 @@ class Command:
         environment = {**os.environ, "TMPDIR": str(self.temporary)}
         if cache is not None:
             environment["VDFMU_CACHE_DIR"] = cache
-        # a test runner in the background may ignore Ctrl-C, which its children inherit
-        before = signal.signal(signal.SIGINT, signal.default_int_handler)
         self.process = subprocess.Popen(
             [sys.executable, "-m", "vdfmu.cli", *arguments],
             cwd=folder, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
         )  # fmt: skip
-        signal.signal(signal.SIGINT, before)
 
     def wait_for(self, sign: Callable[[], object]) -> None:
         """Wait for a sign that the command has come as far as it should."""
@@ -107,6 +104,35 @@ def test_a_signal_keeps_the_rows_and_the_results_before(start, tmp_path, number)
     assert len(rows) > 3
     assert len({row.count(",") for row in rows[1:]}) == 1
     assert {path.name: path.read_bytes() for path in folder.iterdir() if path.is_file()} == kept
+
+
+DROPPED = """
+import signal, sys, time
+from vdfmu.cli import commands, main
+def command():
+    try:
+        signal.raise_signal(signal.SIGINT)
+    except:
+        pass
+    time.sleep(60)
+commands.command = command
+main()
+"""
+ENDING = """
+import atexit, signal, sys
+from vdfmu.cli import main
+atexit.register(lambda: [signal.raise_signal(s) for s in (signal.SIGINT, signal.SIGTERM)])
+sys.argv = ["vdfmu", "--version"]
+main()
+"""
+
+
+@pytest.mark.parametrize(("code", "ended", "said"), [(DROPPED, 130, "stopped\n"), (ENDING, 0, "")])
+def test_a_signal_that_a_library_drops_comes_again_and_one_at_the_end_adds_nothing(code, ended, said):
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, timeout=300, check=False
+    )
+    assert (done.returncode, done.stderr) == (ended, said)
 
 
 def test_ctrl_c_before_the_co_simulation_says_so(start):

@@ -373,3 +373,33 @@ def test_the_command_says_who_ended_the_process_and_keeps_the_rows(package, tmp_
         rows = 5 if "freeInstance" in said else 3
         assert len((tmp_path / "out/partial/results.csv").read_text().splitlines()) == 2 + rows
     assert time.monotonic() - started < 120.0  # a hang of 5 s, thrice the start of Python, on a busy machine
+
+
+def test_a_component_that_ends_the_process_of_the_master_is_named_and_the_rows_are_kept(package, tmp_path):
+    """It calls C's exit, of which Python learns nothing."""
+    (tmp_path / "tmp").mkdir()
+    done = subprocess.run(
+        [sys.executable, "-m", "vdfmu.cli", "simulate", package, "--step", "0.25", "--set", "unit.way=2",
+         "--set", "unit.at=0.5", "--no-isolate", "--out", tmp_path / "out"],
+        capture_output=True, text=True, timeout=300, check=False, env=os.environ | {"TMPDIR": str(tmp_path / "tmp")},
+    )  # fmt: skip
+    (rows,) = (tmp_path / "out").glob("partial_*/results.csv")
+    assert done.returncode == 1
+    assert (
+        done.stderr
+        == f"error: component unit ended the process at t = 0.5 s. The rows so far are in {rows}.\n"
+    )
+    assert len(rows.read_text().splitlines()) == 2 + 3
+    assert list((tmp_path / "tmp").iterdir()) == []
+
+
+def test_after_a_run_the_process_may_end_as_it_likes(package):
+    code = (
+        "import ctypes, sys, vdfmu\n"
+        "for _ in range(3): vdfmu.simulate(sys.argv[1], step=0.25, isolate=False)\n"
+        "ctypes.CDLL(None).exit(5)"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code, package], capture_output=True, text=True, timeout=300, check=False
+    )
+    assert (done.returncode, done.stderr) == (5, "")

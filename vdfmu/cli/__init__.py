@@ -7,35 +7,38 @@ SIGHUP.
 from __future__ import annotations
 
 import os
+import signal
 import sys
 
-from vdfmu.interrupt import listening
+from vdfmu.interrupt import command_begins, command_ended
 
 __all__ = ["main"]
 
 
 def main() -> None:
-    """Entry point: signals end the command from here on, while its modules are imported too."""
-    with listening():
-        try:
-            from vdfmu.cli.commands import command
+    """Entry point: signals end the command from here on, while its modules are imported too. Python ends with it."""
+    command_begins()
+    try:
+        from vdfmu.cli.commands import command
 
-            command()
-        except BaseException as error:
-            number = _signal_behind(error)
-            if not number:
-                raise
+        command()
+    except BaseException as error:
+        number = _signal_behind(error)
+        if number:
             if isinstance(error, KeyboardInterrupt):
                 sys.stderr.write("stopped\n")
             _flush()
+        command_ended()
+        if number:
             sys.exit(128 + number)
+        raise
 
 
 def _signal_behind(error: BaseException | None) -> int:
     """Return the signal of which an error is the consequence, such as that of a terminal that is gone; else 0."""
     while error is not None:
         if isinstance(error, KeyboardInterrupt):
-            return getattr(error, "number", 0)
+            return getattr(error, "number", signal.SIGINT)
         error = error.__cause__ or error.__context__
     return 0
 

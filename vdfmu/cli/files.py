@@ -70,18 +70,17 @@ def container(
     settings: SetOption = None,
 ) -> None:
     """Fold the system of a scenario into one native FMU that steps its units without a master."""
-    import tempfile
-
     from vdfmu.cosim.container import write_container
     from vdfmu.fmu.build import build_notes
     from vdfmu.ssp.parameters import system_values
     from vdfmu.ssp.write import write_ssp
     from vdfmu.study.run import cached_fmus, prepare
+    from vdfmu.temporary import temporary_folder
 
     chosen = prepare(scenario, robot=robot, step=step)
     say_notes([*model_notes(chosen), *build_notes(chosen.robot, "native")])
     values = system_values(chosen, parse_settings(settings))
-    with tempfile.TemporaryDirectory(prefix="vdfmu_") as folder:
+    with temporary_folder("vdfmu_") as folder:
         package = write_ssp(
             chosen, cached_fmus(chosen, folder, "native"), Path(folder) / "system.ssp", values
         )
@@ -112,20 +111,19 @@ def ssp(
 
     The FMUs have the scenario's values as start values too, for importers that do not apply all parameter sets.
     """
-    import tempfile
-
     from vdfmu.fmu import build_fmus
     from vdfmu.fmu.build import build_notes
     from vdfmu.ssp.parameters import system_values
     from vdfmu.ssp.system_file import units_of
     from vdfmu.ssp.versions import fmi_of_format
     from vdfmu.ssp.write import write_osp, write_ssp
+    from vdfmu.temporary import temporary_folder
 
     fmi_version = fmi_of_format(form, backend)
     chosen = load_scenario(scenario, robot)
     say_notes([*model_notes(chosen), *build_notes(chosen.robot, backend)])
     values = system_values(chosen, parse_settings(settings))
-    with tempfile.TemporaryDirectory(prefix="vdfmu_") as folder:
+    with temporary_folder("vdfmu_") as folder:
         units = units_of(chosen)
         fmus = build_fmus(
             chosen.robot, folder, units=units, start_values=values, backend=backend, fmi_version=fmi_version

@@ -7,6 +7,7 @@ import signal
 import tempfile
 import time as clock
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +19,7 @@ from vdfmu.cosim.component import LogMessage, MessageBox
 from vdfmu.cosim.components import CONVERGENCE, Components, failure_message
 from vdfmu.cosim.continuous import ContinuousStepper
 from vdfmu.cosim.exchange import SampledStepper, largest_step
+from vdfmu.cosim.exits import exits_said
 from vdfmu.cosim.isolated import Isolated, Limits
 from vdfmu.cosim.recorder import ROWS, Recorder
 from vdfmu.cosim.results import Results
@@ -30,6 +32,7 @@ from vdfmu.model.scenario import CONTINUOUS
 from vdfmu.ssp.experiment import Experiment
 from vdfmu.ssp.read import load_ssp
 from vdfmu.ssp.structure import System
+from vdfmu.temporary import temporary_folder
 
 
 class Interrupted(KeyboardInterrupt):
@@ -231,22 +234,24 @@ class _Run:
         self.isolated = isolate
         self.stepper: SampledStepper | ContinuousStepper | Isolated
         self._limits = limits
-        self._folder: Path
+        self._stack = ExitStack()
+        self._save: Callable[[], str] = lambda: ""
 
     def __enter__(self) -> _Run:
         try:
-            self._folder = Path(tempfile.mkdtemp(prefix="vdfmu-"))
+            folder = Path(self._stack.enter_context(temporary_folder("vdfmu-")))
         except OSError as error:
             raise no_room(tempfile.gettempdir(), error) from error
         for note in self.checked.notes:
             self.box.pending.append(LogMessage("", 0.0, "note", "", note))
         self.box.flush()
         try:
-            folders, foreign = unpack_units(self.checked, self._folder)
+            folders, foreign = unpack_units(self.checked, folder)
             self.isolated = foreign if self.isolated is None else self.isolated
             if self.isolated:
-                self.components = Isolated(self.checked, folders, self.box, self._folder, self._limits)
+                self.components = Isolated(self.checked, folders, self.box, folder, self._limits)
             else:
+                self._stack.enter_context(exits_said(self.box, lambda: self._left(folder)))
                 self.components = Components(self.checked, folders, self.box)
             self.components.load()
         except BaseException as error:
@@ -254,6 +259,11 @@ class _Run:
             raise
         self.exchange = self.components.exchange
         return self
+
+    def _left(self, folder: Path) -> str:
+        """Save the rows of a process that a component ends; return what is said of them."""
+        shutil.rmtree(folder, ignore_errors=True)
+        return self._save()
 
     def __exit__(self, _: object, error: BaseException | None, *__: object) -> None:
         results = getattr(self, "results", None)
@@ -264,7 +274,8 @@ class _Run:
             if hasattr(self, "components"):
                 failure = self.components.close()
         finally:
-            shutil.rmtree(self._folder, ignore_errors=True)
+            self._stack.close()
+            self._save = lambda: ""  # nothing is to hold the run, and the files of its memory, any more
         if failure is not None and error is not None:
             self.box.pending.append(failure_message(failure))
         self.box.flush()
@@ -306,9 +317,14 @@ class _Run:
             kept = recorder.finish(time) if recorder else {kind: array[rows] for kind, array in data.items()}
             return Results(time, signals, kept, self.summary, box.kept)
 
+        def save() -> str:
+            results()
+            return f" The rows so far are in {stream}." if stream is not None and done >= 0 else ""
+
         if stream is not None:
             recorder = Recorder(stream, signals, data, store, times)
             store = recorder.store
+        self._save = save
         began = clock.perf_counter()
         stride = max(1, -(-n // 100))
         guard = InterruptGuard()

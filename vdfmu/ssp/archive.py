@@ -12,6 +12,7 @@ from typing import IO, Any
 from urllib.parse import unquote, urlsplit
 
 from vdfmu.errors import SspError
+from vdfmu.interrupt import InterruptGuard
 from vdfmu.ssp import limits
 
 INSIDE = "!/"
@@ -208,7 +209,8 @@ class Archive:
             raise SspError(
                 f"{self.label}: {name!r} is a package inside {limits.NESTING_LIMIT} others; that is the limit"
             )
-        file = tempfile.TemporaryFile(prefix="vdfmu_")
+        with InterruptGuard():  # the first look for the temporary folder tries it with a file
+            file = tempfile.TemporaryFile(prefix="vdfmu_")
         try:
             self.copy(name, file)
         except BaseException:

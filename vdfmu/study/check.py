@@ -6,7 +6,6 @@ import html
 import os
 import posixpath
 import re
-import tempfile
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
@@ -23,6 +22,7 @@ from vdfmu.study.check_ssp1 import check_ssp1, package_faults, same_names
 from vdfmu.study.check_ssp2 import check_ssp2
 from vdfmu.study.check_unit import NOT_RUN, check_unit
 from vdfmu.study.findings import Findings, one_line
+from vdfmu.temporary import temporary_folder
 
 __all__ = ["FORMAT", "Report", "check_file", "inspect_file"]
 
@@ -107,7 +107,7 @@ def _inspect(path: Path, suffix: str, run: bool) -> Report:
         return _report(path, "FMU", *check_unit(path, run))
     if suffix == ".xml":
         return _report(path, "OSP", check_osp(path, run), "OSP system structure 0.1")
-    with tempfile.TemporaryDirectory(prefix="vdfmu_check_") as folder:
+    with temporary_folder("vdfmu_check_") as folder:
         package = path
         if suffix == ".ssd":
             package = Path(folder, path.name)  # the name in messages: there is no package

@@ -28,6 +28,7 @@ from vdfmu.ssp.read import load_ssp
 from vdfmu.ssp.structure import System
 from vdfmu.study.check_reference import compare
 from vdfmu.study.findings import Findings
+from vdfmu.temporary import temporary_folder
 
 __all__ = ["master_of", "run_apart"]
 
@@ -68,7 +69,7 @@ def run_apart(path: Path, kind: str = "FMU") -> Findings:
         If the temporary folder is full.
     """
     findings = Findings(ran=True)
-    with tempfile.TemporaryDirectory(prefix="vdfmu_check_") as folder:
+    with temporary_folder("vdfmu_check_") as folder:
         try:
             code, words = _contained(
                 [

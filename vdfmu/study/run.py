@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 import math
 import os
-import tempfile
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from pathlib import Path
@@ -44,6 +43,7 @@ from vdfmu.study.summary import (
     sampling_warnings,
     tracking_errors,
 )
+from vdfmu.temporary import temporary_folder
 
 __all__ = ["cached_fmus", "prepare", "run"]
 
@@ -202,7 +202,7 @@ def run(
             log(LogMessage("", 0.0, "note", "", f"{scenario.robot.name}: {note}"))
     with replacing_results(folder, RUN_OUTPUTS, overwrite) as partial:
         report("build", 0, 1)
-        with tempfile.TemporaryDirectory(prefix="vdfmu_fmus_") as fmus:
+        with temporary_folder("vdfmu_fmus_") as fmus:
             built = cached_fmus(scenario, fmus, backend)
             package = write_ssp(scenario, built, partial / "system.ssp", values)
         if container:
