@@ -65,9 +65,6 @@ def command() -> None:
             stream.reconfigure(errors="backslashreplace")
     try:
         app()
-    except ModuleNotFoundError as error:
-        package = (error.name or str(error)).partition(".")[0]
-        fail(f"the Python package {package} is not installed. Install vdfmu again with pip.", 1)
     except MemoryError:
         fail("the memory does not hold it: choose fewer steps or signals.", 1)
     except (UsageError, ModelError, SspError) as error:
