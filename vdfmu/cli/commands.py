@@ -60,6 +60,7 @@ def command() -> None:
         logging.getLogger(speaks).addHandler(logging.NullHandler())
     if not sys.warnoptions:  # what libraries warn their programmers of is no message of a command
         warnings.simplefilter("ignore")
+        os.environ["PYTHONWARNINGS"] = "ignore"  # in the processes of isolated components too
     for stream in (sys.stdout, sys.stderr):  # of any encoding, such as ASCII
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")
