@@ -184,7 +184,7 @@ def _sampled(loop: _Loop, t: Floats, delayed: bool) -> Iterator[Row]:
     feedforward = loop.feedforward(0.0, x)
     tau = loop.torque(x, feedforward)
     yield x, tau, feedforward[0]
-    for t_0, t_1 in pairwise(t.tolist()):
+    for t_0, t_1 in pairwise(map(float, t)):
         before, held = feedforward, tau
         feedforward = loop.feedforward(t_0, x)
         # delayed: the controller has the feedforward of one step ago, the plant the torque of one step ago
