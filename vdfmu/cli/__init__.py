@@ -10,6 +10,7 @@ import os
 import signal
 import sys
 
+from vdfmu import __version__
 from vdfmu.interrupt import command_begins, command_ended
 
 __all__ = ["main"]
@@ -24,6 +25,8 @@ def main() -> None:
         command()
     except BaseException as error:
         number = _signal_behind(error)
+        if not number and isinstance(error, ImportError):
+            _say_missing(error)
         if number:
             if isinstance(error, KeyboardInterrupt):
                 sys.stderr.write("stopped\n")
@@ -32,6 +35,22 @@ def main() -> None:
         if number:
             sys.exit(128 + number)
         raise
+
+
+def _say_missing(error: ImportError) -> None:
+    """End for want of a package, unless it is our own; the version needs none."""
+    package = (error.name or str(error)).partition(".")[0]
+    if package == "vdfmu":
+        return
+    if sys.argv[1:] == ["--version"]:
+        sys.stdout.write(f"vdfmu {__version__}\n")
+        sys.exit(0)
+    missing = isinstance(error, ModuleNotFoundError)
+    sys.stderr.write(
+        f"error: the Python package {package} {'is not installed' if missing else f'cannot be imported: {error}'}. "
+        f"Install it, or vdfmu with all that it needs: {sys.executable} -m pip install {package}\n"
+    )
+    sys.exit(1)
 
 
 def _signal_behind(error: BaseException | None) -> int:

@@ -60,14 +60,12 @@ def command() -> None:
         logging.getLogger(speaks).addHandler(logging.NullHandler())
     if not sys.warnoptions:  # what libraries warn their programmers of is no message of a command
         warnings.simplefilter("ignore")
+        os.environ["PYTHONWARNINGS"] = "ignore"  # in the processes of isolated components too
     for stream in (sys.stdout, sys.stderr):  # of any encoding, such as ASCII
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")
     try:
         app()
-    except ModuleNotFoundError as error:
-        package = (error.name or str(error)).partition(".")[0]
-        fail(f"the Python package {package} is not installed. Install vdfmu again with pip.", 1)
     except MemoryError:
         fail("the memory does not hold it: choose fewer steps or signals.", 1)
     except (UsageError, ModelError, SspError) as error:

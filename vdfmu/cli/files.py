@@ -23,8 +23,6 @@ from vdfmu.cli.terminal import (
     say_notes,
 )
 from vdfmu.errors import StorageError
-from vdfmu.model import load_scenario
-from vdfmu.model.check import model_notes
 
 
 def build(
@@ -44,6 +42,8 @@ def build(
     """Build the FMUs of a scenario's system, with the scenario's values as start values."""
     from vdfmu.fmu import build_fmus
     from vdfmu.fmu.build import build_notes
+    from vdfmu.model import load_scenario
+    from vdfmu.model.check import model_notes
     from vdfmu.ssp.parameters import system_values
     from vdfmu.ssp.system_file import units_of
 
@@ -72,6 +72,7 @@ def container(
     """Fold the system of a scenario into one native FMU that steps its units without a master."""
     from vdfmu.cosim.container import write_container
     from vdfmu.fmu.build import build_notes
+    from vdfmu.model.check import model_notes
     from vdfmu.ssp.parameters import system_values
     from vdfmu.ssp.write import write_ssp
     from vdfmu.study.run import cached_fmus, prepare
@@ -113,6 +114,8 @@ def ssp(
     """
     from vdfmu.fmu import build_fmus
     from vdfmu.fmu.build import build_notes
+    from vdfmu.model import load_scenario
+    from vdfmu.model.check import model_notes
     from vdfmu.ssp.parameters import system_values
     from vdfmu.ssp.system_file import units_of
     from vdfmu.ssp.versions import fmi_of_format

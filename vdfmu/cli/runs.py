@@ -20,11 +20,10 @@ from vdfmu.cli.terminal import (
     say,
 )
 from vdfmu.errors import UsageError
-from vdfmu.model.scenario import MASTERS
 
 StepOption = Annotated[float | None, typer.Option(help="Communication step in seconds.")]
 StopOption = Annotated[float | None, typer.Option(help="End of the run in seconds.")]
-MasterOption = Annotated[str | None, typer.Option(help=f"{', '.join(MASTERS[:-1])} or {MASTERS[-1]}.")]
+MasterOption = Annotated[str | None, typer.Option(help="gauss-seidel, jacobi, extrapolated or iterative.")]
 AdaptiveOption = Annotated[
     float | None,
     typer.Option(
