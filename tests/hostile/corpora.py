@@ -1,9 +1,7 @@
 """All corpora: each module of this folder that has some is named here."""
 
-from . import bombs, models, packages, runs
+from . import bombs, calls, faults, models, packages, runs, signals
 
 CORPORA = [
-    corpus
-    for module in (packages, bombs, models, runs)
-    for corpus in module.CORPORA
+    corpus for module in (packages, bombs, models, signals, faults, calls, runs) for corpus in module.CORPORA
 ]

@@ -74,11 +74,22 @@ def in_a_row(runs: int, number: int, folder: Path) -> None:
     after = _held()
     grown = after[0] - before[0]
     most = SLACK + GROWTH * (runs - warm)
-    assert grown < most, f"memory grows by {grown:.0f} kB in {runs - warm} runs; expected less than {most:.0f} kB"
-    assert after[1:] == before[1:], f"open and mapped files: {before[1:]} before, {after[1:]} after {runs - warm} runs"
+    assert grown < most, (
+        f"memory grows by {grown:.0f} kB in {runs - warm} runs; expected less than {most:.0f} kB"
+    )
+    assert after[1:] == before[1:], (
+        f"open and mapped files: {before[1:]} before, {after[1:]} after {runs - warm} runs"
+    )
 
 
 CORPORA = [
     Corpus("8 threads x 50 runs in a process", 1, partial(threads, 50), quick=0, seconds=240.0, each=8 * 50),
-    Corpus("2,000 runs in a process, one after another", 1, partial(in_a_row, 2000), quick=0, seconds=600.0, each=2000),
+    Corpus(
+        "2,000 runs in a process, one after another",
+        1,
+        partial(in_a_row, 2000),
+        quick=0,
+        seconds=600.0,
+        each=2000,
+    ),
 ]

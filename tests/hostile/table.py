@@ -10,7 +10,7 @@ from pathlib import Path
 
 from vdfmu.errors import VdfmuError
 
-_SHOWN = 5
+_SHOWN = 50
 """Most failures of a corpus that are kept in full."""
 
 
@@ -84,8 +84,6 @@ def tried(corpus: Corpus, numbers: Iterable[int]) -> Row:
 
 def table(rows: Iterable[Row]) -> str:
     """Return the rows as a table of Markdown."""
-    head = (
-        "| corpus | tries | refused or stopped in words | failures | slowest [s] |\n| --- | ---: | ---: | ---: | ---: |"
-    )
+    head = "| corpus | tries | refused or stopped in words | failures | slowest [s] |\n| --- | ---: | ---: | ---: | ---: |"
     lines = [f"| {r.name} | {r.tries} | {r.refused} | {r.failures} | {r.slowest:.2g} |" for r in rows]
     return "\n".join([head, *lines])
