@@ -115,7 +115,7 @@ def _ready() -> int:
 
 
 def results(folder: Path, out: str = "out") -> dict[str, object]:
-    """Return the files of results in a folder, those aside in ``partial`` left out, and of a summary what is no time."""
+    """Return the files of results in a folder, without those aside in ``partial``; of a summary what is no time."""
     found: dict[str, object] = {}
     for path in sorted((folder / out).rglob("*")):
         name = path.relative_to(folder / out)

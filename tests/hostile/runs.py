@@ -21,10 +21,10 @@ from .table import Corpus
 THREADS = 8
 STOP = 0.02
 """End of a run [s]: 20 steps."""
-GROWTH = 2.0
-"""Memory [kB] that a run may leave behind on average: what it holds while it runs, 20 rows of 90 signals, has 14."""
-SLACK = 2048.0
-"""Growth [kB] that is no run's: the allocator's, which takes memory in parts of 128 kB and more for each thread."""
+GROWTH = 1.0
+"""Memory [kB] that a run may leave behind on average; its rows alone, 21 of 77 numbers, have 13."""
+SLACK = 4096.0
+"""Growth [kB] that is no run's: the allocator takes memory in parts, of which it asked for one of 3.7 MB once."""
 
 
 def _package(folder: Path) -> Path:
@@ -63,10 +63,10 @@ def _held() -> tuple[float, int, int]:
 
 
 def in_a_row(runs: int, number: int, folder: Path) -> None:
-    """Run one after another; after a tenth of them, to warm up, what the process holds no longer grows."""
+    """Run one after another; after a quarter of them, to warm up, what the process holds no longer grows."""
     package = _package(folder)
     alone = simulate(package, stop=STOP)
-    warm = runs // 10
+    warm = runs // 4
     for k in range(runs):
         if k == warm:
             before = _held()

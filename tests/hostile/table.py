@@ -84,6 +84,9 @@ def tried(corpus: Corpus, numbers: Iterable[int]) -> Row:
 
 def table(rows: Iterable[Row]) -> str:
     """Return the rows as a table of Markdown."""
-    head = "| corpus | tries | refused or stopped in words | failures | slowest [s] |\n| --- | ---: | ---: | ---: | ---: |"
+    head = (
+        "| corpus | tries | refused or stopped in words | failures | slowest [s] |\n"
+        "| --- | ---: | ---: | ---: | ---: |"
+    )
     lines = [f"| {r.name} | {r.tries} | {r.refused} | {r.failures} | {r.slowest:.2g} |" for r in rows]
     return "\n".join([head, *lines])

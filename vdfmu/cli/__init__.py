@@ -7,9 +7,12 @@ SIGHUP.
 from __future__ import annotations
 
 import os
+import signal
 import sys
+from contextlib import suppress
 
 from vdfmu.interrupt import listening
+from vdfmu.text import shown, told
 
 __all__ = ["main"]
 
@@ -22,22 +25,23 @@ def main() -> None:
 
             command()
         except BaseException as error:
-            number = _signal_behind(error)
-            if not number:
+            stop = _stop_behind(error)
+            if stop is None:
                 raise
-            if isinstance(error, KeyboardInterrupt):
-                sys.stderr.write("stopped\n")
+            with suppress(OSError):
+                sys.stderr.write(f"stopped: {shown(told(stop))}\n" if told(stop) else "stopped\n")
             _flush()
-            sys.exit(128 + number)
+            sys.exit(128 + getattr(stop, "number", signal.SIGINT))
 
 
-def _signal_behind(error: BaseException | None) -> int:
-    """Return the signal of which an error is the consequence, such as that of a terminal that is gone; else 0."""
-    while error is not None:
-        if isinstance(error, KeyboardInterrupt):
-            return getattr(error, "number", 0)
+def _stop_behind(error: BaseException | None) -> KeyboardInterrupt | None:
+    """Return the signal of which an error is the consequence, such as that of a terminal that is gone.
+
+    Typer makes an exit of it, without a word.
+    """
+    while error is not None and not isinstance(error, KeyboardInterrupt):
         error = error.__cause__ or error.__context__
-    return 0
+    return error
 
 
 def _flush() -> None:
