@@ -116,7 +116,7 @@ FAULTS = (
     Fault("a folder for an FMU", *_COMMANDS["build"], _folder("out/Plant.fmu")),
     Fault("a link to nowhere", _COMMANDS["run"][0], (), _link("out", "nowhere/at/all")),
     Fault("a link to itself", BUILD, (), _link("out", "out")),
-    Fault("a package that leads nowhere", _COMMANDS["simulate"][0], (), _link("arm.ssp", "nowhere.ssp"), named="arm.ssp"),
+    Fault("a package nowhere", _COMMANDS["simulate"][0], (), _link("arm.ssp", "nowhere.ssp"), named="arm.ssp"),
     Fault("a package without right", *_COMMANDS["simulate"], _mode("arm.ssp", 0), _PLAIN, named="arm.ssp"),
     Fault("a device for the package", *_COMMANDS["simulate"], _link("arm.ssp", "/dev/zero"), named="arm.ssp"),
     Fault("a device for the folder", ("run", "planar_tracking", "--out", "/dev/full"), named="/dev/full"),
