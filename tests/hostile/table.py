@@ -10,7 +10,7 @@ from pathlib import Path
 
 from vdfmu.errors import VdfmuError
 
-_SHOWN = 50
+_SHOWN = 5
 """Most failures of a corpus that are kept in full."""
 
 
@@ -55,9 +55,9 @@ class Row:
     examples: list[str] = field(default_factory=list)
 
 
-def tried(corpus: Corpus, numbers: Iterable[int]) -> Row:
-    """Make the tries of these numbers and count what came of them."""
-    row = Row(corpus.name)
+def tried(corpus: Corpus, numbers: Iterable[int], row: Row | None = None) -> Row:
+    """Make the tries of these numbers and count what came of them, in a row that may be looked at before the end."""
+    row = Row(corpus.name) if row is None else row
     for number in numbers:
         fault = ""
         with tempfile.TemporaryDirectory(prefix="vdfmu_hostile_") as folder:
