@@ -20,7 +20,7 @@ from vdfmu.kernel.cache import COMPILER, cache_folder
 
 SECONDS = 1.0
 """Time [s] from a signal to the end of the command that is promised, where a processor is free for it."""
-PATIENCE = 120.0
+PATIENCE = 300.0
 """Time [s] after which a command is ended that does not end."""
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 RUN = ("run", "planar_tracking", "--out", "out", "--stop")

@@ -161,4 +161,4 @@ def met(number: int, folder: Path) -> None:
     raise VdfmuError(said)
 
 
-CORPORA = [Corpus("faults of disk and permission", len(FAULTS), met, quick=2, seconds=PATIENCE)]
+CORPORA = [Corpus("faults of disk and permission", len(FAULTS), met, quick=2, seconds=3 * PATIENCE)]

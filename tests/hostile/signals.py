@@ -117,4 +117,4 @@ def _whole(command: Command, found: dict[str, object], start: Known) -> bool:
     return found in (start.before, start.after)
 
 
-CORPORA = [Corpus("signals at random moments of every command", 102, stopped, quick=4, seconds=PATIENCE)]
+CORPORA = [Corpus("signals at random moments of every command", 102, stopped, quick=4, seconds=3 * PATIENCE)]
