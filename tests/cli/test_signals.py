@@ -11,6 +11,10 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
+import typer
+
+from vdfmu.cli import main
+from vdfmu.interrupt import Stopped
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="Windows has no such signals for a process")
 
@@ -193,3 +197,20 @@ def test_a_killed_run_leaves_the_results_before_and_its_rows(start, tmp_path):
     (rows,) = folder.glob(f"partial_{command.process.pid}/results.csv")
     assert len(rows.read_text().splitlines()) > 3
     assert {path.name: path.read_bytes() for path in folder.iterdir() if path.is_file()} == kept
+
+
+@pytest.mark.parametrize("behind", [ImportError("numpy"), typer.Exit(130)])
+def test_a_signal_that_another_error_hides_is_said(monkeypatch, capsys, behind):
+    """Typer makes an exit without words of it, where it comes while options are read; imports make an ImportError."""
+
+    def command() -> None:
+        try:
+            raise Stopped(signal.SIGTERM)
+        except Stopped:
+            raise behind  # noqa: B904 - as imports of C do
+
+    monkeypatch.setattr("vdfmu.cli.commands.command", command)
+    with pytest.raises(SystemExit) as end:
+        main()
+    assert end.value.code == 128 + signal.SIGTERM
+    assert capsys.readouterr().err == "stopped\n"

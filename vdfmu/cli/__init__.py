@@ -9,9 +9,11 @@ from __future__ import annotations
 import os
 import signal
 import sys
+from contextlib import suppress
 
 from vdfmu import __version__
 from vdfmu.interrupt import command_begins, command_ended
+from vdfmu.text import shown, told
 
 __all__ = ["main"]
 
@@ -24,16 +26,16 @@ def main() -> None:
 
         command()
     except BaseException as error:
-        number = _signal_behind(error)
-        if not number and isinstance(error, ImportError):
-            _say_missing(error)
-        if number:
-            if isinstance(error, KeyboardInterrupt):
-                sys.stderr.write("stopped\n")
+        stop = _stop_behind(error)
+        if stop is not None:
+            with suppress(OSError):
+                sys.stderr.write(f"stopped: {shown(told(stop))}\n" if told(stop) else "stopped\n")
             _flush()
+        elif isinstance(error, ImportError):
+            _say_missing(error)
         command_ended()
-        if number:
-            sys.exit(128 + number)
+        if stop is not None:
+            sys.exit(128 + getattr(stop, "number", signal.SIGINT))
         raise
 
 
@@ -53,13 +55,14 @@ def _say_missing(error: ImportError) -> None:
     sys.exit(1)
 
 
-def _signal_behind(error: BaseException | None) -> int:
-    """Return the signal of which an error is the consequence, such as that of a terminal that is gone; else 0."""
-    while error is not None:
-        if isinstance(error, KeyboardInterrupt):
-            return getattr(error, "number", signal.SIGINT)
+def _stop_behind(error: BaseException | None) -> KeyboardInterrupt | None:
+    """Return the signal of which an error is the consequence, such as that of a terminal that is gone.
+
+    Typer makes an exit of it, without a word.
+    """
+    while error is not None and not isinstance(error, KeyboardInterrupt):
         error = error.__cause__ or error.__context__
-    return 0
+    return error
 
 
 def _flush() -> None:

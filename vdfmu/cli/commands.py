@@ -13,7 +13,7 @@ import typer
 
 from vdfmu import __version__
 from vdfmu.cli import files, models, runs
-from vdfmu.cli.terminal import console, fail, stoppable
+from vdfmu.cli.terminal import console, fail
 from vdfmu.errors import ModelError, SspError, UsageError, VdfmuError
 
 __all__ = ["app", "command"]
@@ -33,7 +33,7 @@ for function, example in (
     (files.ssp, "vdfmu ssp two_joint --format 2.0 --out two_joint.ssp"),
     (files.check, "vdfmu check fmus/Plant.fmu"),
 ):
-    app.command(epilog=f"Example: [bold]{example}[/bold]")(stoppable(function))
+    app.command(epilog=f"Example: [bold]{example}[/bold]")(function)
 app.add_typer(models.app, name="models")
 
 

@@ -62,6 +62,10 @@ class Archive:
         self._inner: dict[str, Archive] = {}
         self.doubled: list[str] = []
         with ExitStack() as opened:
+            if isinstance(source, Path) and source.exists() and not (source.is_file() or source.is_dir()):
+                raise SspError(
+                    f"{label}: is a pipe, a device or another special file; expected a regular one"
+                )
             try:
                 self.file: IO[bytes] = source.open("rb") if isinstance(source, Path) else source
                 opened.push(closing(self.file))
