@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from vdfmu.errors import StorageError, UsageError
-from vdfmu.fmu.archive import is_built, keep_record
+from vdfmu.fmu.archive import is_built, keep_record, regular_target
 from vdfmu.fmu.content import BACKENDS, FMI_VERSIONS, Content
 from vdfmu.fmu.native import native_available
 from vdfmu.fmu.python.behaviour import robot_problems
@@ -131,6 +131,8 @@ def build_fmus(
     }
     for content in contents.values():
         _check(content)
+    for path in contents:  # all of them before the first is replaced
+        regular_target(path)
     native = {path: content for path, content in contents.items() if content.backend == "native"}
     if native:
         from vdfmu.fmu.native.package import build_native_fmus

@@ -15,24 +15,27 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from graphlib import CycleError, TopologicalSorter
+from itertools import islice
 from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from scipy.integrate import solve_ivp
+from scipy.integrate import LSODA
 
 from vdfmu.errors import UsageError, VdfmuError
 from vdfmu.ssp.description import SystemDescription
 from vdfmu.unit.evaluate import Evaluation, evaluation
 from vdfmu.unit.motion import Motion, samples
 
-__all__ = ["REFERENCE_OF", "Reference", "reference"]
+__all__ = ["BLOCK", "REFERENCE_OF", "Reference", "reference", "reference_blocks"]
 
 Floats = npt.NDArray[np.float64]
 
 REFERENCE_OF = {"gauss-seidel": "sampled", "jacobi": "sampled-delayed"}
 """Master algorithm to the reference that it must match."""
 
+BLOCK = 1024
+"""Rows of a stretch: what is held in memory of a long run."""
 _RTOL, _ATOL = 1e-11, 1e-12
 """Tolerances of scipy: four orders below the 1e-7 rad that a co-simulation may differ by."""
 _LONGEST = 0.05
@@ -151,15 +154,15 @@ class _System:
         return {name: np.array([row[i] for row in rows]) for i, name in enumerate(names)}
 
 
-def reference(
+def reference_blocks(
     name: str,
     description: SystemDescription,
     *,
     step: float,
     stop: float,
     progress: Callable[[int, int], None] | None = None,
-) -> Reference:
-    """Compute one of the three references on the communication points.
+) -> Iterator[Reference]:
+    """Compute one of the three references in stretches of `BLOCK` communication points, the last of what is left.
 
     Parameters
     ----------
@@ -182,16 +185,21 @@ def reference(
     system = _System(description)
     m = round(stop / step)
     t: Floats = step * np.arange(m + 1, dtype=np.float64)
-    if name == "continuous":
-        rows = list(_continuous(system, t))
-    else:
-        rows = list(_sampled(system, t, name == "sampled-delayed", progress))
-    return Reference(name, t, system.signals(rows))
+    rows = _continuous(system, t) if name == "continuous" else _sampled(system, t, name == "sampled-delayed")
+    for first in range(0, m + 1, BLOCK):
+        yield Reference(name, t[first : first + BLOCK], system.signals(list(islice(rows, BLOCK))))
+        if progress is not None:
+            progress(min(first + BLOCK, m), m)
 
 
-def _sampled(
-    system: _System, t: Floats, delayed: bool, progress: Callable[[int, int], None] | None
-) -> Iterator[list[Floats]]:
+def reference(name: str, description: SystemDescription, *, step: float, stop: float) -> Reference:
+    """Compute one of the three references as a whole; see :func:`reference_blocks`."""
+    blocks = list(reference_blocks(name, description, step=step, stop=stop))
+    signals = {key: np.concatenate([block.signals[key] for block in blocks]) for key in blocks[0].signals}
+    return Reference(name, np.concatenate([block.t for block in blocks]), signals)
+
+
+def _sampled(system: _System, t: Floats, delayed: bool) -> Iterator[list[Floats]]:
     """Yield the rows of a sampled reference."""
     order = list(system.units) if delayed else system.order()
     late = [link for link in system.links if delayed or not link.direct]
@@ -210,8 +218,6 @@ def _sampled(
             if not np.isfinite(unit.x).all():
                 raise VdfmuError(f"The reference failed: {name} has no finite state after t = {t[k]:.9g} s.")
         yield [values.copy() for values in system.row()]
-        if progress is not None and (k + 1) % 100 == 0:
-            progress(k + 1, len(t) - 1)
 
 
 def _continuous(system: _System, t: Floats) -> Iterator[list[Floats]]:
@@ -232,30 +238,39 @@ def _continuous(system: _System, t: Floats) -> Iterator[list[Floats]]:
             unit.derivatives()
         return np.concatenate([unit.x_dot for unit in states])
 
+    def row(time: float, x: Floats) -> list[Floats]:
+        set_states(x)
+        system.evaluate(time, order)
+        return [values.copy() for values in system.row()]
+
     x = np.concatenate([unit.x for unit in states]) if states else np.zeros(0)
+    yield row(0.0, x)
+    k = 1
     for begin, end in _parts(system, float(t[-1])):
-        close = 1e-9 * (end - begin)
-        inside = t[(t >= begin - close) & (t < end - close)] if end < t[-1] else t[t >= begin - close]
-        at = np.clip(inside, begin, end)
         system.evaluate(begin, order)
-        found = np.repeat(x[None, :], len(at), axis=0)
-        if states:
-            solution = solve_ivp(
-                rate, (begin, end), x, "LSODA", t_eval=[*at, *([] if len(at) and at[-1] == end else [end])],
-                rtol=_RTOL, atol=_ATOL, max_step=_LONGEST,
-            )  # fmt: skip
-            if not solution.success:
-                at_s = solution.t[-1] if len(solution.t) else begin
-                raise VdfmuError(f"The continuous reference failed at t = {at_s:.9g} s: {solution.message}")
-            found, x = solution.y.T[: len(at)], solution.y[:, -1]
-        sampled = [unit for unit in system.units.values() if unit.interface.is_sampled]
-        for k, (time, state) in enumerate(zip(at, found, strict=True)):
-            set_states(state)
-            system.evaluate(time, order)
-            if k == 0 or not sampled or time > begin + close:
-                yield [values.copy() for values in system.row()]
+        for time, solution in _solved(rate, begin, end, x):
+            last = len(t) if end == t[-1] else int(np.searchsorted(t, end + 1e-9 * (end - begin)))
+            stop = min(int(np.searchsorted(t, time, side="right")), last)
+            for point in t[k:stop].tolist():
+                yield row(point, solution(point))
+            k, x = max(k, stop), solution(time)
         set_states(x)
         system.evaluate(end, order)
+
+
+def _solved(
+    rate: Callable[[float, Floats], Floats], begin: float, end: float, x: Floats
+) -> Iterator[tuple[float, Callable[[float], Floats]]]:
+    """Yield the end of each step of scipy's LSODA, and the solution in it."""
+    if not x.size:
+        yield end, lambda _: x
+        return
+    solver = LSODA(rate, begin, x, end, rtol=_RTOL, atol=_ATOL, max_step=_LONGEST)
+    while solver.status == "running":
+        message = solver.step()
+        if message is not None:
+            raise VdfmuError(f"The continuous reference failed at t = {solver.t:.9g} s: {message}")
+        yield solver.t, solver.dense_output()
 
 
 def _parts(system: _System, stop: float) -> Iterator[tuple[float, float]]:

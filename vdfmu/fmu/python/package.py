@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import inspect
 import sys
-import tempfile
 import zipfile
 from pathlib import Path
 
@@ -14,6 +13,8 @@ from vdfmu.data import data_path
 from vdfmu.fmu.archive import pack_zip
 from vdfmu.fmu.content import CONTENT_FILE, UNIT_FILE, Content
 from vdfmu.fmu.documentation import documentation_files
+from vdfmu.interrupt import InterruptGuard
+from vdfmu.temporary import temporary_folder
 
 __all__ = ["build_python_fmu"]
 
@@ -25,7 +26,7 @@ _LEFT_OUT = "resources/pythonfmu/"
 def build_python_fmu(content: Content, path: Path) -> None:
     """Write the FMU of a content."""
     template = (data_path("fmu_src") / "python" / "slave.py").read_text(encoding="utf-8")
-    with tempfile.TemporaryDirectory(prefix="vdfmu_build_") as folder:
+    with temporary_folder("vdfmu_build_") as folder:
         script = Path(folder) / f"vdfmu_{content.interface.name}_slave.py"
         script.write_text(template.replace("Model", content.model_name), encoding="utf-8")
         files = {CONTENT_FILE: content.to_json()}
@@ -37,7 +38,8 @@ def build_python_fmu(content: Content, path: Path) -> None:
             resource.write_text(files[resource.name], encoding="utf-8")
         search_path = list(sys.path)
         try:
-            raw = FmuBuilder.build_FMU(script, dest=folder, project_files=resources)
+            with InterruptGuard():  # it has a temporary folder of its own
+                raw = FmuBuilder.build_FMU(script, dest=folder, project_files=resources)
         finally:
             sys.path[:] = search_path
         with zipfile.ZipFile(raw) as archive:
