@@ -10,8 +10,6 @@ from rich.markup import escape
 from rich.table import Table
 
 from vdfmu.cli.terminal import console, say
-from vdfmu.model import load_robot, load_scenario, robot_names, scenario_names
-from vdfmu.model.parameters import PARAMETERS, section
 
 app = typer.Typer(no_args_is_help=True, help="List and show robots and scenarios.")
 
@@ -19,6 +17,8 @@ app = typer.Typer(no_args_is_help=True, help="List and show robots and scenarios
 @app.command("list", epilog="Example: [bold]vdfmu models list[/bold]")
 def list_models() -> None:
     """List the robots and scenarios that travel with the package."""
+    from vdfmu.model import load_robot, load_scenario, robot_names, scenario_names
+
     for title, names, load in (
         ("Robots", robot_names(), load_robot),
         ("Scenarios", scenario_names(), load_scenario),
@@ -35,6 +35,8 @@ def show_model(
 ) -> None:
     """Show a robot's parameters with their sources, or a scenario's file."""
     from vdfmu.data import data_path
+    from vdfmu.model import load_robot, scenario_names
+    from vdfmu.model.parameters import PARAMETERS, section
 
     if name in scenario_names():
         say((data_path("models") / "scenarios" / f"{name}.toml").read_text(encoding="utf-8"))

@@ -19,6 +19,8 @@ from pathlib import Path
 
 from platformdirs import user_cache_path
 
+from vdfmu.interrupt import InterruptGuard
+
 __all__ = ["COMPILER", "cache_folder", "load", "store", "trusted"]
 
 _LINE = 65
@@ -79,7 +81,8 @@ def _say(text: str) -> None:
 @lru_cache
 def _private() -> tempfile.TemporaryDirectory[str]:
     """Return a cache for this process alone, removed at its end."""
-    return tempfile.TemporaryDirectory(prefix="vdfmu_cache_", ignore_cleanup_errors=True)
+    with InterruptGuard():
+        return tempfile.TemporaryDirectory(prefix="vdfmu_cache_", ignore_cleanup_errors=True)
 
 
 def load(path: Path) -> bytes | None:
