@@ -29,7 +29,7 @@ from vdfmu.report.plots import contrast_figures, run_figures
 from vdfmu.ssp.description import SystemDescription
 from vdfmu.ssp.parameters import system_values
 from vdfmu.ssp.read import load_ssp
-from vdfmu.ssp.system_file import units_of
+from vdfmu.ssp.parts import cached_fmus
 from vdfmu.ssp.write import write_ssp
 from vdfmu.study.contrast import contrast
 from vdfmu.study.folder import DRAWN, RUN_OUTPUTS, keep, replacing_results, write_summary
@@ -43,9 +43,8 @@ from vdfmu.study.summary import (
     tracking_errors,
 )
 from vdfmu.temporary import temporary_folder
-from vdfmu.units import shipped_units
 
-__all__ = ["cached_fmus", "prepare", "run"]
+__all__ = ["prepare", "run"]
 
 Progress = Callable[[str, int, int], None]
 """Called with the stage, the number of finished steps and their total."""
@@ -64,6 +63,7 @@ def prepare(
     stop: float | None = None,
     master: str | None = None,
     adaptive: float | None = None,
+    units: Mapping[str, Any] | None = None,
 ) -> Scenario:
     """Load a scenario and replace what the options name, with the checks of a scenario file.
 
@@ -78,6 +78,8 @@ def prepare(
         scenario = load_scenario(scenario, robot)
     elif robot is not None:
         raise UsageError("robot: give it with the name or path of a scenario, not with a loaded one.")
+    if units:
+        scenario = dataclasses.replace(scenario, system=scenario.system.with_units(units))
     changes = {"step": step, "stop": stop, "master": master, "adaptive": adaptive}
     scenario = dataclasses.replace(scenario, **{k: v for k, v in changes.items() if v is not None})
     if scenario.master not in MASTERS:
@@ -87,29 +89,6 @@ def prepare(
     check_coupling(scenario.master, scenario.adaptive)
     check_options(scenario.stop, scenario.step)
     return scenario
-
-
-def cached_fmus(
-    scenario: Scenario, folder: str | os.PathLike[str], backend: str | None = None
-) -> dict[str, Path]:
-    """FMUs of a scenario's system in `folder`: those that the cache has, by their content, and the others built."""
-    robot, units, backend = scenario.robot, units_of(scenario), choose_backend(backend)
-    cached: dict[str, bytes | None] = {}
-    places = {
-        u: cache_folder() / "fmus" / Content(shipped_units()[u], robot, {}, backend).guid.strip("{}")
-        for u in units
-    }
-    for unit, place in places.items():
-        cached[unit] = content = load(place)
-        if content is not None:
-            with suppress(OSError):  # of which the build then says more
-                (Path(folder) / f"{shipped_units()[unit].__name__}.fmu").write_bytes(content)
-    fmus = build_fmus(robot, folder, units=units, backend=backend)
-    for unit, fmu in fmus.items():
-        content = fmu.read_bytes()
-        if content != cached[unit]:
-            store(places[unit], content)
-    return fmus
 
 
 def run(
@@ -126,6 +105,7 @@ def run(
     backend: str | None = None,
     container: bool = False,
     settings: Mapping[str, Any] | None = None,
+    units: Mapping[str, Any] | None = None,
     progress: Progress | None = None,
     log: Callable[[LogMessage], None] | None = None,
 ) -> Results:
@@ -157,6 +137,9 @@ def run(
     settings : mapping of str to value, optional
         Parameters and inputs that nothing feeds, ``{"controller.K_p[1]": 3000}``; without an index for all elements,
         one value or a list or array with one for each.
+    units : mapping of str to unit, optional
+        Component to the unit that takes its place: a class, ``my_unit.py``, ``my_units.py:Name``, the name of a unit of
+        the package, or an FMU of any tool, ``My.fmu``. Values of the scenario that it has no parameter for are left out.
     progress : callable, optional
         Called with stage, done, total.
     log : callable, optional
@@ -174,7 +157,7 @@ def run(
     CosimError, vdfmu.cosim.Interrupted
         A unit failed, or the user stopped the run. The rows so far are in ``partial/results.csv`` of the folder.
     """
-    scenario = prepare(scenario, robot=robot, step=step, stop=stop, master=master, adaptive=adaptive)
+    scenario = prepare(scenario, robot=robot, step=step, stop=stop, master=master, adaptive=adaptive, units=units)
     folder = Path(out) if out is not None else Path("results") / scenario.name
     report = progress or (lambda stage, done, total: None)
     if scenario.kind == "contrast":
