@@ -2,9 +2,9 @@
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
-PIP_INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt
+PIP_INSTALL := -m pip install --quiet --disable-pip-version-check
 
-.PHONY: demo test test-all hostile bench docs lint sbom audit clean
+.PHONY: demo test test-all hostile bench docs lint sbom audit lock clean
 
 demo: $(VENV)/demo  ## run the paper's tracking simulation (Section IV-B)
 	$(BIN)/vdfmu run tracking
@@ -43,27 +43,29 @@ audit: $(VENV)/supply  ## ask for known vulnerabilities of the versions in const
 		found = json.load(open('dist/audit.json'))['dependencies'] if os.path.exists('dist/audit.json') else []; \
 		print(sum('vulns' in one for one in found), 'of', len(found), 'packages were found at the advisory service')"
 
+lock: $(VENV)/supply  ## choose the versions and write their hashes; LOCK=--upgrade takes the newest
+	$(VENV)/tools/bin/python requirements/lock.py $(LOCK)
+
 clean:  ## remove the environment and all that was built
 	rm -rf $(VENV) build dist site results .pytest_cache .ruff_cache .hypothesis
 
-# A stamp file for each extra: installed anew only when the dependencies change. The install is editable, so that a
-# change of the sources needs none.
+# A stamp file for each extra: installed anew only when the dependencies change. Their files are held against hashes,
+# which the project has none of: it comes by itself. The install is editable, so that a change of the sources needs none.
 $(VENV)/python:
 	$(PYTHON) -c "import sys; sys.exit(sys.version_info < (3, 11) and 'Python >= 3.11 is needed: make PYTHON=...')"
 	$(PYTHON) -m venv $(VENV)
 	touch $@
 
-$(VENV)/demo: $(VENV)/python pyproject.toml constraints.txt
-	$(PIP_INSTALL) -e ".[native]"
+$(VENV)/demo: EXTRA := native
+$(VENV)/test $(VENV)/bench $(VENV)/docs $(VENV)/dev: EXTRA = $(@F)
+$(VENV)/demo $(VENV)/test $(VENV)/bench $(VENV)/docs $(VENV)/dev: $(VENV)/python pyproject.toml $(wildcard requirements/*.txt)
+	$(BIN)/python $(PIP_INSTALL) --require-hashes -r requirements/$(EXTRA).txt
+	$(BIN)/python $(PIP_INSTALL) --no-deps --no-build-isolation -e .
 	touch $@
 
-$(VENV)/test $(VENV)/bench $(VENV)/docs $(VENV)/dev: $(VENV)/%: $(VENV)/python pyproject.toml constraints.txt
-	$(PIP_INSTALL) -e ".[$*]"
-	touch $@
-
-$(VENV)/supply: $(VENV)/python pyproject.toml constraints.txt
+$(VENV)/supply: $(VENV)/python requirements/supply.txt
 	$(PYTHON) -m venv $(VENV)/tools
-	$(VENV)/tools/bin/python -m pip install --quiet --disable-pip-version-check -c constraints.txt cyclonedx-bom pip-audit
+	$(VENV)/tools/bin/python $(PIP_INSTALL) --require-hashes -r requirements/supply.txt
 	touch $@
 
 $(VENV)/platforms: $(VENV)/test

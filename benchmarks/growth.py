@@ -144,8 +144,8 @@ def _disagreement(functions: dict[tuple[str, int], KernelFunction], robots: dict
     """Largest difference of any formulation and form to plain VD, relative to the largest torque."""
     worst = 0.0
     for n, robot in robots.items():
-        motion = random_motion(n)
-        expected = inverse_dynamics(robot, *motion)
+        q, q_dot, q_ddot = motion = random_motion(n)
+        expected = inverse_dynamics(robot, q, q_dot, q_ddot)
         torques = [f.results["tau"] for (_, k), f in functions.items() if k == n]
         if n <= 24:  # beyond, plain Lagrange costs seconds
             torques += [equations(robot, *motion) for equations in FORMULATIONS.values()]

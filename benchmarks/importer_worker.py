@@ -35,7 +35,8 @@ class Ecos:
         from ecospy import EcosLib, EcosSimulation
 
         self._simulation = EcosSimulation(ssp_path=path, step_size=step)
-        if not self._simulation.init(parameter_set=parameter_set):
+        init = self._simulation.init
+        if not (init() if parameter_set is None else init(parameter_set=parameter_set)):
             raise RuntimeError(EcosLib.get_last_error())
 
     def advance(self, first: int, last: int) -> None:
@@ -96,6 +97,8 @@ class Libcosim:
     def _place(self, unit: str) -> tuple[int, dict[str, int]]:
         if unit not in self._places:
             index = self._execution.slave_index_from_instance_name(unit)
+            if index is None:
+                raise ValueError(f"libcosim has no unit {unit!r}")
             variables = self._execution.slave_variables(index)
             self._places[unit] = index, {v.name.decode(): v.reference for v in variables}
         return self._places[unit]
@@ -165,22 +168,22 @@ def run_fmpy_fmu(request: Request) -> dict[str, Any]:
     import fmpy
 
     path, step, n = request["path"], request["step"], request["steps"]
-    variables = fmpy.read_model_description(path).modelVariables
-    signal, start = None, {}
+    variables = fmpy.read_model_description(path).modelVariables or ()
+    driven: dict[str, Any] = {}
     if request.get("inputs"):
         with np.load(request["inputs"]) as file:
             recorded = {name: file[name][: n + 1] for name in file.files}
         inputs = {v.name: _members(v) for v in variables if v.causality == "input"}
         inputs = {name: members for name, members in inputs.items() if members[0] in recorded}
         values = {name: np.stack([recorded[m] for m in members], 1) for name, members in inputs.items()}
-        values = {v.name: values[v.name].reshape(-1, *v.shape) for v in variables if v.name in values}
+        values = {v.name: values[v.name].reshape(-1, *(v.shape or ())) for v in variables if v.name in values}
         if inputs:
             types = [("time", float), *[(name, float, value.shape[1:]) for name, value in values.items()]]
             signal = np.zeros(n, dtype=types)
             signal["time"] = recorded["time"][:-1]
+            driven = {"input": signal, "start_values": {name: value[0] for name, value in values.items()}}
             for name, value in values.items():
                 signal[name] = value[1:]  # of the step that starts here
-                start[name] = value[0]
     # fmucontainer makes locals of outputs that are connected inside
     members = {v.name: _members(v) for v in variables if v.causality in ("output", "local")}
     places = {member: (name, k) for name, group in members.items() for k, member in enumerate(group)}
@@ -189,8 +192,8 @@ def run_fmpy_fmu(request: Request) -> dict[str, Any]:
         raise ValueError(f"{Path(path).name} has no output {absent[0]}")
     # the time of the default experiment is not taken: fmpy would choose an interval of its own
     result = fmpy.simulate_fmu(
-        path, start_time=0.0, stop_time=n * step, output_interval=step, input=signal, output=list({
-            places[name][0]: None for name in wanted}), start_values=start,
+        path, start_time=0.0, stop_time=n * step, output_interval=step, output=list({
+            places[name][0]: None for name in wanted}), **driven,
     )  # fmt: skip
     columns = [result[places[name][0]].reshape(len(result), -1)[:, places[name][1]] for name in wanted]
     np.save(request["out"], np.stack(columns, axis=1))

@@ -146,7 +146,7 @@ class Tracking:
             for step in (self.step, EXACT_STEP):
                 steps = round(self.stop / step)
                 results = simulate(self.package(kind), step=step, stop=steps * step, algorithm="jacobi")
-                arrays = {name: results[name] for name in results.names}
+                arrays: dict[str, Any] = {name: results[name] for name in results.names}
                 np.savez(self.recorded(kind, step), time=results.time, **arrays)
         return self
 

@@ -21,10 +21,12 @@ __all__ = ["EXPECTED", "Convergence", "converge", "run", "triangle"]
 
 TITLE = "Order in the communication step"
 ALGORITHMS = ("gauss-seidel", "jacobi", "extrapolated", "iterative")
-EXPECTED = dict(zip(ALGORITHMS, (1, 1, 2, 2), strict=True))
+EXPECTED: dict[str, int] = dict(zip(ALGORITHMS, (1, 1, 2, 2), strict=True))
 """Order that each algorithm has by its derivation, in `docs/cosimulation.md`."""
 _SHORT = (1e-3, 5e-4, 2.5e-4, 1.25e-4, 6.25e-5)
-STEPS = dict(zip(ALGORITHMS, (_SHORT, _SHORT, _SHORT, (4e-3, 2e-3, 1e-3, 5e-4)), strict=True))
+STEPS: dict[str, Sequence[float]] = dict(
+    zip(ALGORITHMS, (_SHORT, _SHORT, _SHORT, (4e-3, 2e-3, 1e-3, 5e-4)), strict=True)
+)
 """Communication steps [s]. With the default gains `gauss-seidel` is unstable at 4 ms, `jacobi` and `extrapolated` at
 2 ms. Those of `iterative` are longer: its error is the first to come down to that of the start, where the rotors take
 up speed within 0.03 ms, which no step resolves. Below 0.5 ms that is most of its error of tau_s."""
@@ -83,10 +85,10 @@ def converge(
             say(f"{algorithm} at {', '.join(f'{1e3 * h:g}' for h in each)} ms")
             q[algorithm], tau_s[algorithm] = [], []
             for h in each:
-                own = {"convergence": CONVERGENCE} if algorithm == "iterative" else {}
                 results = quiet_run(
-                    package, step=h, stop=stop, algorithm=algorithm, tolerance=TOLERANCE, **own
-                )
+                    package, step=h, stop=stop, algorithm=algorithm, tolerance=TOLERANCE,
+                    convergence=CONVERGENCE if algorithm == "iterative" else None,
+                )  # fmt: skip
                 stride = round(coarse / h)
                 q[algorithm].append(float(np.max(np.abs(results.array("plant.q")[::stride] - exact.q))))
                 torque = results.array("plant.tau_s")[::stride] - exact.x[:, 3 * n :]
@@ -105,7 +107,7 @@ def tabulate(found: Convergence, stop: float, report: Report) -> None:
     for h in sorted({h for each in found.steps.values() for h in each}, reverse=True):
         at = {a: found.steps[a].index(h) if h in found.steps[a] else None for a in ALGORITHMS}
         table.add(1e3 * h, *[
-            None if at[a] is None else values[a][at[a]] for values in (found.q, found.tau_s) for a in ALGORITHMS
+            None if (i := at[a]) is None else values[a][i] for values in (found.q, found.tau_s) for a in ALGORITHMS
         ])  # fmt: skip
     table.notes += [
         f"Solver tolerance of the plant {TOLERANCE:g}, convergence of iterative {CONVERGENCE:g}, tolerance of the "

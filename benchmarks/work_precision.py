@@ -9,7 +9,7 @@ import tempfile
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, Generic, Protocol, TypeVar
 
 import numpy as np
 from fmpy import extract, read_model_description
@@ -38,6 +38,7 @@ INTERVAL = 0.01
 _REFERENCE_TOLERANCE = 1e-12
 _LEVELS = (1e-5, 1e-6, 1e-7, 1e-8)
 """Errors at which the times are compared [rad]."""
+Unit = TypeVar("Unit", FMU2Slave, FMU2Model)
 
 
 @dataclass
@@ -175,10 +176,10 @@ def _bind(function: Callable[..., Any], *given: Any) -> Callable[..., Any]:
 # ------------------------------------------------------------------ solvers
 
 
-class _Unpacked:
+class _Unpacked(Generic[Unit]):
     """An unpacked FMU and its instance."""
 
-    def __init__(self, fmu: Path, times: np.ndarray, n: int, make: Any) -> None:
+    def __init__(self, fmu: Path, times: np.ndarray, n: int, make: type[Unit]) -> None:
         self.times = times
         self.n = n
         self.calls = self.jacobians = 0
@@ -186,7 +187,8 @@ class _Unpacked:
         self.references = {v.name: v.valueReference for v in description.modelVariables}
         self._q = [self.references[f"q[{i + 1}]"] for i in range(n)]
         self._folder = extract(str(fmu))
-        interface = description.coSimulation if make is FMU2Slave else description.modelExchange
+        interface = description.coSimulation if issubclass(make, FMU2Slave) else description.modelExchange
+        assert interface is not None
         self.nx = description.numberOfContinuousStates
         self.unit = make(
             guid=description.guid, modelIdentifier=interface.modelIdentifier, unzipDirectory=self._folder,
@@ -210,7 +212,7 @@ class _Unpacked:
         shutil.rmtree(self._folder, ignore_errors=True)
 
 
-class _CoSimulation(_Unpacked):
+class _CoSimulation(_Unpacked[FMU2Slave]):
     """The FMU's own solver."""
 
     def __init__(self, fmu: Path, times: np.ndarray, n: int) -> None:
@@ -231,7 +233,7 @@ class _Nothing:
     def apply(self, time: float) -> None: ...
 
 
-class _ModelExchange(_Unpacked):
+class _ModelExchange(_Unpacked[FMU2Model]):
     """fmpy's CVODE on the FMU's derivatives; it approximates the Jacobian by differences."""
 
     def __init__(self, fmu: Path, times: np.ndarray, n: int) -> None:

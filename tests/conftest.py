@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import signal
 from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
@@ -13,6 +14,9 @@ import pytest
 from vdfmu.kernel import Kernel
 from vdfmu.kernel.cache import cache_folder
 from vdfmu.model import Robot, check_robot, load_robot
+
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # as a shell starts what it runs in the background
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 SHIPPED = ("manipulator_6dof", "planar_2dof", "slider_3dof")
 

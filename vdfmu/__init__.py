@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from vdfmu.fmu import build_fmus
     from vdfmu.model import Robot, Scenario, load_robot, load_scenario, robot_names, scenario_names
     from vdfmu.ssp import load_ssp
-    from vdfmu.ssp.archive import package_limit
+    from vdfmu.ssp.limits import package_limit
     from vdfmu.ssp.write import write_osp, write_ssp
     from vdfmu.study.run import run
 
@@ -55,7 +55,7 @@ _WHERE = {
     "load_scenario": "vdfmu.model",
     "load_ssp": "vdfmu.ssp",
     "mass_matrix": "vdfmu.dynamics",
-    "package_limit": "vdfmu.ssp.archive",
+    "package_limit": "vdfmu.ssp.limits",
     "robot_names": "vdfmu.model",
     "run": "vdfmu.study.run",
     "scenario_names": "vdfmu.model",

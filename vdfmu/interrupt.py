@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 import signal
 import threading
 import time
@@ -11,14 +12,15 @@ from contextlib import contextmanager
 from types import FrameType
 from typing import Any
 
-__all__ = ["InterruptGuard", "Stopped", "listening"]
+__all__ = ["InterruptGuard", "Stopped", "command_begins", "command_ended", "listening"]
 
 _SIGNALS = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
 _RETRY = 0.005
-"""Time [s] after which a signal that came while CasADi was called comes again."""
+"""Time [s] after which a signal that came while CasADi was called, or that a library dropped, comes again."""
 _PATIENCE = 1.0
 """Time [s] after a signal in which others do not disturb the end of the command."""
 _last = -math.inf
+_command, _ended = False, False
 _guards: list[InterruptGuard] = []
 
 
@@ -29,6 +31,13 @@ class Stopped(KeyboardInterrupt):
         super().__init__()
         self.number = number
 
+    def __del__(self) -> None:
+        """Come again if a library has dropped it, as a bare ``except`` does, while a command runs."""
+        global _last
+        if _command:
+            _last = -math.inf
+            _come_again(self.number)
+
 
 @contextmanager
 def listening(*signals: int) -> Generator[None]:
@@ -36,6 +45,16 @@ def listening(*signals: int) -> Generator[None]:
 
     Does nothing outside the main thread, where Python does not allow it.
     """
+    taken = _listen(*signals)
+    try:
+        yield
+    finally:
+        for number, before in taken:
+            signal.signal(number, before)
+
+
+def _listen(*signals: int) -> list[tuple[int, Any]]:
+    """As `listening`, without an end; return number and handler before of the signals that were taken."""
     taken: list[tuple[int, Any]] = []
     if threading.current_thread() is threading.main_thread():
         for number in signals or _SIGNALS:
@@ -43,11 +62,20 @@ def listening(*signals: int) -> Generator[None]:
             if before in (signal.SIG_DFL, signal.default_int_handler):
                 signal.signal(number, _stop)
                 taken.append((number, before))
-    try:
-        yield
-    finally:
-        for number, before in taken:
-            signal.signal(number, before)
+    return taken
+
+
+def command_begins() -> None:
+    """Let signals end the command that the process is for, even if a library drops what they raise."""
+    global _command
+    _listen()
+    _command = True
+
+
+def command_ended() -> None:
+    """Let signals change nothing while Python ends, but for one after a second, which ends the process at once."""
+    global _last, _command, _ended
+    _last, _command, _ended = time.monotonic(), False, True
 
 
 def _stop(number: int, frame: FrameType | None) -> None:
@@ -63,14 +91,20 @@ def _stop(number: int, frame: FrameType | None) -> None:
         return
     while frame is not None:
         if frame.f_globals.get("__name__", "").startswith("casadi"):
-            again = threading.Timer(_RETRY, _send, [number])
-            again.daemon = True
-            again.start()
+            _come_again(number)
             return
         frame = frame.f_back
     if time.monotonic() > _last + _PATIENCE:
+        if _ended:
+            os._exit(128 + number)
         _last = time.monotonic()
         raise Stopped(number)
+
+
+def _come_again(number: int) -> None:
+    again = threading.Timer(_RETRY, _send, [number])
+    again.daemon = True
+    again.start()
 
 
 def _send(number: int) -> None:

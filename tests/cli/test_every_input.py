@@ -3,14 +3,19 @@
 import json
 import math
 import os
+import re
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 
 import pytest
 
 from vdfmu import __version__
+from vdfmu.model.scenario import MASTERS
 from vdfmu.study.json_text import to_json
+
+ROOT = Path(__file__).parents[2]
 
 
 def vdfmu(*arguments: str, **environment: str) -> subprocess.CompletedProcess[str]:
@@ -59,17 +64,52 @@ def test_streams_of_ascii_take_every_text(environment: dict[str, str]) -> None:
     assert listed.stdout.isascii()
 
 
-@pytest.mark.parametrize("package", ["fmpy", "casadi", "scipy", "lxml"])
-def test_a_missing_package_is_named_where_it_is_needed(package: str, tmp_path: Path) -> None:
-    (tmp_path / "sitecustomize.py").write_text(
+NEEDED = [
+    re.split("[<>=]", entry)[0]
+    for entry in tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"][
+        "dependencies"
+    ]
+]
+
+
+def without(package: str, folder: Path) -> str:
+    """Return a path of modules on which a package is missing."""
+    (folder / "sitecustomize.py").write_text(
         f"import sys\nsys.modules[{package!r}] = None\n", encoding="utf-8"
     )
-    path = os.pathsep.join([str(tmp_path), str(Path(__file__).parents[2])])
+    return os.pathsep.join([str(folder), str(ROOT)])
+
+
+@pytest.mark.parametrize("package", [*NEEDED, "attrs"])
+def test_a_missing_package_is_named_where_it_is_needed(package: str, tmp_path: Path) -> None:
+    module = {"attrs": "attr"}.get(package, package)  # of fmpy
+    path = without(module, tmp_path)
     done = vdfmu("--version", PYTHONPATH=path)
     assert (done.returncode, done.stdout) == (0, f"vdfmu {__version__}\n"), done.stderr
-    done = vdfmu("run", "planar_tracking", PYTHONPATH=path)
+    out = str(tmp_path / "out")
+    done = vdfmu(
+        "run", "planar_tracking", "--stop", "0.001", "--backend", "python", "--out", out, PYTHONPATH=path
+    )
     assert done.returncode == 1
-    assert done.stderr.startswith(f"error: the Python package {package} is not installed.")
+    assert done.stderr.startswith(f"error: the Python package {module} is not installed. ")
+    assert done.stderr.endswith(f"-m pip install {module}\n")  # and nothing after it
+
+
+@pytest.mark.parametrize("package", [name for name in NEEDED if name not in ("typer", "rich")])
+def test_help_needs_only_what_draws_it(package: str, tmp_path: Path) -> None:
+    done = vdfmu("run", "--help", PYTHONPATH=without(package, tmp_path))
+    assert done.returncode == 0, done.stderr
+    assert all(name in done.stdout for name in MASTERS)
+
+
+def test_a_package_that_does_not_load_says_why(tmp_path: Path) -> None:
+    (tmp_path / "numpy.py").write_text("raise ImportError('libgone.so: no such file', name='numpy')\n")
+    done = vdfmu("models", "list", PYTHONPATH=os.pathsep.join([str(tmp_path), str(ROOT)]))
+    assert done.returncode == 1
+    assert done.stderr.startswith(
+        "error: the Python package numpy cannot be imported: libgone.so: no such file. "
+    )
+    assert "Traceback" not in done.stderr
 
 
 def test_a_summary_is_json_whatever_its_numbers() -> None:

@@ -11,6 +11,10 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
+import typer
+
+from vdfmu.cli import main
+from vdfmu.interrupt import Stopped
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="Windows has no such signals for a process")
 
@@ -29,13 +33,10 @@ class Command:
         environment = {**os.environ, "TMPDIR": str(self.temporary)}
         if cache is not None:
             environment["VDFMU_CACHE_DIR"] = cache
-        # a test runner in the background may ignore Ctrl-C, which its children inherit
-        before = signal.signal(signal.SIGINT, signal.default_int_handler)
         self.process = subprocess.Popen(
             [sys.executable, "-m", "vdfmu.cli", *arguments],
             cwd=folder, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
         )  # fmt: skip
-        signal.signal(signal.SIGINT, before)
 
     def wait_for(self, sign: Callable[[], object]) -> None:
         """Wait for a sign that the command has come as far as it should."""
@@ -109,6 +110,35 @@ def test_a_signal_keeps_the_rows_and_the_results_before(start, tmp_path, number)
     assert {path.name: path.read_bytes() for path in folder.iterdir() if path.is_file()} == kept
 
 
+DROPPED = """
+import signal, sys, time
+from vdfmu.cli import commands, main
+def command():
+    try:
+        signal.raise_signal(signal.SIGINT)
+    except:
+        pass
+    time.sleep(60)
+commands.command = command
+main()
+"""
+ENDING = """
+import atexit, signal, sys
+from vdfmu.cli import main
+atexit.register(lambda: [signal.raise_signal(s) for s in (signal.SIGINT, signal.SIGTERM)])
+sys.argv = ["vdfmu", "--version"]
+main()
+"""
+
+
+@pytest.mark.parametrize(("code", "ended", "said"), [(DROPPED, 130, "stopped\n"), (ENDING, 0, "")])
+def test_a_signal_that_a_library_drops_comes_again_and_one_at_the_end_adds_nothing(code, ended, said):
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, timeout=300, check=False
+    )
+    assert (done.returncode, done.stderr) == (ended, said)
+
+
 def test_ctrl_c_before_the_co_simulation_says_so(start):
     command = start("run", "tracking", cache="empty")  # the FMUs must be traced first
     command.wait_for(lambda: command.files("results/tracking"))
@@ -167,3 +197,20 @@ def test_a_killed_run_leaves_the_results_before_and_its_rows(start, tmp_path):
     (rows,) = folder.glob(f"partial_{command.process.pid}/results.csv")
     assert len(rows.read_text().splitlines()) > 3
     assert {path.name: path.read_bytes() for path in folder.iterdir() if path.is_file()} == kept
+
+
+@pytest.mark.parametrize("behind", [ImportError("numpy"), typer.Exit(130)])
+def test_a_signal_that_another_error_hides_is_said(monkeypatch, capsys, behind):
+    """Typer makes an exit without words of it, where it comes while options are read; imports make an ImportError."""
+
+    def command() -> None:
+        try:
+            raise Stopped(signal.SIGTERM)
+        except Stopped:
+            raise behind  # noqa: B904 - as imports of C do
+
+    monkeypatch.setattr("vdfmu.cli.commands.command", command)
+    with pytest.raises(SystemExit) as end:
+        main()
+    assert end.value.code == 128 + signal.SIGTERM
+    assert capsys.readouterr().err == "stopped\n"

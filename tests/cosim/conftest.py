@@ -169,6 +169,14 @@ def fmus(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
         {"bo": ["bi"], "io": ["ii"]},
     )  # fmt: skip
     add(
+        "Loud",  # its libraries warn whoever programs with them
+        [variable("y", "output")],
+        "def calc(self):\n    pass\n"
+        "def do_step(self, t, h):\n    import numpy, warnings\n    numpy.log(numpy.zeros(1))\n"
+        "    numpy.full(1, 1e300) * 1e300\n    warnings.warn('of the user')\n    self._y = t\n    return True\n",
+        {},
+    )
+    add(
         "Derived",
         [
             variable("k", "parameter", start=1.0),

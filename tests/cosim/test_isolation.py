@@ -18,6 +18,7 @@ import pytest
 from vdfmu.cosim import ALGORITHMS, Interrupted, simulate
 from vdfmu.errors import CosimError, UsageError
 from vdfmu.model import load_scenario
+from vdfmu.process import KEPT, SHOWN
 from vdfmu.ssp.write import write_ssp
 from vdfmu.study import check_run
 from vdfmu.study.run import cached_fmus
@@ -36,7 +37,8 @@ XML = """<?xml version="1.0" encoding="UTF-8"?>
     <ScalarVariable name="at" valueReference="101" causality="parameter" variability="fixed"><Real start="{1}"/>
     </ScalarVariable>
   </ModelVariables>
-  <ModelStructure><Outputs><Unknown index="1" dependencies=""/></Outputs></ModelStructure>
+  <ModelStructure><Outputs><Unknown index="1" dependencies=""/></Outputs>
+  <InitialUnknowns><Unknown index="1"/></InitialUnknowns></ModelStructure>
 </fmiModelDescription>"""
 
 
@@ -196,6 +198,98 @@ def test_check_of_a_package_names_the_component_that_ends_the_process(wild, pack
     assert "ed the process (" in problem
 
 
+# ---------------------------------------------------------------- processes of the components
+
+
+@pytest.fixture
+def silent(tmp_path, monkeypatch):
+    """Have each instance start a process whose heart beats every 20 ms; return what says whether all have stopped."""
+    beats = tmp_path / "beats"
+    monkeypatch.setenv("BEATS", str(beats))
+
+    def stopped() -> bool:
+        count = beats.stat().st_size
+        time.sleep(1.0)
+        return count > 0 and beats.stat().st_size == count
+
+    stopped.file = beats
+    return stopped
+
+
+@pytest.mark.parametrize(
+    ("way", "options"),
+    [
+        ("", {}),
+        ("crash", {}),
+        ("leave", {}),
+        ("hang", {"time_limit": 5.0}),
+        ("eat", {"memory_limit": 400.0}),
+    ],
+)
+def test_processes_of_a_component_end_with_the_run(package, silent, way, options):
+    if way:
+        fails(package, way, **options)
+    else:
+        simulate(package, step=0.25, isolate=True)
+    assert silent()
+
+
+@pytest.mark.parametrize("kind", ["FMU", "SSP"])
+@pytest.mark.parametrize("way", ["", "crash", "hang"])
+def test_processes_of_a_component_end_with_the_check(wild, pack, xml, silent, monkeypatch, kind, way):
+    path = wild(way)
+    if kind == "SSP":
+        path = pack([xml.component("unit", "W", "y:output")], extra={"resources/W.fmu": path.read_bytes()})
+    for seconds in (8.0, 60.0):  # on a busy machine the instance may not have been made after the first
+        monkeypatch.setattr(check_run, "SECONDS", seconds)
+        problems = check_run.run_apart(path, kind).problems
+        if silent.file.exists():
+            break
+    assert bool(problems) == bool(way)
+    assert silent()
+
+
+@pytest.mark.parametrize("kind", ["FMU", "SSP"])
+def test_processes_of_a_component_end_with_a_check_that_is_stopped(wild, pack, xml, silent, kind):
+    path = wild("hang")
+    if kind == "SSP":
+        path = pack([xml.component("unit", "W", "y:output")], extra={"resources/W.fmu": path.read_bytes()})
+    check = subprocess.Popen([sys.executable, "-m", "vdfmu.cli", "check", path])
+    while not silent.file.exists() and check.poll() is None:
+        time.sleep(0.05)
+    check.send_signal(signal.SIGINT)
+    assert check.wait(60.0) == 130
+    assert silent()
+
+
+# ---------------------------------------------------------------- what they print
+
+
+def test_what_a_component_prints_is_shown_and_not_executed(package, monkeypatch, capsys):
+    monkeypatch.setenv("WORDS", "\x1b[2J\x1b]0;owned\x07 \xe9")
+    simulate(package, step=0.25)
+    said = capsys.readouterr()
+    assert said.err == 4 * "\\x1b[2J\\x1b]0;owned\\x07 \xe9\n"
+    assert said.out == ""
+
+
+def test_a_flood_of_a_component_is_shown_in_part_and_holds_nothing_up(package, monkeypatch, capsys):
+    """Far more than a pipe holds, 64 KiB: the first `SHOWN` bytes and the last `KEPT`."""
+    monkeypatch.setenv("WORDS", 99_999 * "x")
+    results = simulate(package, step=1.0 / 64.0)
+    assert len(results) == 65
+    said = capsys.readouterr().err
+    left_out = 64 * 100_000 - SHOWN - KEPT
+    assert f"\n... ({left_out} bytes left out)\n" in said
+    assert len(said) < SHOWN + KEPT + 100  # the sentence between them
+
+
+def test_the_last_words_of_a_component_that_crashes_are_shown(package, monkeypatch, capsys):
+    monkeypatch.setenv("WORDS", "assertion failed: \x1b[31mq > 0")
+    fails(package, "crash")
+    assert capsys.readouterr().err.endswith("assertion failed: \\x1b[31mq > 0\n")
+
+
 # ---------------------------------------------------------------- the same otherwise
 
 
@@ -279,3 +373,33 @@ def test_the_command_says_who_ended_the_process_and_keeps_the_rows(package, tmp_
         rows = 5 if "freeInstance" in said else 3
         assert len((tmp_path / "out/partial/results.csv").read_text().splitlines()) == 2 + rows
     assert time.monotonic() - started < 120.0  # a hang of 5 s, thrice the start of Python, on a busy machine
+
+
+def test_a_component_that_ends_the_process_of_the_master_is_named_and_the_rows_are_kept(package, tmp_path):
+    """It calls C's exit, of which Python learns nothing."""
+    (tmp_path / "tmp").mkdir()
+    done = subprocess.run(
+        [sys.executable, "-m", "vdfmu.cli", "simulate", package, "--step", "0.25", "--set", "unit.way=2",
+         "--set", "unit.at=0.5", "--no-isolate", "--out", tmp_path / "out"],
+        capture_output=True, text=True, timeout=300, check=False, env=os.environ | {"TMPDIR": str(tmp_path / "tmp")},
+    )  # fmt: skip
+    (rows,) = (tmp_path / "out").glob("partial_*/results.csv")
+    assert done.returncode == 1
+    assert (
+        done.stderr
+        == f"error: component unit ended the process at t = 0.5 s. The rows so far are in {rows}.\n"
+    )
+    assert len(rows.read_text().splitlines()) == 2 + 3
+    assert list((tmp_path / "tmp").iterdir()) == []
+
+
+def test_after_a_run_the_process_may_end_as_it_likes(package):
+    code = (
+        "import ctypes, sys, vdfmu\n"
+        "for _ in range(3): vdfmu.simulate(sys.argv[1], step=0.25, isolate=False)\n"
+        "ctypes.CDLL(None).exit(5)"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code, package], capture_output=True, text=True, timeout=300, check=False
+    )
+    assert (done.returncode, done.stderr) == (5, "")

@@ -4,7 +4,25 @@ import re
 import tomllib
 from pathlib import Path
 
+import pytest
+
 ROOT = Path(__file__).parents[2]
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+
+
+def locked(name: str) -> list[str]:
+    """Return the lines of a file of `requirements` and of those that it includes, continued ones joined."""
+    text = (ROOT / "requirements" / f"{name}.txt").read_text(encoding="utf-8").replace("\\\n", " ")
+    return [
+        line
+        for entry in text.splitlines()[1:]
+        for line in (locked(entry[3:].removesuffix(".txt")) if entry.startswith("-r ") else [entry])
+    ]
+
+
+def names(entries: list[str]) -> set[str]:
+    """Return the packages of requirements, as an index writes them."""
+    return {re.split(r"[\[<>=; ]", entry)[0].lower().replace("_", "-") for entry in entries} - {"vdfmu"}
 
 
 def test_every_constraint_is_a_name_and_a_version() -> None:
@@ -13,17 +31,41 @@ def test_every_constraint_is_a_name_and_a_version() -> None:
     assert lines == sorted(lines)
 
 
-def test_every_dependency_and_the_tools_of_the_supply_are_pinned() -> None:
-    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-    wanted = [
-        *project["dependencies"],
-        *sum(project["optional-dependencies"].values(), []),
-        "cyclonedx-bom",
-        "pip-audit",
-    ]
-    names = {re.split(r"[\[<>=; ]", entry)[0].lower().replace("_", "-") for entry in wanted} - {"vdfmu"}
-    lines = (ROOT / "constraints.txt").read_text(encoding="utf-8").splitlines()
-    assert names <= {line.partition("==")[0] for line in lines}
+FILES = sorted(path.stem for path in (ROOT / "requirements").glob("*.txt"))
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_every_package_has_the_tested_version_and_hashes_and_no_place(name: str) -> None:
+    constraints = (ROOT / "constraints.txt").read_text(encoding="utf-8").splitlines()[1:]
+    marker = "[a-z_]+ [<>=!]+ '[A-Za-z0-9_.]+'"
+    for line in locked(name):
+        found = re.fullmatch(
+            rf"(\S+==\S+)( ; [()]*{marker}[()]*( (and|or) [()]*{marker}[()]*)*)?( +--hash=sha256:[0-9a-f]{{64}})+",
+            line,
+        )
+        assert found, line
+        assert found[1] in constraints
+
+
+def test_the_files_have_all_that_the_project_and_its_extras_name() -> None:
+    base = names([*PROJECT["build-system"]["requires"], *PROJECT["project"]["dependencies"]])
+    extras = PROJECT["project"]["optional-dependencies"]
+    for name, extra in extras.items():
+        assert base | names(extra) <= names(locked(name)), name
+    supply = names(PROJECT["dependency-groups"]["supply"])
+    assert supply <= names(locked("supply"))
+    assert {"base", "supply", *extras} == set(FILES)
+    constraints = (ROOT / "constraints.txt").read_text(encoding="utf-8").splitlines()[1:]
+    assert set().union(*(names(locked(name)) for name in FILES)) == names(constraints)
+
+
+def test_make_installs_nothing_without_a_hash_but_the_project() -> None:
+    make = (ROOT / "Makefile").read_text(encoding="utf-8")
+    installs = re.findall(r"\$\(PIP_INSTALL\) (.*)", make)
+    assert len(installs) == make.count("pip install") + make.count("$(PIP_INSTALL)") - 1  # its definition
+    project = "--no-deps --no-build-isolation -e ."
+    assert project in installs
+    assert all(line.startswith("--require-hashes -r requirements/") for line in installs if line != project)
 
 
 def test_the_install_without_make_takes_the_tested_versions() -> None:

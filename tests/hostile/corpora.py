@@ -1,5 +1,7 @@
 """All corpora: each module of this folder that has some is named here."""
 
-from . import bombs, models, packages
+from . import bombs, calls, faults, models, packages, runs, signals
 
-CORPORA = [*packages.CORPORA, *bombs.CORPORA, *models.CORPORA]
+CORPORA = [
+    corpus for module in (packages, bombs, models, signals, faults, calls, runs) for corpus in module.CORPORA
+]

@@ -28,9 +28,11 @@ class Corpus:
         ``attempt(number, folder)`` makes an input in an empty folder and hands it to the package. It returns, or
         raises a `VdfmuError` when the input is refused in words; any other exception is a failure.
     quick : int
-        How many `make test` makes.
+        How many `make test` makes; 0 if it has a test of its own for a smaller attempt.
     seconds : float
         Most time that one try may take; one that takes longer is a failure.
+    each : int
+        What a try counts for in the table: the calls or runs that it makes.
     """
 
     name: str
@@ -38,6 +40,7 @@ class Corpus:
     attempt: Callable[[int, Path], object]
     quick: int = 25
     seconds: float = 10.0
+    each: int = 1
 
 
 @dataclass
@@ -52,9 +55,9 @@ class Row:
     examples: list[str] = field(default_factory=list)
 
 
-def tried(corpus: Corpus, numbers: Iterable[int]) -> Row:
-    """Make the tries of these numbers and count what came of them."""
-    row = Row(corpus.name)
+def tried(corpus: Corpus, numbers: Iterable[int], row: Row | None = None) -> Row:
+    """Make the tries of these numbers and count what came of them, in a row that may be looked at before the end."""
+    row = Row(corpus.name) if row is None else row
     for number in numbers:
         fault = ""
         with tempfile.TemporaryDirectory(prefix="vdfmu_hostile_") as folder:
@@ -68,7 +71,7 @@ def tried(corpus: Corpus, numbers: Iterable[int]) -> Row:
             except Exception as error:  # whatever it is, no input may cause it
                 fault = f"{type(error).__name__}: {error}"
             seconds = time.perf_counter() - begin
-        row.tries += 1
+        row.tries += corpus.each
         row.slowest = max(row.slowest, seconds)
         if not fault and seconds > corpus.seconds:
             fault = f"takes {seconds:.1f} s; expected at most {corpus.seconds:g} s"
@@ -82,7 +85,8 @@ def tried(corpus: Corpus, numbers: Iterable[int]) -> Row:
 def table(rows: Iterable[Row]) -> str:
     """Return the rows as a table of Markdown."""
     head = (
-        "| corpus | tries | refused in words | failures | slowest [s] |\n| --- | ---: | ---: | ---: | ---: |"
+        "| corpus | tries | refused or stopped in words | failures | slowest [s] |\n"
+        "| --- | ---: | ---: | ---: | ---: |"
     )
     lines = [f"| {r.name} | {r.tries} | {r.refused} | {r.failures} | {r.slowest:.2g} |" for r in rows]
     return "\n".join([head, *lines])

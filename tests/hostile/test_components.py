@@ -15,6 +15,7 @@ from vdfmu.cosim.component import MessageBox, _boxes, _on_message
 from vdfmu.fmu import build_fmus
 from vdfmu.fmu.archive import pack_zip
 from vdfmu.model import Robot
+from vdfmu.process import KEPT
 from vdfmu.study import check_run
 from vdfmu.study.check import inspect_file
 from vdfmu.study.findings import Findings
@@ -84,7 +85,7 @@ def test_a_flood_of_output_is_not_kept(unit, monkeypatch):
     (problem,) = check_run.run_apart(unit(CODE["flood"])).problems
     assert problem.startswith("the process crashed (exit code 3) in a run of 10 steps: ")
     ((_, words),) = kept
-    assert len(words) <= check_run._KEPT  # of 12 MB
+    assert len(words) <= KEPT  # of 12 MB
 
 
 def test_memory_is_limited(unit, monkeypatch):

@@ -10,10 +10,10 @@ from .corpora import CORPORA
 from .table import Corpus, table, tried
 
 
-@pytest.mark.parametrize("corpus", CORPORA, ids=lambda corpus: corpus.name)
+@pytest.mark.parametrize("corpus", [one for one in CORPORA if one.quick], ids=lambda corpus: corpus.name)
 def test_hostile_inputs_are_read_or_refused_in_words(corpus: Corpus) -> None:
     row = tried(corpus, range(corpus.quick))
-    assert (row.tries, row.examples) == (corpus.quick, [])
+    assert (row.tries, row.examples) == (corpus.quick * corpus.each, [])
 
 
 def test_the_table_counts_failures() -> None:

@@ -176,12 +176,9 @@ def sanitized(
 
     @cache
     def make(unit: str, version: str = "2.0") -> list[Path]:
-        gcc, folder = program("gcc", "gcc"), model(unit, version).folder / "sources"
-        out = tmp_path_factory.mktemp("sanitized")
-        files = sorted(folder.glob("*.c"))
-        flags = (*GCC, *SANITIZERS, "-DDISABLE_PREFIX", "-ffp-contract=off", f"-I{folder}")
-        run([gcc, *flags, "-c", *files], seconds=300, cwd=out)
-        return sorted(out.glob("*.o"))
+        return sanitized_objects(
+            model(unit, version).folder / "sources", tmp_path_factory.mktemp("sanitized")
+        )
 
     return make
 
@@ -208,6 +205,20 @@ def driver(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Path]:
         return path
 
     return make
+
+
+def sanitized_objects(sources: Path, out: Path) -> list[Path]:
+    """Compile the sources of a unit with gcc and its sanitizers."""
+    flags = (*GCC, *SANITIZERS, "-DDISABLE_PREFIX", "-ffp-contract=off", f"-I{sources}")
+    run([program("gcc", "gcc"), *flags, "-c", *sorted(sources.glob("*.c"))], seconds=300, cwd=out)
+    return sorted(out.glob("*.o"))
+
+
+def fuzz_program(sources: Path, objects: list[Path], version: str, target: Path) -> Path:
+    """Compile fuzz.c for a unit and link it with the objects of the unit; ``fuzz CALLS SEED``."""
+    run([program("gcc", "gcc"), *GCC, *SANITIZERS, *version_flags(version), "-DMAIN", f"-I{sources}",
+         HERE / "fuzz.c", *objects, "-o", target, "-lm"])  # fmt: skip
+    return target
 
 
 SANITIZERS = (

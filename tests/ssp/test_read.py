@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from vdfmu.errors import SspError
-from vdfmu.ssp import archive, load_ssp
+from vdfmu.ssp import limits, load_ssp
 from vdfmu.ssp.read import read_system
 
 HEAD = (
@@ -53,13 +53,13 @@ def test_entries_outside_the_package_are_refused(tmp_path, name):
 
 
 def test_large_members_are_refused(tmp_path, monkeypatch):
-    monkeypatch.setattr(archive, "MEMBER_LIMIT", 1000)
+    monkeypatch.setattr(limits, "MEMBER_LIMIT", 1000)
     path = write(tmp_path / "x.ssp", system(), {"big": bytes(1001), "ok": bytes(1000)})
     assert problems(path) == ["x.ssp: entry 'big' has 1001 bytes; the limit is 1000"]
 
 
 def test_a_large_sum_of_members_is_refused(tmp_path, monkeypatch):
-    monkeypatch.setattr(archive, "TOTAL_LIMIT", 1500)
+    monkeypatch.setattr(limits, "TOTAL_LIMIT", 1500)
     path = write(tmp_path / "x.ssp", system(), {"one": bytes(1000), "two": bytes(1000)})
     assert "the limit is 1500" in problems(path)[0]
 

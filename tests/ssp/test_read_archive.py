@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from vdfmu.errors import SspError
-from vdfmu.ssp import archive, load_ssp
+from vdfmu.ssp import limits, load_ssp
 from vdfmu.ssp.archive import Archive
 
 SPACES = "".join(
@@ -134,7 +134,7 @@ def test_a_false_declared_size_unpacks_no_more_than_it_says(tmp_path):
 
 
 def test_too_many_entries_are_refused(tmp_path, monkeypatch):
-    monkeypatch.setattr(archive, "COUNT_LIMIT", 10)
+    monkeypatch.setattr(limits, "COUNT_LIMIT", 10)
     path = write(tmp_path / "x.ssp", members={f"resources/{i}": b"" for i in range(10)})
     assert problems(path) == ["x.ssp: has 11 entries; the limit is 10"]
 
@@ -219,14 +219,14 @@ def test_a_source_is_decoded_once(tmp_path):
 def test_packages_inside_packages_have_a_limit(tmp_path):
     data = write(tmp_path / "0.ssp", component("a.fmu"), {"a.fmu": b""}).read_bytes()
     inner = '<ssd:Elements><ssd:Component name="a" type="application/x-ssp-package" source="in.ssp"/></ssd:Elements>'
-    for depth in range(archive.NESTING_LIMIT + 1):
+    for depth in range(limits.NESTING_LIMIT + 1):
         path = write(tmp_path / f"{depth}.ssp", inner, {"in.ssp": data})
-        if depth == archive.NESTING_LIMIT - 1:
-            name = ".".join(["a"] * (archive.NESTING_LIMIT + 1))
+        if depth == limits.NESTING_LIMIT - 1:
+            name = ".".join(["a"] * (limits.NESTING_LIMIT + 1))
             assert [c.name for c in load_ssp(path).components] == [name]
         data = path.read_bytes()
     (found,) = problems(path)
-    assert f"is a package inside {archive.NESTING_LIMIT} others; that is the limit" in found
+    assert f"is a package inside {limits.NESTING_LIMIT} others; that is the limit" in found
 
 
 def test_a_package_inside_is_held_to_the_same_rules(tmp_path):

@@ -14,7 +14,7 @@ import pytest
 
 import vdfmu
 from vdfmu.errors import SspError
-from vdfmu.ssp import archive, load_ssp
+from vdfmu.ssp import limits, load_ssp
 from vdfmu.study.check import check_file
 
 SPACE = "http://ssp-standard.org/SSP1/SystemStructureDescription"
@@ -76,7 +76,7 @@ def problems(path: Path) -> list[str]:
 @pytest.mark.parametrize("way", WAYS)
 def test_references_that_multiply_are_stopped(tmp_path, monkeypatch, way):
     """8 levels with 10 references each are 10**8 elements; the file has some hundred."""
-    monkeypatch.setattr(archive, "ELEMENT_LIMIT", 1000)  # for speed
+    monkeypatch.setattr(limits, "ELEMENT_LIMIT", 1000)  # for speed
     path = chain(tmp_path / "x.ssp", way, levels=8, fan=10)
     (found,) = problems(path)
     assert "the system has more than 1000 elements" in found
@@ -87,23 +87,23 @@ def test_references_that_multiply_are_stopped(tmp_path, monkeypatch, way):
 @pytest.mark.parametrize("way", ["definition", "package"])
 def test_the_limit_counts_every_element_once(tmp_path, monkeypatch, way):
     path = chain(tmp_path / "x.ssp", way, levels=2, fan=3)  # 3 elements with 3 each
-    monkeypatch.setattr(archive, "ELEMENT_LIMIT", 12)
+    monkeypatch.setattr(limits, "ELEMENT_LIMIT", 12)
     assert load_ssp(path).components == ()
-    monkeypatch.setattr(archive, "ELEMENT_LIMIT", 11)
+    monkeypatch.setattr(limits, "ELEMENT_LIMIT", 11)
     assert "more than 11 elements" in problems(path)[0]
 
 
 @pytest.mark.parametrize("way", ["definition", "id"])
 def test_a_chain_of_references_has_a_limit(tmp_path, way):
     """Of an SSD with systems of its own, those count as well; packages have a lower limit of their own."""
-    assert load_ssp(chain(tmp_path / "x.ssp", way, archive.DEPTH_LIMIT, 1)).components == ()
+    assert load_ssp(chain(tmp_path / "x.ssp", way, limits.DEPTH_LIMIT, 1)).components == ()
     (found,) = problems(chain(tmp_path / "y.ssp", way, 400, 1))
     assert "more than 32 systems inside each other; that is the limit (DEPTH_LIMIT)" in found
 
 
 def test_systems_written_in_systems_have_the_same_limit(tmp_path):
     text = ""
-    for _ in range(archive.DEPTH_LIMIT + 1):
+    for _ in range(limits.DEPTH_LIMIT + 1):
         text = f'<ssd:System name="s"><ssd:Elements>{text}</ssd:Elements></ssd:System>'
     path = tmp_path / "x.ssp"
     path.write_bytes(pack({"SystemStructure.ssd": ssd(text.replace("<ssd:Elements></ssd:Elements>", ""))}))
@@ -111,7 +111,7 @@ def test_systems_written_in_systems_have_the_same_limit(tmp_path):
 
 
 def test_ssp_2_has_the_same_limits(tmp_path, monkeypatch):
-    monkeypatch.setattr(archive, "ELEMENT_LIMIT", 1000)
+    monkeypatch.setattr(limits, "ELEMENT_LIMIT", 1000)
     path = chain(tmp_path / "x.ssp", "definition", levels=8, fan=10)
     with zipfile.ZipFile(path) as file:
         members = {n: file.read(n).replace(b'version="1.0"', b'version="2.0"') for n in file.namelist()}
@@ -138,7 +138,7 @@ def nested(path: Path, count: int) -> Path:
 
 def test_what_packages_inside_unpack_to_counts(tmp_path, monkeypatch):
     """Each by itself is below the limit; the fourth is not read."""
-    monkeypatch.setattr(archive, "TOTAL_LIMIT", 2_000_000)
+    monkeypatch.setattr(limits, "TOTAL_LIMIT", 2_000_000)
     found = problems(nested(tmp_path / "x.ssp", 4))
     assert "x.ssp: has more than 2000000 bytes unpacked, those of packages inside it" in found[-1]
     assert "--unpack-limit, or vdfmu.package_limit in Python" in found[-1]
@@ -147,19 +147,19 @@ def test_what_packages_inside_unpack_to_counts(tmp_path, monkeypatch):
 
 
 def test_what_is_taken_into_memory_counts_each_time(tmp_path, monkeypatch):
-    monkeypatch.setattr(archive, "MEMORY_LIMIT", 1_500_000)
+    monkeypatch.setattr(limits, "MEMORY_LIMIT", 1_500_000)
     assert "has more than 1500000 bytes of XML" in problems(nested(tmp_path / "x.ssp", 4))[-1]
 
 
 def test_packages_inside_have_a_limit_in_number(tmp_path, monkeypatch):
-    monkeypatch.setattr(archive, "PACKAGE_LIMIT", 3)
+    monkeypatch.setattr(limits, "PACKAGE_LIMIT", 3)
     assert "x.ssp: has more than 3 packages inside it; that is the limit" in problems(
         nested(tmp_path / "x.ssp", 4)
     )
 
 
 def test_a_long_directory_is_refused_before_it_is_read(tmp_path, monkeypatch):
-    monkeypatch.setattr(archive, "DIRECTORY_LIMIT", 100)
+    monkeypatch.setattr(limits, "DIRECTORY_LIMIT", 100)
     (found,) = problems(chain(tmp_path / "x.ssp", "definition", levels=8, fan=1))
     assert "bytes; the limit is 100. Pack fewer files" in found
 

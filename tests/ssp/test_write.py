@@ -11,8 +11,8 @@ from vdfmu.fmu import build_fmus
 from vdfmu.fmu.interface import interface
 from vdfmu.model import load_scenario
 from vdfmu.ssp import load_ssp
-from vdfmu.ssp.archive import parse_ssp_xml
 from vdfmu.ssp.parameters import override, system_values
+from vdfmu.ssp.parse import parse_ssp_xml
 from vdfmu.ssp.system_file import units_of
 from vdfmu.ssp.write import write_ssp
 

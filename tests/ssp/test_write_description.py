@@ -5,10 +5,10 @@ import dataclasses
 import pytest
 
 from vdfmu.model import load_scenario
-from vdfmu.ssp.archive import NAMESPACES
 from vdfmu.ssp.description import SystemDescription
 from vdfmu.ssp.geometry import route
 from vdfmu.ssp.parameters import robot_parameters, system_values
+from vdfmu.ssp.parse import NAMESPACES
 from vdfmu.ssp.structure_file import structure_file
 
 SCENARIOS = ["estimation", "planar_tracking", "slider_tracking", "tracking", "two_joint"]

@@ -14,6 +14,7 @@ from vdfmu.fmu import build_fmus
 from vdfmu.model import load_robot
 from vdfmu.study import check_run
 from vdfmu.study.check import check_file, inspect_file
+from vdfmu.study.check_unit import NOT_RUN
 
 
 @pytest.fixture(scope="module")
@@ -112,21 +113,25 @@ def test_a_missing_file_is_a_wrong_option(tmp_path):
         check_file(tmp_path / "missing.fmu")
 
 
-def test_rules_and_a_failing_run_come_at_once(changed):
-    path = changed(SCRIPT)
-    with zipfile.ZipFile(path) as archive:
+def test_what_breaks_a_rule_is_not_run(changed):
+    """A script that would end the process, which a fault of the description keeps from being run."""
+    code = {SCRIPT: "import os\nos._exit(0)\n"}
+    with zipfile.ZipFile(changed("none", code)) as archive:
         text = archive.read("modelDescription.xml").replace(b'unit="rad/s"', b'unit="rad/h"')
-    problems = check_file(changed(SCRIPT, {"modelDescription.xml": text}))
-    assert problems[0].startswith('The unit "rad/h" of variable ')
-    assert "10 steps" in problems[-1]
+    report = inspect_file(changed("none", {**code, "modelDescription.xml": text}))
+    assert report.problems and not report.ran
+    assert all(p.startswith('The unit "rad/h" of variable ') for p in report.problems)
+    assert report.notes == [NOT_RUN]
 
 
 def test_a_binary_that_is_none_is_found_without_running_it(changed):
     with zipfile.ZipFile(changed("none")) as archive:
         (name,) = (n for n in archive.namelist() if n.endswith("linux64/Plant.so"))
     path = changed("none", {name: b"no library"})
-    assert check_file(path, run=False) == [f"{name}: is no shared library of the kind its name says"]
-    assert len(check_file(path)) == 2
+    for run in (False, True):
+        report = inspect_file(path, run=run)
+        assert report.problems == [f"{name}: is no shared library of the kind its name says"]
+        assert not report.ran
     (problem,) = check_file(changed(name, {}), run=False)
     assert problem.startswith("no binary for this platform")
 
@@ -213,3 +218,4 @@ def test_a_version_or_experiment_that_is_odd_is_told_and_not_run(fmus, changed, 
     report = inspect_file(changed("\0", {"modelDescription.xml": text}))
     assert any(said in problem for problem in report.problems)
     assert not report.ran
+    assert report.notes[-1] == NOT_RUN

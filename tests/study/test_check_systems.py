@@ -1,5 +1,6 @@
 """`vdfmu check` on systems, on reference results, and as JSON."""
 
+import io
 import json
 import subprocess
 import sys
@@ -14,6 +15,7 @@ from vdfmu.model import load_scenario
 from vdfmu.ssp.parameters import system_values
 from vdfmu.ssp.write import write_ssp
 from vdfmu.study.check import check_file, inspect_file
+from vdfmu.study.check_unit import NOT_RUN
 
 REFERENCE = "extra/org.fmi-standard.fmi-ls-ref/"
 
@@ -70,6 +72,20 @@ def test_a_table_that_the_manifest_names_and_is_missing_is_a_note(fmus, tmp_path
     assert report.notes == [
         f"Plant_out.csv: not compared: {REFERENCE}fmi-ls-manifest.xml names it, and the FMU does not have it"
     ]
+
+
+def test_a_system_with_a_faulty_fmu_is_not_run(package, tmp_path):
+    content = members(package)
+    name = next(n for n in content if n.endswith("Plant.fmu"))
+    with zipfile.ZipFile(io.BytesIO(content[name])) as archive:
+        inner = {n: archive.read(n) for n in archive.namelist()}
+    text = inner["modelDescription.xml"].replace(b'unit="rad/s"', b'unit="rad/h"')
+    pack_zip(tmp_path / "Plant.fmu", inner | {"modelDescription.xml": text})
+    pack_zip(tmp_path / "x.ssp", content | {name: (tmp_path / "Plant.fmu").read_bytes()})
+    report = inspect_file(tmp_path / "x.ssp")
+    assert any('The unit "rad/h" of variable ' in problem for problem in report.problems)
+    assert not report.ran
+    assert report.notes[-1] == NOT_RUN
 
 
 def test_a_system_is_checked_as_package_and_as_folder(package, tmp_path):

@@ -13,7 +13,7 @@ import pytest
 import vdfmu
 from vdfmu.cosim import Results
 from vdfmu.cosim.exchange import Exchange
-from vdfmu.cosim.reference import Reference
+from vdfmu.cosim.reference import BLOCK, Reference
 from vdfmu.errors import CosimError, ModelError, UsageError
 from vdfmu.model import load_scenario
 from vdfmu.report.sheets import reference_sheet
@@ -137,9 +137,11 @@ def with_references(monkeypatch, folder, change):
             package, start=0.0, stop=stop, step=step, algorithm="gauss-seidel", parameters=parameters
         )
         x = np.hstack([r.array(f"plant.{key}") for key in ("q", "q_dot", "kappa_dot", "kappa_dot")])
-        return Reference(name, r.time, x, r.array("controller.tau"), r.array("controller.tau_m"))
+        whole = (r.time, x, r.array("controller.tau"), r.array("controller.tau_m"))
+        for first in range(0, len(r), BLOCK):
+            yield Reference(name, *(array[first : first + BLOCK] for array in whole))
 
-    monkeypatch.setattr(sys.modules[cached_fmus.__module__], "reference", reference)
+    monkeypatch.setattr(sys.modules[cached_fmus.__module__], "reference_blocks", reference)
 
 
 def test_a_chaotic_loop_is_compared_by_its_statistics(tmp_path, monkeypatch):

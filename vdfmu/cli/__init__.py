@@ -7,37 +7,62 @@ SIGHUP.
 from __future__ import annotations
 
 import os
+import signal
 import sys
+from contextlib import suppress
 
-from vdfmu.interrupt import listening
+from vdfmu import __version__
+from vdfmu.interrupt import command_begins, command_ended
+from vdfmu.text import shown, told
 
 __all__ = ["main"]
 
 
 def main() -> None:
-    """Entry point: signals end the command from here on, while its modules are imported too."""
-    with listening():
-        try:
-            from vdfmu.cli.commands import command
+    """Entry point: signals end the command from here on, while its modules are imported too. Python ends with it."""
+    command_begins()
+    try:
+        from vdfmu.cli.commands import command
 
-            command()
-        except BaseException as error:
-            number = _signal_behind(error)
-            if not number:
-                raise
-            if isinstance(error, KeyboardInterrupt):
-                sys.stderr.write("stopped\n")
+        command()
+    except BaseException as error:
+        stop = _stop_behind(error)
+        if stop is not None:
+            with suppress(OSError):
+                sys.stderr.write(f"stopped: {shown(told(stop))}\n" if told(stop) else "stopped\n")
             _flush()
-            sys.exit(128 + number)
+        elif isinstance(error, ImportError):
+            _say_missing(error)
+        command_ended()
+        if stop is not None:
+            sys.exit(128 + getattr(stop, "number", signal.SIGINT))
+        raise
 
 
-def _signal_behind(error: BaseException | None) -> int:
-    """Return the signal of which an error is the consequence, such as that of a terminal that is gone; else 0."""
-    while error is not None:
-        if isinstance(error, KeyboardInterrupt):
-            return getattr(error, "number", 0)
+def _say_missing(error: ImportError) -> None:
+    """End for want of a package, unless it is our own; the version needs none."""
+    package = (error.name or str(error)).partition(".")[0]
+    if package == "vdfmu":
+        return
+    if sys.argv[1:] == ["--version"]:
+        sys.stdout.write(f"vdfmu {__version__}\n")
+        sys.exit(0)
+    missing = isinstance(error, ModuleNotFoundError)
+    sys.stderr.write(
+        f"error: the Python package {package} {'is not installed' if missing else f'cannot be imported: {error}'}. "
+        f"Install it, or vdfmu with all that it needs: {sys.executable} -m pip install {package}\n"
+    )
+    sys.exit(1)
+
+
+def _stop_behind(error: BaseException | None) -> KeyboardInterrupt | None:
+    """Return the signal of which an error is the consequence, such as that of a terminal that is gone.
+
+    Typer makes an exit of it, without a word.
+    """
+    while error is not None and not isinstance(error, KeyboardInterrupt):
         error = error.__cause__ or error.__context__
-    return 0
+    return error
 
 
 def _flush() -> None:

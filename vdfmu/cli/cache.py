@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import typer
 
 from vdfmu.cli.terminal import say
-from vdfmu.kernel.cache import COMPILER, Entry, cache_folder, clear, entries, limit
+
+if TYPE_CHECKING:
+    from vdfmu.kernel.cache import Entry
 
 app = typer.Typer(help="Show the cache of what was built, or clear it.")
 
@@ -13,6 +17,8 @@ app = typer.Typer(help="Show the cache of what was built, or clear it.")
 @app.callback(invoke_without_command=True, epilog="Example: [bold]vdfmu cache[/bold]")
 def show(context: typer.Context) -> None:
     """Show the cache of what was built: its folder, entries and size."""
+    from vdfmu.kernel.cache import COMPILER, cache_folder, entries, limit
+
     if context.invoked_subcommand is None:
         folder = cache_folder()
         found = entries(folder)
@@ -25,6 +31,8 @@ def show(context: typer.Context) -> None:
 @app.command("clear", epilog="Example: [bold]vdfmu cache clear[/bold]")
 def clear_cache() -> None:
     """Remove all entries; what the compiler keeps for itself stays."""
+    from vdfmu.kernel.cache import cache_folder, clear
+
     removed = clear(cache_folder())
     say(f"Removed {len(removed)} entries, {_size(removed)}.")
 

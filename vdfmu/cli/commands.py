@@ -13,7 +13,7 @@ import typer
 
 from vdfmu import __version__
 from vdfmu.cli import cache, files, models, runs
-from vdfmu.cli.terminal import console, fail, stoppable
+from vdfmu.cli.terminal import console, fail
 from vdfmu.errors import ModelError, SspError, UsageError, VdfmuError
 
 __all__ = ["app", "command"]
@@ -33,7 +33,7 @@ for function, example in (
     (files.ssp, "vdfmu ssp two_joint --format 2.0 --out two_joint.ssp"),
     (files.check, "vdfmu check fmus/Plant.fmu"),
 ):
-    app.command(epilog=f"Example: [bold]{example}[/bold]")(stoppable(function))
+    app.command(epilog=f"Example: [bold]{example}[/bold]")(function)
 app.add_typer(models.app, name="models")
 app.add_typer(cache.app, name="cache")
 
@@ -61,14 +61,12 @@ def command() -> None:
         logging.getLogger(speaks).addHandler(logging.NullHandler())
     if not sys.warnoptions:  # what libraries warn their programmers of is no message of a command
         warnings.simplefilter("ignore")
+        os.environ["PYTHONWARNINGS"] = "ignore"  # in the processes of isolated components too
     for stream in (sys.stdout, sys.stderr):  # of any encoding, such as ASCII
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")
     try:
         app()
-    except ModuleNotFoundError as error:
-        package = (error.name or str(error)).partition(".")[0]
-        fail(f"the Python package {package} is not installed. Install vdfmu again with pip.", 1)
     except MemoryError:
         fail("the memory does not hold it: choose fewer steps or signals.", 1)
     except (UsageError, ModelError, SspError) as error:

@@ -23,8 +23,6 @@ from vdfmu.cli.terminal import (
     say_notes,
 )
 from vdfmu.errors import StorageError
-from vdfmu.model import load_scenario
-from vdfmu.model.check import model_notes
 
 
 def build(
@@ -44,6 +42,8 @@ def build(
     """Build the FMUs of a scenario's system, with the scenario's values as start values."""
     from vdfmu.fmu import build_fmus
     from vdfmu.fmu.build import build_notes
+    from vdfmu.model import load_scenario
+    from vdfmu.model.check import model_notes
     from vdfmu.ssp.parameters import system_values
     from vdfmu.ssp.system_file import units_of
 
@@ -70,18 +70,18 @@ def container(
     settings: SetOption = None,
 ) -> None:
     """Fold the system of a scenario into one native FMU that steps its units without a master."""
-    import tempfile
-
     from vdfmu.cosim.container import write_container
     from vdfmu.fmu.build import build_notes
+    from vdfmu.model.check import model_notes
     from vdfmu.ssp.parameters import system_values
     from vdfmu.ssp.write import write_ssp
     from vdfmu.study.run import cached_fmus, prepare
+    from vdfmu.temporary import temporary_folder
 
     chosen = prepare(scenario, robot=robot, step=step)
     say_notes([*model_notes(chosen), *build_notes(chosen.robot, "native")])
     values = system_values(chosen, parse_settings(settings))
-    with tempfile.TemporaryDirectory(prefix="vdfmu_") as folder:
+    with temporary_folder("vdfmu_") as folder:
         package = write_ssp(
             chosen, cached_fmus(chosen, folder, "native"), Path(folder) / "system.ssp", values
         )
@@ -112,20 +112,21 @@ def ssp(
 
     The FMUs have the scenario's values as start values too, for importers that do not apply all parameter sets.
     """
-    import tempfile
-
     from vdfmu.fmu import build_fmus
     from vdfmu.fmu.build import build_notes
+    from vdfmu.model import load_scenario
+    from vdfmu.model.check import model_notes
     from vdfmu.ssp.parameters import system_values
     from vdfmu.ssp.system_file import units_of
     from vdfmu.ssp.versions import fmi_of_format
     from vdfmu.ssp.write import write_osp, write_ssp
+    from vdfmu.temporary import temporary_folder
 
     fmi_version = fmi_of_format(form, backend)
     chosen = load_scenario(scenario, robot)
     say_notes([*model_notes(chosen), *build_notes(chosen.robot, backend)])
     values = system_values(chosen, parse_settings(settings))
-    with tempfile.TemporaryDirectory(prefix="vdfmu_") as folder:
+    with temporary_folder("vdfmu_") as folder:
         units = units_of(chosen)
         fmus = build_fmus(
             chosen.robot, folder, units=units, start_values=values, backend=backend, fmi_version=fmi_version
@@ -147,12 +148,12 @@ def check(
 
     Steps run code of the file, in a process of its own that is limited in time and memory; not with --no-run.
     """
-    from vdfmu.ssp.archive import package_limit
+    from vdfmu.ssp.limits import package_limit
     from vdfmu.study.check import inspect_file
 
     if not no_run:
         errors.print(
-            f"note: runs code of {file}, in a process of its own; --no-run reads only",
+            f"note: runs code of {file}, unless reading finds problems, in a process of its own; --no-run reads only",
             markup=False, soft_wrap=True,
         )  # fmt: skip
     try:

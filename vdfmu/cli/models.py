@@ -9,8 +9,6 @@ from rich.markup import escape
 from rich.table import Table
 
 from vdfmu.cli.terminal import console, say
-from vdfmu.model import load_robot, load_scenario, robot_names, scenario_names
-from vdfmu.model.robot import LIMIT_KEYS
 
 app = typer.Typer(no_args_is_help=True, help="List and show robots and scenarios.")
 
@@ -18,6 +16,8 @@ app = typer.Typer(no_args_is_help=True, help="List and show robots and scenarios
 @app.command("list", epilog="Example: [bold]vdfmu models list[/bold]")
 def list_models() -> None:
     """List the robots and scenarios that travel with the package."""
+    from vdfmu.model import load_robot, load_scenario, robot_names, scenario_names
+
     for title, names, load in (
         ("Robots", robot_names(), load_robot),
         ("Scenarios", scenario_names(), load_scenario),
@@ -34,6 +34,8 @@ def show_model(
 ) -> None:
     """Show a robot's parameters with their sources, or a scenario's file."""
     from vdfmu.data import data_path
+    from vdfmu.model import load_robot, scenario_names
+    from vdfmu.model.robot import LIMIT_KEYS
 
     if name in scenario_names():
         say((data_path("models") / "scenarios" / f"{name}.toml").read_text(encoding="utf-8"))

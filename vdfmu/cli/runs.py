@@ -20,11 +20,10 @@ from vdfmu.cli.terminal import (
     say,
 )
 from vdfmu.errors import UsageError
-from vdfmu.model.scenario import MASTERS
 
 StepOption = Annotated[float | None, typer.Option(help="Communication step in seconds.")]
 StopOption = Annotated[float | None, typer.Option(help="End of the run in seconds.")]
-MasterOption = Annotated[str | None, typer.Option(help=f"{', '.join(MASTERS[:-1])} or {MASTERS[-1]}.")]
+MasterOption = Annotated[str | None, typer.Option(help="gauss-seidel, jacobi, extrapolated or iterative.")]
 AdaptiveOption = Annotated[
     float | None,
     typer.Option(
@@ -150,7 +149,7 @@ def simulate(
     Start, stop, step and master that are not given are those of the package's default experiment and its annotations.
     """
     from vdfmu.report import tables
-    from vdfmu.ssp.archive import package_limit
+    from vdfmu.ssp.limits import package_limit
     from vdfmu.study.folder import SYSTEM_OUTPUTS
     from vdfmu.study.system import default_folder, run_system
 

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import re
-import signal
 import sys
-from collections.abc import Callable, Iterable, Sequence
-from functools import wraps
+from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING, Annotated, Any, NoReturn
 
 import typer
@@ -16,14 +14,14 @@ from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedCo
 from rich.segment import Segment
 
 from vdfmu.errors import UsageError
-from vdfmu.text import shown
+from vdfmu.text import shown, told
 
 if TYPE_CHECKING:
     from vdfmu.cosim import LogMessage
 
 __all__ = [
     "BackendOption", "Bars", "RobotOption", "ScenarioArgument", "SetOption", "UnpackOption", "console", "errors",
-    "fail", "parse_settings", "say", "say_notes", "stoppable",
+    "fail", "parse_settings", "say", "say_notes",
 ]  # fmt: skip
 
 
@@ -82,27 +80,6 @@ UnpackOption = Annotated[
 ]
 
 
-def stoppable(command: Callable[..., None]) -> Callable[..., None]:
-    """Say that a signal stopped a command; typer would end the program without a word."""
-
-    @wraps(command)
-    def stoppable(*args: Any, **kwargs: Any) -> None:
-        try:
-            command(*args, **kwargs)
-        except KeyboardInterrupt as stopped:
-            told = _told(stopped)
-            errors.print(f"stopped: {told}" if told else "stopped", markup=False, soft_wrap=True)
-            raise typer.Exit(128 + getattr(stopped, "number", signal.SIGINT)) from None
-
-    return stoppable
-
-
-def _told(error: object) -> str:
-    """Return what an error says, with what was added to it on its way."""
-    notes = getattr(error, "__notes__", [])
-    return ". ".join([*filter(None, [str(error).removesuffix(".")]), *notes]) if notes else str(error)
-
-
 def say(text: str) -> None:
     """Print a line that may hold a path: unbroken, so that it can be copied or read by a program."""
     console.print(text, markup=False, soft_wrap=True)
@@ -127,7 +104,7 @@ def parse_settings(items: list[str] | None) -> dict[str, str]:
 
 def fail(error: object, code: int) -> NoReturn:
     """Say what is wrong and end."""
-    errors.print(f"[red]error:[/red] {escape(_told(error))}", soft_wrap=True)
+    errors.print(f"[red]error:[/red] {escape(told(error))}", soft_wrap=True)
     sys.exit(code)
 
 

@@ -10,7 +10,6 @@ import dataclasses
 import math
 import os
 import re
-import tempfile
 import uuid
 import zipfile
 from collections.abc import Callable, Sequence
@@ -40,6 +39,7 @@ from vdfmu.ssp.read import load_ssp
 from vdfmu.ssp.structure import Component as Component_
 from vdfmu.ssp.structure import Connection as Connection_
 from vdfmu.ssp.structure import Parameter, System
+from vdfmu.temporary import temporary_folder
 
 __all__ = ["simulate_container", "write_container"]
 
@@ -91,7 +91,7 @@ def write_container(
         )
     path = Path(path)
     try:
-        with tempfile.TemporaryDirectory(prefix="vdfmu_container_") as folder:
+        with temporary_folder("vdfmu_container_") as folder:
             _write(checked, path, step, Path(folder))
     except OSError as error:
         raise FmuError(f"{path}: cannot be written: {error}. Choose another folder or free space.") from error
@@ -278,7 +278,7 @@ def simulate_container(
         raise UsageError(f"step: expected a multiple of the container's step {inside:g} s, got {step:g} s.")
     member = f"resources/{container.name}"
     links = system.connections if step < 1.5 * inside else ()
-    with tempfile.TemporaryDirectory(prefix="vdfmu_container_") as folder:
+    with temporary_folder("vdfmu_container_") as folder:
         package = Path(folder) / f"{container.stem}.ssp"
         pack_zip(package, {member: container.read_bytes()})
         # nothing feeds its inputs, as nothing feeds those of the units inside: they keep the values of the system

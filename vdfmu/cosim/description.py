@@ -11,7 +11,8 @@ import fmpy
 from fmpy.model_description import ModelDescription, ValidationError, read_model_description
 
 from vdfmu.errors import SspError
-from vdfmu.ssp.archive import Archive, parse_xml
+from vdfmu.ssp.archive import Archive
+from vdfmu.ssp.parse import parse_xml
 from vdfmu.ssp.structure import BASE_UNITS, Unit
 
 

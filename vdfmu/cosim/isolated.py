@@ -2,7 +2,8 @@
 
 Master and process share the memory of the `Exchange`: a step is one message to the process and one back, whatever the
 number of components. In that memory the process also notes which component it calls, so that the master can name it.
-Messages to the process are pickled; what comes back is JSON, because code of the FMUs might have written it.
+Messages to the process are pickled; what comes back is JSON, because code of the FMUs might have written it. What the
+FMUs print is shown on the error output, with what a terminal would act on written out.
 """
 
 from __future__ import annotations
@@ -30,6 +31,7 @@ from vdfmu.cosim.check import Checked
 from vdfmu.cosim.component import LogMessage, MessageBox
 from vdfmu.cosim.exchange import Exchange, words_of
 from vdfmu.errors import CosimError, UsageError, VdfmuError
+from vdfmu.process import Listener, end_group
 
 __all__ = ["CALLS", "REPLY", "REQUEST", "Isolated", "Limits", "mapped"]
 
@@ -104,9 +106,12 @@ class Isolated:
             ],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
             env={**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
             start_new_session=True,
         )
+        assert self._process.stderr is not None
+        self._listener = Listener(self._process.stderr, show=True)
         threading.Thread(target=self._look_after, args=(self._process,), daemon=True).start()
         self._since = monotonic() + _START
         assert self._process.stdout is not None
@@ -146,7 +151,7 @@ class Isolated:
                 failure = self._ask("close", self.box.time)
                 failure = None if failure is None else CosimError(*failure)
             elif self._process is not None:  # cut off in a call
-                _kill(self._process)
+                end_group(self._process)
         except CosimError as error:
             failure = error
         finally:
@@ -216,7 +221,7 @@ class Isolated:
         return CosimError(self._names[position], CALLS[call], time, why)
 
     def _look_after(self, process: subprocess.Popen[bytes]) -> None:
-        """Pass Ctrl-C on, and end a process that takes too long."""
+        """Pass Ctrl-C on, and end a process that takes too long, or those that it has left and that hold its pipes."""
         pressed = math.inf
         while not self._done.wait(_TICK):
             if self.pressed():
@@ -224,12 +229,12 @@ class Isolated:
                 pressed = min(pressed, monotonic())
             self._late = monotonic() - self._since > self.limits.time
             self._cut_off = monotonic() - max(self._since, pressed) > _PATIENCE
-            if self._late or self._cut_off:
-                _kill(process)
+            if self._late or self._cut_off or _has_ended(process):
+                end_group(process)
                 return
 
     def _end(self) -> tuple[Any, float]:
-        """End the process; return its exit code and the largest memory that it had [MB]."""
+        """End the process and those that it started; return its exit code and the largest memory that it had [MB]."""
         process, self._process = self._process, None
         self._done.set()
         if process is None:
@@ -237,7 +242,7 @@ class Isolated:
         for pipe in (process.stdin, process.stdout):
             with suppress(OSError):
                 pipe.close()  # pyright: ignore[reportOptionalMemberAccess]
-        timer = threading.Timer(_FAREWELL, _kill, [process])
+        timer = threading.Timer(_FAREWELL, end_group, [process])
         timer.start()
         try:
             if not hasattr(os, "wait4"):
@@ -247,15 +252,17 @@ class Isolated:
             return process.returncode, usage.ru_maxrss / 1024
         finally:
             timer.cancel()
+            end_group(process)
+            self._listener.finish()
 
 
-def _kill(process: subprocess.Popen[bytes]) -> None:
-    """End a process and those that it has started."""
-    with suppress(OSError):
-        if hasattr(os, "killpg"):
-            os.killpg(process.pid, signal.SIGKILL)
-        else:
-            process.kill()
+def _has_ended(process: subprocess.Popen[bytes]) -> bool:
+    """Return whether a process has ended, and leave its exit code to be asked for; False where that is impossible."""
+    if not hasattr(os, "waitid"):  # Windows, and macOS before Python 3.13
+        return False
+    with suppress(ChildProcessError):  # its exit code has just been asked for
+        return os.waitid(os.P_PID, process.pid, os.WEXITED | os.WNOHANG | os.WNOWAIT) is not None
+    return True
 
 
 def mapped(path: Path) -> NDArray[np.float64]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import logging
 import math
 import os
 import pickle
@@ -123,6 +124,7 @@ def _main(memory: str, limit: str) -> None:
         most = int(float(limit) * 2**20)
         most = most if hard == resource.RLIM_INFINITY else min(most, hard)
         resource.setrlimit(resource.RLIMIT_DATA, (most, most))
+    logging.getLogger("vdfmu.fmu").addHandler(logging.NullHandler())  # what it says comes back as messages
     server = Server(memory)
     reply: bytes | None = REPLY.pack(0)  # it has started
     while reply is not None:

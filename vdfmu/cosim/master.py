@@ -7,10 +7,10 @@ import signal
 import tempfile
 import time as clock
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
-import fmpy
 import numpy as np
 from numpy.typing import NDArray
 
@@ -19,21 +19,20 @@ from vdfmu.cosim.component import LogMessage, MessageBox
 from vdfmu.cosim.components import CONVERGENCE, Components, failure_message
 from vdfmu.cosim.continuous import ContinuousStepper
 from vdfmu.cosim.exchange import SampledStepper, largest_step
+from vdfmu.cosim.exits import exits_said
 from vdfmu.cosim.isolated import Isolated, Limits
 from vdfmu.cosim.recorder import ROWS, Recorder
 from vdfmu.cosim.results import Results
 from vdfmu.cosim.schedule import ALGORITHMS, DEFAULT
-from vdfmu.errors import CosimError, UsageError, VdfmuError
+from vdfmu.cosim.unpacked import no_room, unpack_units
+from vdfmu.errors import CosimError, UsageError
 from vdfmu.interrupt import InterruptGuard
 from vdfmu.model.check import MOST_STEPS
 from vdfmu.model.scenario import CONTINUOUS
-from vdfmu.ssp.archive import Archive
 from vdfmu.ssp.experiment import Experiment
 from vdfmu.ssp.read import load_ssp
 from vdfmu.ssp.structure import System
-
-_OURS = {"resources/vdfmu.json", "extra/vdfmu/vdfmu.json"}
-"""Members of which an FMU has one if this project built it; see `vdfmu.fmu.content`."""
+from vdfmu.temporary import temporary_folder
 
 
 class Interrupted(KeyboardInterrupt):
@@ -214,22 +213,6 @@ def _grid(
     return float(begin), float(end), float(step), n
 
 
-def _refuse_escapes(folder: Path) -> None:
-    """Raise where a Python FMU would crash the process: its wrapper decodes no escape of a URI but that of a space."""
-    uri = folder.as_uri()
-    if (folder / "resources" / "slavemodule.txt").is_file() and "%" in uri.replace("%20", " "):
-        raise VdfmuError(
-            f"{folder}: Python FMUs cannot be run from a folder whose name has other than ASCII letters, digits and "
-            "spaces. Choose another folder for temporary files with TMPDIR."
-        )
-
-
-def _no_room(folder: str, error: OSError) -> VdfmuError:
-    return VdfmuError(
-        f"{folder}: FMUs cannot be unpacked there: {error}. Free space, or choose another folder with TMPDIR."
-    )
-
-
 class _Run:
     """The components of one run; leaving it terminates and frees them and removes the unpacked FMUs.
 
@@ -251,21 +234,24 @@ class _Run:
         self.isolated = isolate
         self.stepper: SampledStepper | ContinuousStepper | Isolated
         self._limits = limits
-        self._folder: Path
+        self._stack = ExitStack()
+        self._save: Callable[[], str] = lambda: ""
 
     def __enter__(self) -> _Run:
         try:
-            self._folder = Path(tempfile.mkdtemp(prefix="vdfmu-"))
+            folder = Path(self._stack.enter_context(temporary_folder("vdfmu-")))
         except OSError as error:
-            raise _no_room(tempfile.gettempdir(), error) from error
+            raise no_room(tempfile.gettempdir(), error) from error
         for note in self.checked.notes:
             self.box.pending.append(LogMessage("", 0.0, "note", "", note))
         self.box.flush()
         try:
-            folders = self._unpack(self._folder)
+            folders, foreign = unpack_units(self.checked, folder)
+            self.isolated = foreign if self.isolated is None else self.isolated
             if self.isolated:
-                self.components = Isolated(self.checked, folders, self.box, self._folder, self._limits)
+                self.components = Isolated(self.checked, folders, self.box, folder, self._limits)
             else:
+                self._stack.enter_context(exits_said(self.box, lambda: self._left(folder)))
                 self.components = Components(self.checked, folders, self.box)
             self.components.load()
         except BaseException as error:
@@ -274,22 +260,10 @@ class _Run:
         self.exchange = self.components.exchange
         return self
 
-    def _unpack(self, folder: Path) -> dict[str, Path]:
-        """Unpack the FMUs; return the folder of each by source."""
-        unpacked: dict[str, Path] = {}
-        path, foreign = self.checked.system.path, False
-        with Archive(path, path.name) as package:
-            for source in dict.fromkeys(d.source for d in self.checked.descriptions.values()):
-                unpacked[source] = folder / f"{len(unpacked)}"
-                try:
-                    with package.opened(source, source) as unit:
-                        foreign = foreign or _OURS.isdisjoint(unit.names)
-                        unit.extract(unpacked[source], _needed)
-                except OSError as error:
-                    raise _no_room(str(folder), error) from error
-                _refuse_escapes(unpacked[source])
-        self.isolated = foreign if self.isolated is None else self.isolated
-        return unpacked
+    def _left(self, folder: Path) -> str:
+        """Save the rows of a process that a component ends; return what is said of them."""
+        shutil.rmtree(folder, ignore_errors=True)
+        return self._save()
 
     def __exit__(self, _: object, error: BaseException | None, *__: object) -> None:
         results = getattr(self, "results", None)
@@ -300,7 +274,8 @@ class _Run:
             if hasattr(self, "components"):
                 failure = self.components.close()
         finally:
-            shutil.rmtree(self._folder, ignore_errors=True)
+            self._stack.close()
+            self._save = lambda: ""  # nothing is to hold the run, and the files of its memory, any more
         if failure is not None and error is not None:
             self.box.pending.append(failure_message(failure))
         self.box.flush()
@@ -342,9 +317,14 @@ class _Run:
             kept = recorder.finish(time) if recorder else {kind: array[rows] for kind, array in data.items()}
             return Results(time, signals, kept, self.summary, box.kept)
 
+        def save() -> str:
+            results()
+            return f" The rows so far are in {stream}." if stream is not None and done >= 0 else ""
+
         if stream is not None:
             recorder = Recorder(stream, signals, data, store, times)
             store = recorder.store
+        self._save = save
         began = clock.perf_counter()
         stride = max(1, -(-n // 100))
         guard = InterruptGuard()
@@ -404,8 +384,3 @@ class _Run:
         self.summary["notes"].append(note)
         self.box.pending.append(LogMessage("", at, "note", "", note))
         return last
-
-
-def _needed(member: str) -> bool:
-    """Tell whether a member of an FMU is needed to run it."""
-    return member == "modelDescription.xml" or member.startswith(("resources/", f"binaries/{fmpy.platform}/"))

@@ -13,24 +13,28 @@ scipy's, not ours.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from itertools import islice, pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from scipy.integrate import DOP853, solve_ivp
+from scipy.integrate import DOP853, LSODA
 
 from vdfmu.errors import UsageError, VdfmuError
 from vdfmu.kernel import Kernel
 from vdfmu.kernel.structure import parameters
 from vdfmu.model import Robot
 
-__all__ = ["REFERENCE_OF", "Reference", "continuous_reference", "reference", "sampled_reference"]
+__all__ = ["BLOCK", "REFERENCE_OF", "Reference", "reference", "reference_blocks"]
 
 Floats = npt.NDArray[np.float64]
 
 REFERENCE_OF = {"gauss-seidel": "sampled", "jacobi": "sampled-delayed"}
 """Master algorithm to the reference that it must match."""
+
+BLOCK = 1024
+"""Communication points of a stretch: what is kept in memory of a reference and of the run that it is compared with."""
 
 _RTOL, _ATOL = 1e-11, 1e-12
 """Tolerances of scipy: four orders below the 1e-7 rad that a co-simulation may differ by."""
@@ -127,7 +131,7 @@ class _Loop:
         return self._derivative.results["x_dot"].copy()
 
 
-def reference(
+def reference_blocks(
     name: str,
     robot: Robot,
     values: Mapping[str, Mapping[str, Any]],
@@ -135,8 +139,8 @@ def reference(
     step: float,
     stop: float,
     progress: Callable[[int, int], None] | None = None,
-) -> Reference:
-    """Compute one of the three references on the communication points.
+) -> Iterator[Reference]:
+    """Compute one of the three references in stretches of `BLOCK` communication points, the last of what is left.
 
     Parameters
     ----------
@@ -149,45 +153,44 @@ def reference(
     progress : callable, optional
         Called with the number of finished steps and their total.
     """
-    if name == "continuous":
-        return continuous_reference(robot, values, step=step, stop=stop)
-    if name not in ("sampled", "sampled-delayed"):
+    if name not in ("sampled", "sampled-delayed", "continuous"):
         raise UsageError(f"no reference {name!r}; there are sampled, sampled-delayed and continuous.")
-    return sampled_reference(
-        robot, values, step=step, stop=stop, delayed=name == "sampled-delayed", progress=progress
-    )
-
-
-def sampled_reference(
-    robot: Robot,
-    values: Mapping[str, Mapping[str, Any]],
-    *,
-    step: float,
-    stop: float,
-    delayed: bool = False,
-    progress: Callable[[int, int], None] | None = None,
-) -> Reference:
-    """Solve the sampled loop: zero-order hold, and scipy's DOP853 for the plant between the samples.
-
-    Parameters and result as in :func:`reference`.
-    """
     loop = _Loop(robot, values)
     m = round(stop / step)
     t: Floats = step * np.arange(m + 1, dtype=np.float64)
-    x = np.empty((m + 1, 4 * loop.n))
-    tau, feedforward = np.empty((m + 1, loop.n)), np.empty((m + 1, 2, loop.n))
-    x[0] = loop.x_0
-    feedforward[0] = loop.feedforward(0.0, x[0])
-    tau[0] = loop.torque(x[0], feedforward[0])
-    h = step
-    for k in range(m):
-        feedforward[k + 1] = loop.feedforward(t[k], x[k])
+    rows = _continuous(loop, t) if name == "continuous" else _sampled(loop, t, name == "sampled-delayed")
+    for first in range(0, m + 1, BLOCK):
+        x, tau, tau_m = (np.array(part) for part in zip(*islice(rows, BLOCK), strict=True))
+        yield Reference(name, t[first : first + BLOCK], x, tau, tau_m)
+        if progress is not None:
+            progress(min(first + BLOCK, m), m)
+
+
+def reference(
+    name: str, robot: Robot, values: Mapping[str, Mapping[str, Any]], *, step: float, stop: float
+) -> Reference:
+    """Compute one of the three references as a whole; see :func:`reference_blocks`."""
+    blocks = list(reference_blocks(name, robot, values, step=step, stop=stop))
+    return Reference(name, *(np.concatenate(parts) for parts in list(zip(*blocks, strict=True))[1:]))
+
+
+Row = tuple[Floats, Floats, Floats]
+"""State, torque and feedforward torque at a communication point: x (4 n,), tau and tau_m (n,)."""
+
+
+def _sampled(loop: _Loop, t: Floats, delayed: bool) -> Iterator[Row]:
+    """Solve the sampled loop: zero-order hold, and scipy's DOP853 for the plant between the samples."""
+    x, h = loop.x_0, float(t[-1])
+    feedforward = loop.feedforward(0.0, x)
+    tau = loop.torque(x, feedforward)
+    yield x, tau, feedforward[0]
+    for t_0, t_1 in pairwise(map(float, t)):
+        before, held = feedforward, tau
+        feedforward = loop.feedforward(t_0, x)
         # delayed: the controller has the feedforward of one step ago, the plant the torque of one step ago
-        tau[k + 1] = loop.torque(x[k], feedforward[k] if delayed else feedforward[k + 1])
-        x[k + 1], h = _advance(loop, t[k], t[k + 1], x[k], tau[k] if delayed else tau[k + 1], h)
-        if progress is not None and (k + 1) % 100 == 0:
-            progress(k + 1, m)
-    return Reference("sampled-delayed" if delayed else "sampled", t, x, tau, feedforward[:, 0])
+        tau = loop.torque(x, before if delayed else feedforward)
+        x, h = _advance(loop, t_0, t_1, x, held if delayed else tau, h)
+        yield x, tau, feedforward[0]
 
 
 def _advance(loop: _Loop, t_0: float, t_1: float, x: Floats, tau: Floats, h: float) -> tuple[Floats, float]:
@@ -203,28 +206,25 @@ def _advance(loop: _Loop, t_0: float, t_1: float, x: Floats, tau: Floats, h: flo
     return solver.y, h
 
 
-def continuous_reference(
-    robot: Robot, values: Mapping[str, Mapping[str, Any]], *, step: float, stop: float
-) -> Reference:
-    """Solve the loop without sampling by scipy's LSODA; it is read at the communication points.
-
-    Parameters and result as in :func:`reference`.
-    """
-    loop = _Loop(robot, values)
-    m = round(stop / step)
-    t: Floats = step * np.arange(m + 1, dtype=np.float64)
+def _continuous(loop: _Loop, t: Floats) -> Iterator[Row]:
+    """Solve the loop without sampling by scipy's LSODA; it is read at the communication points."""
 
     def closed_loop(time: float, x: Floats) -> Floats:
         return loop.plant(x, loop.torque(x, loop.feedforward(time, x)))
 
-    solution = solve_ivp(
-        closed_loop, (0.0, t[-1]), loop.x_0, method="LSODA", t_eval=t, rtol=_RTOL, atol=_ATOL, max_step=0.05
-    )
-    if not solution.success:
-        raise VdfmuError(f"The continuous reference failed at t = {solution.t[-1]:.9g} s: {solution.message}")
-    x = solution.y.T
-    tau, tau_m = np.empty((m + 1, loop.n)), np.empty((m + 1, loop.n))
-    for k in range(m + 1):
-        feedforward = loop.feedforward(t[k], x[k])
-        tau[k], tau_m[k] = loop.torque(x[k], feedforward), feedforward[0]
-    return Reference("continuous", t, x, tau, tau_m)
+    def row(time: float, x: Floats) -> Row:
+        feedforward = loop.feedforward(time, x)
+        return x, loop.torque(x, feedforward), feedforward[0]
+
+    yield row(0.0, loop.x_0)
+    solver = LSODA(closed_loop, 0.0, loop.x_0, t[-1], rtol=_RTOL, atol=_ATOL, max_step=0.05)
+    k = 1
+    while solver.status == "running":
+        message = solver.step()
+        if message is not None:
+            raise VdfmuError(f"The continuous reference failed at t = {solver.t:.9g} s: {message}")
+        solution = solver.dense_output()
+        end = int(np.searchsorted(t, solver.t, side="right"))
+        for time in t[k:end].tolist():
+            yield row(time, solution(time))
+        k = end

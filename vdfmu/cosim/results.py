@@ -145,8 +145,23 @@ class Results:
         stride = -(-len(self) // most)
         if stride <= 1:
             return self
-        data = {kind: _every(array, stride) for kind, array in self._data.items()}
+        size = stride * -(-_BLOCK // stride)
+        parts = [
+            {kind: array[::stride].copy() for kind, array in block._data.items()}
+            for block in self.blocks(size)
+        ]
+        data = {kind: np.concatenate([part[kind] for part in parts]) for kind in self._data}
         return Results(self.time[::stride], list(self._signals.values()), data, self.summary, self.messages)
+
+    def blocks(self, rows: int) -> Iterator[Results]:
+        """Yield stretches of at most `rows` rows; of an array that is on disk no page stays in memory."""
+        signals = list(self._signals.values())
+        for first in range(0, len(self), rows):
+            part = slice(first, first + rows)
+            yield Results(self.time[part], signals, {kind: array[part] for kind, array in self._data.items()})
+            for array in self._data.values():
+                if isinstance(array.base, mmap.mmap) and hasattr(mmap, "MADV_DONTNEED"):
+                    array.base.madvise(mmap.MADV_DONTNEED)
 
     def with_reals(self, signals: Mapping[str, tuple[NDArray[np.float64], str]]) -> Results:
         """Return the same results with more signals, each an array (m,) and its unit."""
@@ -247,14 +262,3 @@ def csv_lines(
     blocks = {kind: array[rows].T.tolist() for kind, array in data.items()}
     columns += [map(repr, blocks[s.kind][s.column]) for s in signals]
     return "".join(line + "\n" for line in map(",".join, zip(*columns, strict=True)))
-
-
-def _every(array: NDArray[Any], stride: int) -> NDArray[Any]:
-    """Return every row of `stride`, and keep no page in memory of an array that is on disk."""
-    parts: list[NDArray[Any]] = []
-    size = stride * -(-_BLOCK // stride)
-    for first in range(0, len(array), size):
-        parts.append(array[first : first + size : stride].copy())
-        if isinstance(array.base, mmap.mmap) and hasattr(mmap, "MADV_DONTNEED"):
-            array.base.madvise(mmap.MADV_DONTNEED)
-    return np.concatenate(parts)

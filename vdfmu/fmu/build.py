@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from vdfmu.errors import StorageError, UsageError
-from vdfmu.fmu.archive import is_built, keep_record
+from vdfmu.fmu.archive import is_built, keep_record, regular_target
 from vdfmu.fmu.behaviour import robot_problems
 from vdfmu.fmu.content import BACKENDS, FMI_VERSIONS, Content
 from vdfmu.fmu.interface import MODEL_NAMES, UNIT_NAMES, start_values
@@ -114,6 +114,8 @@ def build_fmus(
     for content in contents:
         _check(content)
     built = {content.unit: out / f"{content.model_name}.fmu" for content in contents}
+    for path in built.values():  # all of them before the first is replaced
+        regular_target(path)
     if backend == "native":
         from vdfmu.fmu.native.package import build_native_fmus
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sys
-import tempfile
 import zipfile
 from html import escape
 from pathlib import Path
@@ -13,6 +12,8 @@ from pythonfmu import FmuBuilder
 from vdfmu.data import data_path
 from vdfmu.fmu.archive import pack_zip
 from vdfmu.fmu.content import CONTENT_FILE, Content
+from vdfmu.interrupt import InterruptGuard
+from vdfmu.temporary import temporary_folder
 
 __all__ = ["build_python_fmu"]
 
@@ -24,12 +25,13 @@ _LEFT_OUT = "resources/pythonfmu/"
 def build_python_fmu(content: Content, path: Path) -> None:
     """Write the FMU of a content."""
     script = data_path("fmu_src") / "python" / f"vdfmu_{content.unit}_slave.py"
-    with tempfile.TemporaryDirectory(prefix="vdfmu_build_") as folder:
+    with temporary_folder("vdfmu_build_") as folder:
         resource = Path(folder) / CONTENT_FILE
         resource.write_text(content.to_json(), encoding="utf-8")
         search_path = list(sys.path)
         try:
-            raw = FmuBuilder.build_FMU(script, dest=folder, project_files=[resource])
+            with InterruptGuard():  # it has a temporary folder of its own
+                raw = FmuBuilder.build_FMU(script, dest=folder, project_files=[resource])
         finally:
             sys.path[:] = search_path
         with zipfile.ZipFile(raw) as archive:

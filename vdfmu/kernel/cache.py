@@ -22,6 +22,7 @@ from typing import NamedTuple
 from platformdirs import user_cache_path
 
 from vdfmu.errors import UsageError
+from vdfmu.interrupt import InterruptGuard
 
 __all__ = ["COMPILER", "Entry", "cache_folder", "clear", "entries", "limit", "load", "store", "trusted"]
 
@@ -99,7 +100,8 @@ def _say(text: str) -> None:
 @lru_cache
 def _private() -> tempfile.TemporaryDirectory[str]:
     """Return a cache for this process alone, removed at its end."""
-    return tempfile.TemporaryDirectory(prefix="vdfmu_cache_", ignore_cleanup_errors=True)
+    with InterruptGuard():
+        return tempfile.TemporaryDirectory(prefix="vdfmu_cache_", ignore_cleanup_errors=True)
 
 
 def load(path: Path) -> bytes | None:

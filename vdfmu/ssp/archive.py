@@ -1,4 +1,4 @@
-"""Safe reading of zip packages and of the XML inside them."""
+"""Safe reading and unpacking of zip packages."""
 
 from __future__ import annotations
 
@@ -7,107 +7,20 @@ import tempfile
 import zipfile
 from collections.abc import Generator, Iterator
 from contextlib import ExitStack, closing, contextmanager
-from contextvars import ContextVar
-from dataclasses import dataclass
-from functools import lru_cache
 from pathlib import Path, PurePosixPath
 from typing import IO, Any
 from urllib.parse import unquote, urlsplit
 
-import fmpy.ssp
-from lxml import etree  # pyright: ignore[reportAttributeAccessIssue]
-
 from vdfmu.errors import SspError
+from vdfmu.interrupt import InterruptGuard
+from vdfmu.ssp import limits
 
-XML_LIMIT = 64 * 2**20
-"""Largest member that is taken into memory, such as XML [byte]."""
-MEMBER_LIMIT = 512 * 2**20
-"""Largest member of any kind [byte]."""
-TOTAL_LIMIT = 2 * 2**30
-"""Most bytes that are unpacked of one package, packages and FMUs inside it included; `package_limit` changes it."""
-MEMORY_LIMIT = 256 * 2**20
-"""Most bytes of these that are taken into memory."""
-COUNT_LIMIT = 65_535
-"""Most members of one package: more need the ZIP64 format, which SSP 1.0 excludes."""
-DIRECTORY_LIMIT = 16 * 2**20
-"""Largest directory of a zip file [byte]: some 250 for each of the most members."""
-PACKAGE_LIMIT = 256
-"""Most packages inside one package, on all levels; each is a file that is open."""
-NESTING_LIMIT = 8
-"""Most packages inside each other."""
-ELEMENT_LIMIT = 10_000
-"""Most elements of a system and the systems in it, each counted as often as it is referred to."""
-DEPTH_LIMIT = 32
-"""Most systems inside each other, written there or referred to."""
 INSIDE = "!/"
 """Between the name of a package inside a package and the name of a member of it."""
 _SHOWN = 50
 """Most faulty members that one message lists."""
 _BLOCK = 2**18
 """Bytes that are unpacked at once."""
-
-_chosen: ContextVar[int | None] = ContextVar("_chosen", default=None)
-
-
-@contextmanager
-def package_limit(total: int | None) -> Generator[None]:
-    """Set how much may be unpacked of each package that is opened in a ``with`` block.
-
-    Parameters
-    ----------
-    total : int or None [byte]
-        In place of `TOTAL_LIMIT`; None leaves it. The limits of single members and of memory change in proportion.
-    """
-    token = _chosen.set(_chosen.get() if total is None else total)
-    try:
-        yield
-    finally:
-        _chosen.reset(token)
-
-
-def unpack_limit() -> int:
-    """Return how many bytes may be unpacked of each package that is opened now."""
-    return _chosen.get() or TOTAL_LIMIT
-
-
-@dataclass
-class _Budget:
-    """What a package has cost, with all inside it, in bytes that were really unpacked."""
-
-    label: str
-    scale: float
-    unpacked: int = 0
-    kept: int = 0
-    packages: int = 0
-
-    def spend(self, count: int, kept: bool) -> None:
-        """Count bytes that were unpacked; SspError beyond the limit."""
-        self.unpacked += count
-        self.kept += count if kept else 0
-        for spent, limit, what in (
-            (self.unpacked, TOTAL_LIMIT, "bytes unpacked"),
-            (self.kept, MEMORY_LIMIT, "bytes of XML"),
-        ):
-            if spent > limit * self.scale:
-                raise SspError(
-                    f"{self.label}: has more than {limit * self.scale:.0f} {what}, those of packages inside it and of "
-                    f"what is named several times included; {_WAY}"
-                )
-
-
-_WAY = "that is the limit. If you trust the file: --unpack-limit, or vdfmu.package_limit in Python"
-
-
-NAMESPACES = {
-    prefix: f"http://ssp-standard.org/SSP1/{name}"
-    for prefix, name in {
-        "ssc": "SystemStructureCommon",
-        "ssd": "SystemStructureDescription",
-        "ssv": "SystemStructureParameterValues",
-        "ssm": "SystemStructureParameterMapping",
-        "ssb": "SystemStructureSignalDictionary",
-    }.items()
-}
 
 
 class Archive:
@@ -126,7 +39,7 @@ class Archive:
     SspError
         The file is missing or no zip, or a member points outside the package, occurs twice with different
         contents, differs from another in case only, is a link, is encrypted, is packed by another method than
-        deflation or is larger than the limits of this module.
+        deflation or is larger than the limits of `vdfmu.ssp.limits`.
 
     Attributes
     ----------
@@ -143,10 +56,16 @@ class Archive:
     def __init__(self, source: Path | IO[bytes], label: str, outer: Archive | None = None) -> None:
         self.label = label
         self._depth = 0 if outer is None else outer._depth + 1
-        self._budget = outer._budget if outer else _Budget(label, unpack_limit() / TOTAL_LIMIT)
+        self._budget = (
+            outer._budget if outer else limits.Budget(label, limits.unpack_limit() / limits.TOTAL_LIMIT)
+        )
         self._inner: dict[str, Archive] = {}
         self.doubled: list[str] = []
         with ExitStack() as opened:
+            if isinstance(source, Path) and source.exists() and not (source.is_file() or source.is_dir()):
+                raise SspError(
+                    f"{label}: is a pipe, a device or another special file; expected a regular one"
+                )
             try:
                 self.file: IO[bytes] = source.open("rb") if isinstance(source, Path) else source
                 opened.push(closing(self.file))
@@ -165,9 +84,10 @@ class Archive:
         """Read the directory of the file, whose size is known before: each entry of it takes memory."""
         end: Any = zipfile._EndRecData(self.file)  # pyright: ignore[reportAttributeAccessIssue]
         size = end[zipfile._ECD_SIZE] if end else 0  # pyright: ignore[reportAttributeAccessIssue]
-        if size > DIRECTORY_LIMIT:
+        if size > limits.DIRECTORY_LIMIT:
             raise SspError(
-                f"{self.label}: has a directory of {size} bytes; the limit is {DIRECTORY_LIMIT}. Pack fewer files"
+                f"{self.label}: has a directory of {size} bytes; the limit is {limits.DIRECTORY_LIMIT}. "
+                "Pack fewer files"
             )
         return zipfile.ZipFile(self.file)
 
@@ -177,8 +97,8 @@ class Archive:
         folded: dict[str, str] = {}
         twice: list[tuple[zipfile.ZipInfo, zipfile.ZipInfo]] = []
         infos = self._zip.infolist()
-        if len(infos) > COUNT_LIMIT:
-            raise SspError(f"{self.label}: has {len(infos)} entries; the limit is {COUNT_LIMIT}")
+        if len(infos) > limits.COUNT_LIMIT:
+            raise SspError(f"{self.label}: has {len(infos)} entries; the limit is {limits.COUNT_LIMIT}")
         for info in infos:
             if not is_inside(info.filename) or "\\" in info.orig_filename:
                 problems.append(
@@ -189,10 +109,10 @@ class Archive:
                 problems.append(
                     f"{self.label}: entry {info.filename!r} is a symbolic link; pack the file itself"
                 )
-            elif info.file_size > MEMBER_LIMIT * self._budget.scale:
+            elif info.file_size > limits.MEMBER_LIMIT * self._budget.scale:
                 problems.append(
                     f"{self.label}: entry {info.filename!r} has {info.file_size} bytes; "
-                    f"the limit is {MEMBER_LIMIT * self._budget.scale:.0f}"
+                    f"the limit is {limits.MEMBER_LIMIT * self._budget.scale:.0f}"
                 )
             elif info.flag_bits & 0x1:
                 problems.append(
@@ -220,8 +140,8 @@ class Archive:
                     f"{self.label}: entry {clash!r} is a file and the folder of {info.filename!r}"
                 )
         total = sum(info.file_size for info in self._zip.infolist())
-        if not problems and total > TOTAL_LIMIT * self._budget.scale:
-            limit = TOTAL_LIMIT * self._budget.scale
+        if not problems and total > limits.TOTAL_LIMIT * self._budget.scale:
+            limit = limits.TOTAL_LIMIT * self._budget.scale
             problems.append(
                 f"{self.label}: holds {total} bytes unpacked; the limit is {limit:.0f} (--unpack-limit)"
             )
@@ -272,9 +192,9 @@ class Archive:
     def inside(self, name: str) -> Archive:
         """Return a package inside the package; it is closed with this one."""
         if name not in self._inner:
-            if self._budget.packages >= PACKAGE_LIMIT:
+            if self._budget.packages >= limits.PACKAGE_LIMIT:
                 raise SspError(
-                    f"{self._budget.label}: has more than {PACKAGE_LIMIT} packages inside it; that is the limit"
+                    f"{self._budget.label}: has more than {limits.PACKAGE_LIMIT} packages inside it; that is the limit"
                 )
             self._inner[name] = self._open(name)
             self._budget.packages += 1
@@ -289,11 +209,12 @@ class Archive:
 
     def _open(self, name: str, label: str = "") -> Archive:
         """Unpack a package into a file without a name, which is gone when it is closed."""
-        if self._depth >= NESTING_LIMIT:
+        if self._depth >= limits.NESTING_LIMIT:
             raise SspError(
-                f"{self.label}: {name!r} is a package inside {NESTING_LIMIT} others; that is the limit"
+                f"{self.label}: {name!r} is a package inside {limits.NESTING_LIMIT} others; that is the limit"
             )
-        file = tempfile.TemporaryFile(prefix="vdfmu_")
+        with InterruptGuard():  # the first look for the temporary folder tries it with a file
+            file = tempfile.TemporaryFile(prefix="vdfmu_")
         try:
             self.copy(name, file)
         except BaseException:
@@ -304,7 +225,7 @@ class Archive:
     def read(self, name: str) -> bytes:
         """Return the content of one member; SspError when it is missing, damaged or too large for the memory."""
         archive, name = self._split(name) or (self, name)
-        return b"".join(archive._blocks(name, XML_LIMIT, kept=True))
+        return b"".join(archive._blocks(name, limits.XML_LIMIT, kept=True))
 
     def head(self, name: str) -> bytes:
         """Return the first bytes of one member, 256 KiB at most; the rest is unpacked, and its check sum held."""
@@ -381,67 +302,3 @@ def resolve(source: str, where: str) -> str:
             "put the file into the package and name it by its path there"
         )
     return str(PurePosixPath(name))
-
-
-def parse_xml(data: bytes, where: str) -> Any:
-    """Parse XML without entities, external files or network, and return its root.
-
-    Raises
-    ------
-    SspError
-        The text is not well-formed XML, or has a document type declaration or an XInclude.
-    """
-    parser = etree.XMLParser(
-        resolve_entities=False, no_network=True, load_dtd=False, dtd_validation=False, huge_tree=False,
-        remove_comments=True, remove_pis=True,
-    )  # fmt: skip
-    try:
-        root = etree.fromstring(data, parser)
-    except (etree.XMLSyntaxError, ValueError) as error:
-        if b"<!DOCTYPE" in data:  # entities may be what the parser stumbles over
-            raise SspError(f"{where}: {_DOCTYPE}") from None
-        raise SspError(f"{where}: is not well-formed XML: {error}") from None
-    if root.getroottree().docinfo.doctype or root.getroottree().docinfo.internalDTD is not None:
-        raise SspError(f"{where}: {_DOCTYPE}")
-    include = next(root.iter(f"{{{_XINCLUDE}}}*"), None)
-    if include is not None:
-        raise SspError(
-            f"{where}, line {include.sourceline}: has an XInclude, which is refused; write the text in its place"
-        )
-    return root
-
-
-_DOCTYPE = "has a document type declaration, which is refused (entities); remove it"
-_XINCLUDE = "http://www.w3.org/2001/XInclude"
-
-
-@lru_cache
-def _schema(kind: str) -> Any:
-    name = NAMESPACES[kind].rsplit("/", 1)[1]
-    return etree.XMLSchema(file=str(Path(fmpy.ssp.__file__).parent / "schema" / f"{name}.xsd"))
-
-
-def validate(root: Any, kind: str, where: str) -> None:
-    """Check a tree against a schema of SSP 1.0.
-
-    Parameters
-    ----------
-    root : element
-    kind : str
-        ``ssd``, ``ssv``, ``ssm`` or ``ssb``.
-    where : str
-        The name used in messages.
-    """
-    schema = _schema(kind)
-    if not schema.validate(root):
-        raise SspError([f"{where}, line {entry.line}: {entry.message}" for entry in schema.error_log])
-
-
-def parse_ssp_xml(data: bytes, kind: str, where: str) -> Any:
-    """Parse and validate one SSP file; `kind` as in `validate`."""
-    root = parse_xml(data, where)
-    space = etree.QName(root).namespace
-    if space != NAMESPACES[kind]:
-        raise SspError(f"{where}: expected namespace {NAMESPACES[kind]} (SSP 1.0), got {space}")
-    validate(root, kind, where)
-    return root

@@ -6,8 +6,9 @@ from dataclasses import dataclass
 from typing import Any
 
 from vdfmu.errors import SspError
-from vdfmu.ssp.archive import NAMESPACES, parse_ssp_xml, resolve, validate
+from vdfmu.ssp.archive import resolve
 from vdfmu.ssp.elements import Node, Scope, read_boolean, read_transformation, read_units
+from vdfmu.ssp.parse import NAMESPACES, parse_ssp_xml, validate
 from vdfmu.ssp.structure import Hop, Parameter, Unit
 from vdfmu.ssp.wiring import Key, Wiring, show
 

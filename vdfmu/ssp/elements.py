@@ -9,7 +9,8 @@ from typing import Any
 from urllib.parse import unquote, urlsplit
 
 from vdfmu.errors import SspError
-from vdfmu.ssp.archive import INSIDE, NAMESPACES, Archive, is_inside, resolve
+from vdfmu.ssp.archive import INSIDE, Archive, is_inside, resolve
+from vdfmu.ssp.parse import NAMESPACES
 from vdfmu.ssp.structure import BASE_UNITS, Connector, Transformation, Unit
 
 _SSC = f"{{{NAMESPACES['ssc']}}}"

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from vdfmu.model.scenario import CONTINUOUS, MASTERS
-from vdfmu.ssp.archive import NAMESPACES
+from vdfmu.ssp.parse import NAMESPACES
 
 __all__ = ["EXPERIMENT_TYPE", "FOREIGN", "OSP_TYPE", "Experiment", "read_experiment"]
 

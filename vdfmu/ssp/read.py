@@ -7,10 +7,11 @@ from pathlib import Path
 from typing import Any
 
 from vdfmu.errors import SspError
-from vdfmu.ssp.archive import NAMESPACES, Archive, parse_ssp_xml, parse_xml
+from vdfmu.ssp.archive import Archive
 from vdfmu.ssp.bindings import Bindings
 from vdfmu.ssp.elements import Node, Scope, read_units
 from vdfmu.ssp.experiment import read_experiment
+from vdfmu.ssp.parse import NAMESPACES, parse_ssp_xml, parse_xml
 from vdfmu.ssp.structure import Component, System
 from vdfmu.ssp.tree import TreeReader
 from vdfmu.ssp.wiring import Wiring

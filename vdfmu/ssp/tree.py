@@ -9,9 +9,10 @@ from dataclasses import replace
 from typing import Any
 
 from vdfmu.errors import SspError
-from vdfmu.ssp import archive as limits
-from vdfmu.ssp.archive import NAMESPACES, Archive, parse_ssp_xml
+from vdfmu.ssp import limits
+from vdfmu.ssp.archive import Archive
 from vdfmu.ssp.elements import Node, Scope, read_connectors, read_units
+from vdfmu.ssp.parse import NAMESPACES, parse_ssp_xml
 from vdfmu.ssp.structure import Connector
 
 FMU_TYPE = "application/x-fmu-sharedlibrary"

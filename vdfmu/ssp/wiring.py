@@ -7,8 +7,8 @@ from itertools import count
 from typing import Any
 
 from vdfmu.errors import SspError
-from vdfmu.ssp.archive import NAMESPACES
 from vdfmu.ssp.elements import Node, read_boolean, read_transformation
+from vdfmu.ssp.parse import NAMESPACES
 from vdfmu.ssp.structure import Connection, Connector, Hop, Unit
 
 Key = tuple[tuple[str, ...], str]

@@ -12,11 +12,11 @@ from vdfmu.errors import StorageError
 from vdfmu.fmu.archive import pack_zip, regular_target
 from vdfmu.fmu.interface import MODEL_NAMES
 from vdfmu.model import Scenario
-from vdfmu.ssp.archive import validate
 from vdfmu.ssp.description import SystemDescription
 from vdfmu.ssp.documentation import system_page
 from vdfmu.ssp.osp import write_osp
 from vdfmu.ssp.parameter_files import mapping_file, parameter_file
+from vdfmu.ssp.parse import validate
 from vdfmu.ssp.structure_file import mapping_name, structure_file
 from vdfmu.ssp.versions import require_fmi, require_version
 from vdfmu.ssp.xml import to_bytes

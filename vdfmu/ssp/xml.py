@@ -9,7 +9,7 @@ from lxml import etree  # pyright: ignore[reportAttributeAccessIssue]  # lxml sh
 
 from vdfmu import __version__
 from vdfmu.fmu.units import UNITS
-from vdfmu.ssp.archive import NAMESPACES
+from vdfmu.ssp.parse import NAMESPACES
 
 __all__ = ["META", "add", "add_foreign", "add_units", "number", "root", "to_bytes", "value_text"]
 

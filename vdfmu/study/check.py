@@ -6,7 +6,6 @@ import html
 import os
 import posixpath
 import re
-import tempfile
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
@@ -14,14 +13,16 @@ from urllib.parse import unquote
 
 from vdfmu.errors import SspError, StorageError, UsageError
 from vdfmu.fmu.archive import pack_zip
-from vdfmu.ssp.archive import Archive, is_inside, parse_xml
+from vdfmu.ssp.archive import Archive, is_inside
+from vdfmu.ssp.parse import parse_xml
 from vdfmu.ssp.read import DEFAULT, variants
 from vdfmu.study.check_osp import NAMESPACE as OSP_NAMESPACE
 from vdfmu.study.check_osp import check_osp
 from vdfmu.study.check_ssp1 import check_ssp1, package_faults, same_names
 from vdfmu.study.check_ssp2 import check_ssp2
-from vdfmu.study.check_unit import check_unit
+from vdfmu.study.check_unit import NOT_RUN, check_unit
 from vdfmu.study.findings import Findings, one_line
+from vdfmu.temporary import temporary_folder
 
 __all__ = ["FORMAT", "Report", "check_file", "inspect_file"]
 
@@ -106,7 +107,7 @@ def _inspect(path: Path, suffix: str, run: bool) -> Report:
         return _report(path, "FMU", *check_unit(path, run))
     if suffix == ".xml":
         return _report(path, "OSP", check_osp(path, run), "OSP system structure 0.1")
-    with tempfile.TemporaryDirectory(prefix="vdfmu_check_") as folder:
+    with temporary_folder("vdfmu_check_") as folder:
         package = path
         if suffix == ".ssd":
             package = Path(folder, path.name)  # the name in messages: there is no package
@@ -175,10 +176,13 @@ def _check_package(path: Path, folder: Path, run: bool) -> tuple[Findings, str |
         else:
             findings.add(check_ssp1(path, name, folder, checked), place)
     default = versions[DEFAULT] or ""
-    if run and not findings.problems and default.startswith("1"):
-        from vdfmu.study.check_run import run_apart
+    if run and not default.startswith("2"):
+        if findings.problems:
+            findings.notes.append(NOT_RUN)
+        else:
+            from vdfmu.study.check_run import run_apart
 
-        findings.add(run_apart(path, "SSP"))
+            findings.add(run_apart(path, "SSP"))
     return findings, f"SSP {default}" if default else None
 
 

@@ -9,7 +9,7 @@ from urllib.parse import unquote, urlsplit
 
 from vdfmu.cosim.description import limit_fault, limits_of
 from vdfmu.errors import SspError
-from vdfmu.ssp.archive import parse_xml
+from vdfmu.ssp.parse import parse_xml
 from vdfmu.study.check_unit import check_unit, read_unit
 from vdfmu.study.findings import Findings
 

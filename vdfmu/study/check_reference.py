@@ -18,7 +18,7 @@ import numpy.typing as npt
 from fmpy.fmi3 import FMU3Slave
 
 from vdfmu.errors import SspError
-from vdfmu.ssp.archive import parse_xml
+from vdfmu.ssp.parse import parse_xml
 from vdfmu.study.findings import Findings
 
 __all__ = ["compare"]

@@ -9,7 +9,6 @@ import signal
 import subprocess
 import sys
 import tempfile
-import threading
 from collections.abc import Callable, Sequence
 from dataclasses import asdict
 from pathlib import Path
@@ -22,11 +21,14 @@ import numpy.typing as npt
 
 from vdfmu.cosim.master import simulate
 from vdfmu.errors import StorageError, VdfmuError
-from vdfmu.ssp.archive import package_limit, unpack_limit
+from vdfmu.interrupt import listening
+from vdfmu.process import Listener, end_group
+from vdfmu.ssp.limits import package_limit, unpack_limit
 from vdfmu.ssp.read import load_ssp
 from vdfmu.ssp.structure import System
 from vdfmu.study.check_reference import compare
 from vdfmu.study.findings import Findings
+from vdfmu.temporary import temporary_folder
 
 __all__ = ["master_of", "run_apart"]
 
@@ -37,8 +39,8 @@ MEMORY = 4 * 2**30
 """Address space that the process may have [byte], on Linux; Python and fmpy take 0.3 GiB of it."""
 FILE_SIZE = 2**30
 """Largest file that it may write [byte], on Linux and macOS."""
-_KEPT = 4096
-"""Bytes that are kept of its error output: the last."""
+_PATIENCE = 2.0
+"""Time [s] that it has, after the time limit or Ctrl-C, to end isolated components."""
 _MESSAGES = 20
 """Most messages of a unit that are kept: the first."""
 _TEXT = 1000
@@ -67,7 +69,7 @@ def run_apart(path: Path, kind: str = "FMU") -> Findings:
         If the temporary folder is full.
     """
     findings = Findings(ran=True)
-    with tempfile.TemporaryDirectory(prefix="vdfmu_check_") as folder:
+    with temporary_folder("vdfmu_check_") as folder:
         try:
             code, words = _contained(
                 [
@@ -125,37 +127,21 @@ def _contained(command: Sequence[str]) -> tuple[int | None, str]:
     str
         The end of its error output: no more is kept.
     """
-    said = bytearray()
     process = subprocess.Popen(
         command, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE,
         env={**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
         start_new_session=os.name == "posix",
     )  # fmt: skip
-
-    def listen() -> None:
-        assert process.stderr is not None
-        with process.stderr as stream:
-            while block := os.read(stream.fileno(), 2**16):
-                said.extend(block)
-                del said[:-_KEPT]
-
-    listener = threading.Thread(target=listen, daemon=True)  # a child that fled may hold the pipe open
-    listener.start()
+    assert process.stderr is not None
+    listener = Listener(process.stderr)
     try:
         code = process.wait(SECONDS)
     except subprocess.TimeoutExpired:
         code = None
     finally:
-        try:
-            if os.name == "posix":
-                os.killpg(process.pid, signal.SIGKILL)
-            else:
-                process.kill()
-        except OSError:  # all have ended
-            pass
+        end_group(process, _PATIENCE)
         process.wait()
-    listener.join(1.0)
-    return code, bytes(said).decode(errors="replace")
+    return code, listener.finish()
 
 
 def _limit() -> None:
@@ -271,10 +257,11 @@ def _run_system(path: Path) -> Findings:
     if experiment.stop is not None:
         step = min(step, (experiment.stop - start) / STEPS)
     try:
-        simulate(
-            system, start=start, stop=start + STEPS * step, step=step, algorithm=master_of(system),
-            ignore_unmatched=True, log=lambda message: None, isolate=True,
-        )  # fmt: skip
+        with listening(signal.SIGTERM):  # the time limit, or Ctrl-C: the components are in another session
+            simulate(
+                system, start=start, stop=start + STEPS * step, step=step, algorithm=master_of(system),
+                ignore_unmatched=True, log=lambda message: None, isolate=True,
+            )  # fmt: skip
     except (VdfmuError, OSError) as error:
         if isinstance(error, OSError) and error.errno in _FULL:
             raise

@@ -9,8 +9,9 @@ from typing import Any
 
 from vdfmu.cosim.check import check_system
 from vdfmu.errors import SspError
-from vdfmu.ssp.archive import NAMESPACES, Archive, parse_xml
+from vdfmu.ssp.archive import Archive
 from vdfmu.ssp.elements import Scope
+from vdfmu.ssp.parse import NAMESPACES, parse_xml
 from vdfmu.ssp.read import read_system
 from vdfmu.ssp.structure import System
 from vdfmu.ssp.tree import DEFINITION_TYPE, PACKAGE_TYPE

@@ -12,9 +12,10 @@ from lxml import etree  # pyright: ignore[reportAttributeAccessIssue]  # lxml sh
 
 from vdfmu.cosim.conversion import compose
 from vdfmu.errors import SspError
-from vdfmu.ssp.archive import NAMESPACES, Archive, parse_xml
+from vdfmu.ssp.archive import Archive
 from vdfmu.ssp.elements import Node, Scope, read_units
 from vdfmu.ssp.experiment import read_experiment
+from vdfmu.ssp.parse import NAMESPACES, parse_xml
 from vdfmu.ssp.structure import Connector, Unit
 from vdfmu.ssp.tree import TreeReader
 from vdfmu.ssp.wiring import Wiring

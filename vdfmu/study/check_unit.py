@@ -12,16 +12,18 @@ from typing import Any
 import fmpy
 
 from vdfmu.errors import SspError, StorageError
-from vdfmu.ssp.archive import Archive, parse_xml
+from vdfmu.ssp.archive import Archive
+from vdfmu.ssp.parse import parse_xml
 from vdfmu.study.check_binary import ENDINGS, architecture_fault, library_fault
 from vdfmu.study.check_description import DESCRIPTION, description_faults
 from vdfmu.study.check_fmi import BUILD, TERMINALS, build_faults, terminal_faults, variable_faults
 from vdfmu.study.findings import Findings
 
-__all__ = ["check_unit", "read_unit", "store"]
+__all__ = ["NOT_RUN", "check_unit", "read_unit", "store"]
 
 _VERSION = re.compile(r"[12]\.0|3\.0(\.\d+)?")
 """FMI 1.0 and 2.0 fix the text of fmiVersion; FMI 3.0 leaves a third number open."""
+NOT_RUN = "not run: code of a file with problems is not run; mend them first"
 _XML_FOLDERS = ("terminalsAndIcons/", "sources/", "extra/")
 
 
@@ -59,7 +61,8 @@ def check_unit(
     name : str, optional
         Its name in messages, if not that of the file.
     run : bool, optional
-        Whether to make ten steps and to compare with reference results, in a process of its own.
+        Whether to make ten steps and to compare with reference results, in a process of its own, if nothing else is
+        wrong.
     outer : Archive, optional
         The package of which it is: they share one limit of what may be unpacked.
 
@@ -69,11 +72,24 @@ def check_unit(
     str or None
         The standard, such as ``FMI 2.0``; None where the model description does not say.
     """
+    findings, standard = _examine(path, name or path.name, outer)
+    if not run:
+        findings.notes.append("not run (--no-run): the binary was not loaded")
+    elif findings.problems:
+        findings.notes.append(NOT_RUN)
+    else:
+        from vdfmu.study.check_run import run_apart
+
+        findings.add(run_apart(path))
+    return findings, standard
+
+
+def _examine(path: Path, name: str, outer: Archive | None) -> tuple[Findings, str | None]:
+    """Check all that needs no run; arguments and result as of `check_unit`."""
     findings = Findings()
     try:
-        unit = _read(path, name or path.name, findings, outer)
+        unit = _read(path, name, findings, outer)
     except SspError as error:
-        name = name or path.name
         why = [problem.removeprefix(f"{name}: ") for problem in error.problems]
         return Findings([f"{name} is no FMU that can be read: {problem}" for problem in why]), None
     version = unit.roots[DESCRIPTION].get("fmiVersion")
@@ -89,12 +105,11 @@ def check_unit(
     told, mended = _rules(unit)
     findings.add(told)
     try:
-        description, readable = read_unit(path), True
+        description = read_unit(path)
     except (
         Exception
     ):  # fmpy raises bare exceptions where an element is not as it expects; `_rules` says which
-        findings.notes.append("not run: the model description cannot be read")
-        description, readable = mended, False
+        description = mended
     if description is None:
         return findings, standard
     kinds = [
@@ -106,18 +121,9 @@ def check_unit(
         findings.notes.append(
             "no co-simulation: a master needs it; other importers bring a solver of their own"
         )
-    here = _binaries(unit, description, kinds, findings) and readable
-    odd = _experiment(description)
     if not any("'DefaultExperiment'" in problem for problem in findings.problems):  # by the schema
-        findings.problems += odd
-    if here and run and odd:
-        findings.notes.append("not run: its default experiment says nothing that can be run")
-    elif here and run:
-        from vdfmu.study.check_run import run_apart
-
-        findings.add(run_apart(path))
-    elif here:
-        findings.notes.append("not run (--no-run): the binary was not loaded")
+        findings.problems += _experiment(description)
+    _binaries(unit, description, kinds, findings)
     return findings, standard
 
 
@@ -195,8 +201,8 @@ def _read(path: Path, label: str, findings: Findings, outer: Archive | None) -> 
         return _Unit(archive.names, roots, misbuilt)
 
 
-def _binaries(unit: _Unit, description: Any, kinds: list[str], findings: Findings) -> bool:
-    """Check the binaries; tell whether there is one for this platform."""
+def _binaries(unit: _Unit, description: Any, kinds: list[str], findings: Findings) -> None:
+    """Check that there is a binary for this platform."""
     names = unit.names
     folders = sorted({n.split("/")[1] for n in names if n.startswith("binaries/") and n.count("/") >= 2})
     here = [p for p in (fmpy.platform, fmpy.platform_tuple) if p in folders]
@@ -205,7 +211,7 @@ def _binaries(unit: _Unit, description: Any, kinds: list[str], findings: Finding
         findings.problems.append(
             f"no binary for this platform, {fmpy.platform}; there are: {', '.join(folders) or 'none'}{sources}"
         )
-        return False
+        return
     libraries = {
         str(getattr(description, kind).modelIdentifier) + fmpy.sharedLibraryExtension for kind in kinds
     }
@@ -213,11 +219,7 @@ def _binaries(unit: _Unit, description: Any, kinds: list[str], findings: Finding
         found = [f"binaries/{folder}/{library}" for folder in here if f"binaries/{folder}/{library}" in names]
         if not found:
             findings.problems.append(f"binaries/{here[0]} has no {library}, as the model identifier asks for")
-            return False
-        if any(member in unit.misbuilt for member in found):
-            findings.problems += [unit.misbuilt[member] for member in found if member in unit.misbuilt]
-            return False
-    return True
+        findings.problems += [unit.misbuilt[member] for member in found if member in unit.misbuilt]
 
 
 def _has_sources(names: list[str]) -> bool:

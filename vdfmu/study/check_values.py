@@ -8,8 +8,8 @@ from typing import Any
 
 from vdfmu.cosim.conversion import between
 from vdfmu.cosim.description import limit_fault, limits_of
-from vdfmu.ssp.archive import NAMESPACES
 from vdfmu.ssp.elements import Node
+from vdfmu.ssp.parse import NAMESPACES
 from vdfmu.ssp.structure import BASE_UNITS, Connector, Unit
 from vdfmu.ssp.wiring import FLOWS, Key, Wiring
 

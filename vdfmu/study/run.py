@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 import math
 import os
-import tempfile
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from pathlib import Path
@@ -17,7 +16,7 @@ from vdfmu import __version__
 from vdfmu.cosim import Interrupted, LogMessage, Results, simulate
 from vdfmu.cosim.container import simulate_container, write_container
 from vdfmu.cosim.master import check_coupling
-from vdfmu.cosim.reference import REFERENCE_OF, reference
+from vdfmu.cosim.reference import BLOCK, REFERENCE_OF, reference_blocks
 from vdfmu.errors import CosimError, UsageError
 from vdfmu.fmu import build_fmus
 from vdfmu.fmu.build import build_notes, choose_backend
@@ -37,13 +36,13 @@ from vdfmu.study.contrast import contrast
 from vdfmu.study.folder import DRAWN, RUN_OUTPUTS, keep, replacing_results, write_summary
 from vdfmu.study.summary import (
     compare,
-    compare_statistics,
     estimation_errors,
     implied_gains,
     power_bond,
     sampling_warnings,
     tracking_errors,
 )
+from vdfmu.temporary import temporary_folder
 
 __all__ = ["cached_fmus", "prepare", "run"]
 
@@ -202,7 +201,7 @@ def run(
             log(LogMessage("", 0.0, "note", "", f"{scenario.robot.name}: {note}"))
     with replacing_results(folder, RUN_OUTPUTS, overwrite) as partial:
         report("build", 0, 1)
-        with tempfile.TemporaryDirectory(prefix="vdfmu_fmus_") as fmus:
+        with temporary_folder("vdfmu_fmus_") as fmus:
             built = cached_fmus(scenario, fmus, backend)
             package = write_ssp(scenario, built, partial / "system.ssp", values)
         if container:
@@ -293,12 +292,15 @@ def _references(
     """
     compared: dict[str, Any] = {}
     found: dict[str, Any] = {"reference": compared}
-    visible = _VISIBLE * float(np.abs(results.array("trajectory.q_d") - results.array("plant.q")).max())
+    visible = _VISIBLE * max(
+        float(np.abs(part.array("trajectory.q_d") - part.array("plant.q")).max())
+        for part in results.blocks(BLOCK)
+    )
     wanted = {"sampled": REFERENCE_OF.get(scenario.master), "continuous": "continuous"}
     for key, name in ((key, name) for key, name in wanted.items() if name is not None):
         stage = f"{name} reference"
         report(stage, 0, 1)
-        solution = reference(
+        solution = reference_blocks(
             name,
             scenario.robot,
             values,
@@ -306,14 +308,14 @@ def _references(
             stop=scenario.stop,
             progress=lambda done, total, stage=stage: report(stage, done, total),
         )
+        compared[key], statistics = compare(results, solution, scenario.robot)
         report(stage, 1, 1)
-        compared[key] = compare(results, solution, scenario.robot)
         if len(compared) == 1 and compared[key]["max_position_difference_rad"] > visible:
             separation = _separation(scenario, package, values, results)
             if separation > visible:
                 found["separation"] = {"change": _NUDGE, "max_position_difference_rad": separation}
         if "separation" in found:
-            compared[key] |= compare_statistics(results, solution)
+            compared[key] |= statistics
     return found
 
 

@@ -2,25 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
-from vdfmu.cosim.reference import REFERENCE_OF, Reference
+from vdfmu.cosim.reference import BLOCK, REFERENCE_OF, Reference
 from vdfmu.cosim.results import Results
 from vdfmu.fmu.units import unit_of
 from vdfmu.model import Robot
 
 __all__ = [
-    "compare", "compare_statistics", "estimation_errors", "implied_gains", "power_bond", "sampling_warnings",
+    "compare", "estimation_errors", "implied_gains", "power_bond", "sampling_warnings",
     "tracking_errors",
 ]  # fmt: skip
 
-Floats = npt.NDArray[np.float64]
-
 _SAMPLING_LIMIT = 0.5
+_ESTIMATES = ("tau_f_hat", "tau_s_hat")
 
 
 def tracking_errors(results: Results, robot: Robot) -> dict[str, Any]:
@@ -30,16 +28,20 @@ def tracking_errors(results: Results, robot: Robot) -> dict[str, Any]:
     paper's Fig. 11(b): ``ell (tau - tau_m)``.
     """
     revolute = np.array([t == "revolute" for t in robot.joint_types])
-    error = (results.array("trajectory.q_d") - results.array("plant.q")) * np.where(
-        revolute, 180.0 / np.pi, 1e3
-    )
-    compensation = robot.ell * (results.array("controller.tau") - results.array("controller.tau_m"))
+    scale = np.where(revolute, 180.0 / np.pi, 1e3)
+    squares, largest = np.zeros((2, robot.n)), np.zeros(robot.n)
+    for part in results.blocks(BLOCK):
+        error = scale * (part.array("trajectory.q_d") - part.array("plant.q"))
+        compensation = robot.ell * (part.array("controller.tau") - part.array("controller.tau_m"))
+        squares += np.sum(np.square([error, compensation]), axis=1)
+        largest = np.maximum(largest, np.max(np.abs(error), axis=0))
+    rms_error, rms_compensation = np.sqrt(squares / len(results)).tolist()
     return {
         "position_units": ["deg" if r else "mm" for r in revolute],
         "torque_units": [unit_of("torque", t) for t in robot.joint_types],
-        "rms_position_error_deg": np.sqrt(np.mean(error**2, axis=0)).tolist(),
-        "max_position_error_deg": np.max(np.abs(error), axis=0).tolist(),
-        "rms_torque_compensation_error_nm": np.sqrt(np.mean(compensation**2, axis=0)).tolist(),
+        "rms_position_error_deg": rms_error,
+        "max_position_error_deg": largest.tolist(),
+        "rms_torque_compensation_error_nm": rms_compensation,
     }
 
 
@@ -72,35 +74,45 @@ def implied_gains(
     }
 
 
-def compare(results: Results, reference: Reference, robot: Robot) -> dict[str, Any]:
-    """Largest absolute differences of link positions [rad or m] and control torques, link-side [N m or N]."""
-    position = np.abs(results.array("plant.q") - reference.q)
-    torque = np.abs(robot.ell * (results.array("controller.tau") - reference.tau))
-    return {
-        "name": reference.name,
-        "max_position_difference_rad": float(position.max()),
-        "max_torque_difference_nm": float(torque.max()),
-        "at_s": float(results.time[position.max(axis=1).argmax()]),
-    }
+def compare(
+    results: Results, reference: Iterable[Reference], robot: Robot
+) -> tuple[dict[str, Any], dict[str, float]]:
+    """Hold a run against a reference in stretches of `BLOCK` rows.
 
-
-def compare_statistics(results: Results, reference: Reference) -> dict[str, float]:
-    """Largest relative differences of a joint between the RMS errors of a run and of its reference.
-
-    For loops whose single solutions separate, see `vdfmu.study.run`. Errors as in :func:`tracking_errors`.
+    Returns
+    -------
+    dict
+        Largest absolute differences of link positions [rad or m] and control torques, link-side [N m or N].
+    dict
+        Largest relative differences of a joint between the RMS errors of the run and of the reference, for loops whose
+        single solutions separate, see `vdfmu.study.run`. Errors as in :func:`tracking_errors`.
     """
-    q_d, tau_m = results.array("trajectory.q_d"), reference.tau_m
-    if reference.name == "sampled-delayed":  # the controller added to the feedforward of one step ago
-        tau_m = np.vstack([tau_m[:1], tau_m[:-1]])
-
-    def difference(ours: Floats, theirs: Floats) -> float:
-        a, b = (np.sqrt(np.mean(error**2, axis=0)) for error in (ours, theirs))
-        return float((np.abs(a - b) / np.maximum(b, np.finfo(float).tiny)).max())
-
-    ours = results.array("controller.tau") - results.array("controller.tau_m")
-    return {
-        "rms_position_difference": difference(q_d - results.array("plant.q"), q_d - reference.q),
-        "rms_torque_difference": difference(ours, reference.tau - tau_m),
+    name, at, position, torque, before = "", 0.0, -1.0, 0.0, None
+    squares = np.zeros((4, robot.n))  # of the errors of position and torque, ours and theirs
+    for part, solution in zip(results.blocks(BLOCK), reference, strict=True):
+        q_d, q = part.array("trajectory.q_d"), part.array("plant.q")
+        tau, tau_m = part.array("controller.tau"), part.array("controller.tau_m")
+        name, late = solution.name, solution.tau_m
+        if name == "sampled-delayed":  # the controller added to the feedforward of one step ago
+            late = np.vstack([late[:1] if before is None else before, late[:-1]])
+            before = solution.tau_m[-1:]
+        difference = np.abs(q - solution.q).max(axis=1)
+        if difference.max() > position:
+            at, position = float(part.time[difference.argmax()]), float(difference.max())
+        torque = max(torque, float(np.abs(robot.ell * (tau - solution.tau)).max()))
+        errors = [q_d - q, q_d - solution.q, tau - tau_m, solution.tau - late]
+        squares += np.sum(np.square(errors), axis=1)
+    found = {
+        "name": name,
+        "max_position_difference_rad": position,
+        "max_torque_difference_nm": torque,
+        "at_s": at,
+    }
+    rms = np.sqrt(squares / len(results))
+    separate = (np.abs(rms[::2] - rms[1::2]) / np.maximum(rms[1::2], np.finfo(float).tiny)).max(axis=1)
+    return found, {
+        "rms_position_difference": float(separate[0]),
+        "rms_torque_difference": float(separate[1]),
     }
 
 
@@ -111,15 +123,16 @@ def estimation_errors(results: Results, master: str) -> dict[str, Any]:
     the torque that the step that ended there had.
     """
     late = int(master in REFERENCE_OF)
-    true = results.array("plant.tau_s")[: len(results.time) - late]
-
-    def rms(values: Any) -> list[float]:
-        return np.sqrt(np.mean(values**2, axis=0)).tolist()
-
-    return {"rms_spring_torque_nm": rms(true)} | {
-        f"rms_{name}_error_nm": rms(results.array(f"estimator.{name}")[late:] - true)
-        for name in ("tau_f_hat", "tau_s_hat")
-    }
+    squares, before = 0.0, np.empty((0, 0))
+    for part in results.blocks(BLOCK):
+        true = part.array("plant.tau_s")
+        rows = slice(late if not before.size else 0, None)  # of the first block
+        seen = np.vstack([before, true])[: len(true)] if before.size else true[: len(true) - late]
+        errors = [part.array(f"estimator.{name}")[rows] - seen for name in _ESTIMATES]
+        squares = squares + np.sum(np.square([seen, *errors]), axis=1)
+        before = true[len(true) - late :]
+    rms = np.sqrt(squares / (len(results) - late)).tolist()
+    return dict(zip(("rms_spring_torque_nm", *(f"rms_{n}_error_nm" for n in _ESTIMATES)), rms, strict=True))
 
 
 def power_bond(results: Results, robot: Robot) -> dict[str, Any]:
@@ -141,17 +154,16 @@ def power_bond(results: Results, robot: Robot) -> dict[str, Any]:
     needed = ("controller.kappa_dot[1]", "plant.tau[1]")
     if any(name not in results for name in needed):
         return {}
-    h = np.diff(results.time)[:, None]
-    taken = (robot.ell * results.array("plant.tau") * results.array("plant.kappa_dot"))[1:]
-    given = (robot.ell * results.array("controller.tau") * results.array("controller.kappa_dot"))[1:]
-    residual = 0.5 * h * (taken - given)
-    return {
-        "power_bond": {
-            "residual_energy_j": residual.sum(axis=0).tolist(),
-            "residual_energy_abs_j": np.abs(residual).sum(axis=0).tolist(),
-            "exchanged_energy_j": np.abs(h * taken).sum(axis=0).tolist(),
-        }
-    }
+    energies, before = np.zeros((3, robot.n)), results.time[0]
+    for part in results.blocks(BLOCK):
+        h = np.diff(part.time, prepend=before)[:, None]  # 0 at the first row, which ends no step
+        before = part.time[-1]
+        taken = robot.ell * part.array("plant.tau") * part.array("plant.kappa_dot")
+        given = robot.ell * part.array("controller.tau") * part.array("controller.kappa_dot")
+        residual = 0.5 * h * (taken - given)
+        energies += np.sum([residual, np.abs(residual), np.abs(h * taken)], axis=1)
+    names = ("residual_energy_j", "residual_energy_abs_j", "exchanged_energy_j")
+    return {"power_bond": dict(zip(names, energies.tolist(), strict=True))}
 
 
 def sampling_warnings(values: Mapping[str, Mapping[str, Any]], robot: Robot, step: float | None) -> list[str]:

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import os
 import re
-import signal
 import struct
 import subprocess
 import tempfile
@@ -26,6 +25,8 @@ from pathlib import Path, PurePosixPath
 from vdfmu.errors import FmuError
 from vdfmu.fmu.native.platforms import PLATFORMS, Platform, this_platform
 from vdfmu.kernel.cache import COMPILER, cache_folder, load, store, trusted
+from vdfmu.process import end_group
+from vdfmu.temporary import temporary_folder
 
 __all__ = ["Job", "compile_libraries", "compile_library", "compiler_version", "native_available"]
 
@@ -151,7 +152,7 @@ def compile_libraries(jobs: Sequence[Job]) -> list[bytes]:
     if missing:
         _zig()
         try:
-            with _Workshop() as workshop:
+            with temporary_folder("vdfmu_native_") as folder, _Workshop(folder) as workshop:
                 made = workshop.make(missing)
         except OSError as error:
             where = error.filename or tempfile.gettempdir()
@@ -169,22 +170,22 @@ _ROOM = "Free space there, or choose other folders with TMPDIR and VDFMU_CACHE_D
 
 
 class _Workshop:
-    """A temporary folder with one subfolder for each job, and the processes that work in it."""
+    """One subfolder of a folder for each job, and the processes that work in it."""
 
-    def __enter__(self) -> _Workshop:
-        self._temporary = tempfile.TemporaryDirectory(prefix="vdfmu_native_", ignore_cleanup_errors=True)
-        self._folder = Path(self._temporary.name)
+    def __init__(self, folder: str) -> None:
+        self._folder = Path(folder)
         self._running: set[subprocess.Popen[bytes]] = set()
         self._stopped = False
         self._environment = os.environ | {
             "ZIG_LOCAL_CACHE_DIR": str(self._folder / "zig"),
             "ZIG_GLOBAL_CACHE_DIR": self._support_folder(),
         }
+
+    def __enter__(self) -> _Workshop:
         return self
 
     def __exit__(self, *_: object) -> None:
         self._stop()
-        self._temporary.cleanup()
 
     def _support_folder(self) -> str:
         """Folder in which zig keeps what it compiles of its own for each platform, with locks of its own."""
@@ -294,13 +295,7 @@ class _Workshop:
     def _stop(self) -> None:
         self._stopped = True
         for process in list(self._running):
-            try:
-                if os.name == "posix":
-                    os.killpg(process.pid, signal.SIGKILL)
-                else:
-                    process.kill()
-            except OSError:  # it has just ended
-                continue
+            end_group(process)
 
 
 def _without_time(library: bytes) -> bytes:

@@ -1,0 +1,41 @@
+"""A few runs in one process, and that what they leave behind is seen."""
+
+from __future__ import annotations
+
+import os
+
+import pytest
+
+from . import runs
+
+
+def test_a_few_runs_in_eight_threads_are_the_same(tmp_path):
+    runs.threads(2, 0, tmp_path)
+
+
+def test_a_few_runs_leave_nothing_behind(tmp_path):
+    runs.in_a_row(24, 0, tmp_path)
+
+
+def test_other_results_are_seen(tmp_path, monkeypatch):
+    """Every third run ends a step later."""
+    simulate, stops = runs.simulate, iter([0.02, 0.02, 0.021])
+    monkeypatch.setattr(runs, "simulate", lambda package, stop: simulate(package, stop=next(stops)))
+    with pytest.raises(AssertionError):
+        runs.in_a_row(8, 0, tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("held", "words"), [("memory", "memory grows by"), ("file", "open and mapped files")]
+)
+def test_what_runs_leave_behind_is_seen(tmp_path, monkeypatch, held, words):
+    """A run that keeps 1 MB, of which 4 MB are no fault, or a file open: 18 are after the warm-up."""
+    simulate, kept = runs.simulate, []
+
+    def leak(package, stop):
+        kept.append(bytearray(os.urandom(2**20)) if held == "memory" else open(os.devnull))  # noqa: SIM115
+        return simulate(package, stop=stop)
+
+    monkeypatch.setattr(runs, "simulate", leak)
+    with pytest.raises(AssertionError, match=words):
+        runs.in_a_row(24, 0, tmp_path)
