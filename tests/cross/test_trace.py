@@ -22,7 +22,7 @@ from vdfmu.kernel.rodas import ALPHA, GAMMA, GAMMA_I, A, C
 from vdfmu.kernel.structure import set_parameters, structure_key, values
 from vdfmu.kernel.trace import FUNCTIONS
 from vdfmu.model import Robot, load_robot
-from vdfmu.model.robot import JOINT_FIELDS, SPRING_KEYS
+from vdfmu.model.parameters import PARAMETERS, SPRING_KEYS
 from vdfmu.scalar.jet import derivative, jets
 
 
@@ -40,7 +40,7 @@ def traced_robot(request, general):
 
 def first_joint(robot: Robot) -> Robot:
     """Return the arm that ends after the first joint."""
-    arrays = {name: getattr(robot, name)[:1] for name in JOINT_FIELDS}
+    arrays = {name: getattr(robot, name)[:1] for name, row in PARAMETERS.items() if row.per_joint}
     return dataclasses.replace(robot, name="single", joint_types=robot.joint_types[:1], **arrays)
 
 

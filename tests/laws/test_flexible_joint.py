@@ -140,6 +140,7 @@ def test_arm_at_rest_with_gravity_compensated_stays_at_rest(chain, draw):
 
 def test_integrated_arm_at_rest_stays_at_rest(robot, kernel_of):
     integrator = Integrator(kernel_of(robot))
+    integrator.tolerance = 1e-9
     q = np.linspace(0.3, 0.9, robot.n)
     tau_s = equilibrium_torque(robot, q)
     start = np.concatenate([q, np.zeros(2 * robot.n), tau_s])
@@ -192,6 +193,7 @@ def test_stiff_joints_move_as_the_rigid_arm(robot, kernel_of):
     for stiffness in (10.0, 100.0, 1000.0):
         stiff = robot.with_parameters(K_f0=stiffness * robot.K_f0, K_w0=stiffness * robot.K_w0)
         integrator = Integrator(kernel_of(stiff))
+        integrator.tolerance = 1e-9
         integrator.x[:] = np.concatenate([q, q_dot, q_dot, tau_s])
         integrator.tau[:] = tau
         integrator.advance(0.0, duration)

@@ -59,6 +59,7 @@ def test_free_fall_of_the_paper_s_arm_differs_by_0_3_degrees(coupled, arm, kerne
                 f_c=friction * robot.f_c, f_s=friction * robot.f_s, f_v=friction * robot.f_v
             )
             integrator = Integrator(kernel_of(robot))
+            integrator.tolerance = 1e-9
             integrator.x[:] = np.concatenate([np.zeros(18), equilibrium_torque(robot, np.zeros(6))])
             integrator.advance(0.0, 0.5)
             ends.append(np.degrees(integrator.x[:6]))

@@ -10,6 +10,7 @@ import numpy.typing as npt
 from vdfmu.errors import KernelError
 from vdfmu.kernel.functions import Kernel
 from vdfmu.kernel.rodas import ORDER
+from vdfmu.model.scenario import SOLVER_TOLERANCE
 
 __all__ = ["Integrator", "state_name"]
 
@@ -57,7 +58,7 @@ class Integrator:
         self._h, self._tolerance = args["h"], args["tolerance"]
         self._x_new, self._norm, self._ratio = results["x_new"], results["norm"], results["ratio"]
         self.p[:] = kernel.p
-        self._tolerance[0] = 1e-9
+        self._tolerance[0] = SOLVER_TOLERANCE
         self.h = 1e-4
         self.steps = self.rejected = 0
 

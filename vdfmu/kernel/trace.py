@@ -24,7 +24,7 @@ from vdfmu.kernel.requirements import margins, requirements
 from vdfmu.kernel.rodas import rodas_step
 from vdfmu.kernel.structure import symbolic_robot
 from vdfmu.model import Robot
-from vdfmu.model.robot import SPRING_KEYS
+from vdfmu.model.parameters import SPRING_KEYS
 from vdfmu.scalar.elimination import factorize, solve
 from vdfmu.scalar.symbol import from_sx, to_sx
 
