@@ -17,7 +17,15 @@ from vdfmu.model.scenario import Scenario
 from vdfmu.model.scenario_file import read_scenario
 from vdfmu.model.system_file import SystemFile, read_system_file
 
-__all__ = ["check_robot", "load_robot", "load_scenario", "load_system", "robot_from_dict", "robot_names", "scenario_names"]
+__all__ = [
+    "check_robot",
+    "load_robot",
+    "load_scenario",
+    "load_system",
+    "robot_from_dict",
+    "robot_names",
+    "scenario_names",
+]
 
 _DEEPEST = 50
 """Levels of lists and tables in a file; a robot has 7."""

@@ -83,7 +83,9 @@ class SystemFile:
         return dataclasses.replace(self, parts=parts)
 
 
-def read_system_file(problems: Problems, data: Mapping[str, Any], path: Path, base: SystemFile | None) -> SystemFile:
+def read_system_file(
+    problems: Problems, data: Mapping[str, Any], path: Path, base: SystemFile | None
+) -> SystemFile:
     """Read the content of a system file.
 
     Parameters
@@ -109,8 +111,12 @@ def read_system_file(problems: Problems, data: Mapping[str, Any], path: Path, ba
     listed = file.optional_table("connections", list(data.get("connections", {}))).data
     for source, value in listed.items():
         targets = [value] if isinstance(value, str) else value
-        if not isinstance(targets, list) or not all(isinstance(one, str) for one in cast("list[object]", targets)):
-            problems.add(f"connections.{source}", 'a list such as ["plant.tau"]', shown(value), "Name inputs.")
+        if not isinstance(targets, list) or not all(
+            isinstance(one, str) for one in cast("list[object]", targets)
+        ):
+            problems.add(
+                f"connections.{source}", 'a list such as ["plant.tau"]', shown(value), "Name inputs."
+            )
             continue
         ends = cast("list[str]", targets)
         for end in (source, *ends):
@@ -138,7 +144,9 @@ def _part(problems: Problems, key: str, value: object, folder: Path) -> Part:
         unit = table.text("unit", key)
         box = _box(problems, f"{where}.box", table.data["box"]) if "box" in table.data else None
         return Part(_located(unit, folder), box)
-    problems.add(where, 'a unit such as "plant" or "my_unit.py", or a table { unit = .., box = .. }', shown(value), "")
+    problems.add(
+        where, 'a unit such as "plant" or "my_unit.py", or a table { unit = .., box = .. }', shown(value), ""
+    )
     return Part(key)
 
 
@@ -156,7 +164,7 @@ def _box(problems: Problems, where: str, value: object) -> Box | None:
         x1, y1, x2, y2 = (float(cast("float", one)) for one in numbers)
         if x1 < x2 and y1 < y2:
             return x1, y1, x2, y2
-    problems.add(where, "corners [x1, y1, x2, y2] in mm, x1 < x2 and y1 < y2", shown(value), "Or leave the box out.")
+    problems.add(
+        where, "corners [x1, y1, x2, y2] in mm, x1 < x2 and y1 < y2", shown(value), "Or leave the box out."
+    )
     return None
-
-

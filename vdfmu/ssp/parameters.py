@@ -2,20 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
 from vdfmu.errors import UsageError
-from vdfmu.model import Scenario
+from vdfmu.model import Robot, Scenario
 from vdfmu.model.parameters import PARAMETERS
 from vdfmu.ssp.parts import Variables, tables_of
 from vdfmu.ssp.structure import spread
+from vdfmu.unit.declaration import Unit
 from vdfmu.unit.interface import Interface
 from vdfmu.unit.variable import NO_LIMIT, Variable
 
-__all__ = ["is_free", "override", "robot_parameters", "scenario_parameters", "system_values"]
+__all__ = ["is_free", "override", "robot_parameters", "scenario_parameters", "start_values", "system_values"]
 
 Values = dict[str, Any]
 
@@ -42,7 +43,12 @@ def scenario_parameters(component: str, table: Variables, scenario: Scenario) ->
         return {}
     motion, gains, feedback = scenario.trajectory, scenario.feedforward, scenario.controller
     known: dict[str, dict[str, Any]] = {
-        "trajectory": {"q_start": motion.q_start, "q_end": motion.q_end, "T": motion.T, "t_start": motion.t_start},
+        "trajectory": {
+            "q_start": motion.q_start,
+            "q_end": motion.q_end,
+            "T": motion.T,
+            "t_start": motion.t_start,
+        },
         "feedforward": {k: getattr(gains, k) for k in ("mode", "Lambda", "K_V", "k_vq", "k_vkappa")},
         "controller": {
             "K_p": feedback.K_p,
@@ -122,7 +128,9 @@ def override(
         component, _, name = key.partition(".")
         reached = [component]
         if component == "robot" and "robot" not in known:
-            reached = [c for c, table in known.items() if any(name in (v.group, v.name) for v in _of_robot(table))]
+            reached = [
+                c for c, table in known.items() if any(name in (v.group, v.name) for v in _of_robot(table))
+            ]
         try:
             if not reached:
                 raise UsageError(f"{key}: no component has a parameter {name} of the robot.")
@@ -154,6 +162,28 @@ def _set(
             raise UsageError(
                 f"{key}: {variable.name} is a{fed} of {component}; only parameters and free inputs can be set."
             )
+    return _spread(table, variables, key, value)
+
+
+def start_values(unit: type[Unit], robot: Robot | None, settings: Mapping[str, Any]) -> Values:
+    """Read settings of a unit by itself, ``K_p=3000`` or ``K_p[1]=3000``: variable to value.
+
+    Raises
+    ------
+    UsageError
+        As :func:`override`.
+    """
+    table = Interface(unit, robot if unit.needs_robot() else None)
+    values: Values = {}
+    for key, value in settings.items():
+        values |= _spread(
+            table, [v for v in table if key in (v.group, v.name)] or [table.find(key)], key, value
+        )
+    return values
+
+
+def _spread(table: Variables, variables: Sequence[Variable], key: str, value: Any) -> Values:
+    """Return the values of the variables of one setting."""
     names = [variable.name for variable in variables]
     try:
         values = spread(value, names)

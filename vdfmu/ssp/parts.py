@@ -91,7 +91,9 @@ def _copied(fmu: Path, folder: Path) -> Path:
         folder.mkdir(parents=True, exist_ok=True)
         return Path(shutil.copyfile(fmu, folder / fmu.name))
     except OSError as error:
-        raise StorageError(f"{folder / fmu.name}: cannot be written: {error}. Choose another folder.") from error
+        raise StorageError(
+            f"{folder / fmu.name}: cannot be written: {error}. Choose another folder."
+        ) from error
 
 
 def cached_fmus(

@@ -69,9 +69,7 @@ def write_ssp(
     description = SystemDescription(scenario, values, version)
     fmus = {unit: fmu for unit, fmu in fmus.items() if unit in description.tables}
     require_fmi(fmus, fmi_version, f"SSP {version}")
-    icons = {
-        f"resources/icons/{name}.svg": _icon(table.name) for name, table in description.tables.items()
-    }
+    icons = {f"resources/icons/{name}.svg": _icon(table.name) for name, table in description.tables.items()}
     ssd = structure_file(description)
     members = {"SystemStructure.ssd": _checked(ssd, "ssd", "SystemStructure.ssd", version), **icons}
     for file, parameters in description.parameter_sets.items():
