@@ -22,7 +22,7 @@ from vdfmu.kernel.rodas import ALPHA, GAMMA, GAMMA_I, A, C
 from vdfmu.kernel.structure import set_parameters, structure_key, values
 from vdfmu.kernel.trace import FUNCTIONS
 from vdfmu.model import Robot, load_robot
-from vdfmu.model.robot import JOINT_FIELDS, SPRING_KEYS
+from vdfmu.model.parameters import PARAMETERS, SPRING_KEYS
 from vdfmu.scalar.jet import derivative, jets
 
 
