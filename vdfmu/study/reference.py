@@ -25,6 +25,7 @@ from scipy.integrate import LSODA
 from vdfmu.errors import UsageError, VdfmuError
 from vdfmu.ssp.description import SystemDescription
 from vdfmu.unit.evaluate import Evaluation, evaluation
+from vdfmu.unit.interface import Interface
 from vdfmu.unit.motion import Motion, samples
 
 __all__ = ["BLOCK", "REFERENCE_OF", "Reference", "reference", "reference_blocks"]
@@ -74,6 +75,8 @@ class _System:
     def __init__(self, description: SystemDescription) -> None:
         self.units: dict[str, Evaluation] = {}
         for name, interface in description.tables.items():
+            if not isinstance(interface, Interface):
+                raise UsageError(f"there is no reference: {name} is an FMU of another tool.")
             unit = self.units[name] = evaluation(interface)
             for variable, value in description.values[name].items():
                 unit.memory[interface.reference[variable]] = float(value)
@@ -135,7 +138,7 @@ class _System:
         self.carry(self.links)
 
     def row(self) -> list[Floats]:
-        """Outputs of all units."""
+        """Return the outputs of all units."""
         return [
             unit.memory[where]
             for unit in self.units.values()

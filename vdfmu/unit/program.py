@@ -115,7 +115,7 @@ class UnitFunctions(Functions):
         return found
 
     def calls(self, phase: str) -> list[Call]:
-        """Calls of one method, one for each value of the choices that it reads."""
+        """Return the calls of one method, one for each value of the choices that it reads."""
         return self._calls[phase]
 
     def names(self) -> list[str]:

@@ -156,7 +156,7 @@ class SymbolicWatch(_Watch):
             self.symbols[name] = ca.SX.sym(name, size)
         return self.symbols[name]
 
-    def value(self, declared: Declared) -> Any:
+    def value(self, declared: Declared) -> Any:  # noqa: D102  # as of _Watch
         where = state_slices(self.unit)
         shape = declared.sizes(self.unit.n)
         size = int(np.prod(shape, dtype=int))
@@ -169,20 +169,20 @@ class SymbolicWatch(_Watch):
         array = from_sx(ca.SX(column)).reshape(shape)
         return array.view(SymbolArray) if shape else array[()]
 
-    def field(self, name: str) -> Any:
+    def field(self, name: str) -> Any:  # noqa: D102
         return from_sx(self.symbol(name, self.unit.n)).view(SymbolArray)
 
-    def time_value(self) -> Any:
+    def time_value(self) -> Any:  # noqa: D102
         return from_sx(self.symbol("t", 1))[0]
 
-    def robot_value(self) -> Any:
+    def robot_value(self) -> Any:  # noqa: D102
         if self._robot is None:
             assert self.unit.of_robot is not None
             self._robot, self.symbols["p"] = symbolic_robot(self.unit.of_robot)
         return self._robot
 
     def expressions(self) -> dict[str, ca.SX]:
-        """What the method has set, as columns; continuous states together as ``x``, derivatives as ``x_dot``."""
+        """Return what the method has set, as columns; continuous states together as ``x``, derivatives as ``x_dot``."""
         found: dict[str, ca.SX] = {}
         together: dict[str, dict[str, ca.SX]] = {"x": {}, "x_dot": {}}
         where = state_slices(self.unit)

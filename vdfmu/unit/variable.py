@@ -116,7 +116,7 @@ def scalar_variables(unit: type[Unit], robot: Robot | None) -> list[Variable]:
 
 
 def derivative_variables(unit: type[Unit], robot: Robot | None) -> list[Variable]:
-    """Derivatives of the continuous states of a unit, in the order of the states."""
+    """Return the derivatives of the continuous states of a unit, in the order of the states."""
     by_state = {d.state: d for d in unit.declared.values() if isinstance(d, Derivative)}
     states = [d for d in unit.declared.values() if type(d) is State]
     return [v for state in states for v in _scalars(by_state[state], robot)]
@@ -152,7 +152,7 @@ def _scalars(declared: Declared, robot: Robot | None) -> Iterator[Variable]:
 
 
 def _text(declared: Declared, position: int, index: tuple[int, ...]) -> str:
-    """Description of an element."""
+    """Return the description of an element."""
     if not isinstance(declared.text, str):
         return declared.text[position]
     text = declared.text
