@@ -22,7 +22,7 @@ Values = dict[str, Any]
 
 
 def robot_parameters(component: str, table: Variables, scenario: Scenario) -> Values:
-    """Return the parameters of a component that describe the robot: the scenario's plant for ``plant``, else nominal."""
+    """Return a component's parameters that describe the robot: the scenario's plant for ``plant``, else nominal."""
     robot = scenario.plant_robot if component == "plant" else scenario.robot
     if not isinstance(table, Interface) or table.unit.robot_fields is None:
         return {}
