@@ -82,7 +82,7 @@ class _System:
         foreign = [name for name in description.tables if name not in interfaces]
         if foreign:
             raise UsageError(
-                f"there is no reference: {', '.join(foreign)} is an FMU of another tool, without equations to solve here."
+                f"there is no reference: {', '.join(foreign)} is an FMU of another tool, whose equations are unknown."
             )
         begins = np.cumsum([0, *(interface.size for interface in interfaces.values())]).tolist()
         self.memory = np.zeros(begins[-1])
