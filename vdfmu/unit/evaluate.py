@@ -59,7 +59,7 @@ class Evaluation:
         raise NotImplementedError
 
     def rate(self, t: float, x: Floats) -> Floats:
-        """Return the derivatives at a time and a state, (n_x,), for a solver."""
+        """Return the derivatives (n_x,) at a time and a state, for a solver."""
         self.memory[-1] = t
         self.x[:] = x
         self.derivatives()
@@ -98,6 +98,8 @@ class Traced(Evaluation):
         )
         copies = [(self.group(call.group(name)), bound.results[name]) for name in new]
         conditions = [(self.group(choice), float(value)) for choice, value in call.when]
+        if not conditions and not copies:
+            return lambda: bound.run()  # keeps `bound`, whose buffers it needs
 
         def run_chosen() -> None:
             if all(parameter[0] == value for parameter, value in conditions):
