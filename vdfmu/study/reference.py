@@ -135,7 +135,7 @@ class _System:
         self.carry(self.links)
 
     def row(self) -> list[Floats]:
-        """Outputs of all units."""
+        """Return the outputs of all units."""
         return [
             unit.memory[where]
             for unit in self.units.values()

@@ -59,7 +59,7 @@ class Evaluation:
         raise NotImplementedError
 
     def rate(self, t: float, x: Floats) -> Floats:
-        """Derivatives at a time and a state, (n_x,), for a solver."""
+        """Return the derivatives at a time and a state, (n_x,), for a solver."""
         self.memory[-1] = t
         self.x[:] = x
         self.derivatives()

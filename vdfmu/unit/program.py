@@ -18,7 +18,8 @@ import numpy as np
 
 from vdfmu.kernel.functions import Functions
 from vdfmu.kernel.rodas import rodas_step
-from vdfmu.kernel.structure import SOURCES, source_digest, structure_key
+from vdfmu.kernel.structure import SOURCES as KERNEL_SOURCES
+from vdfmu.kernel.structure import source_digest, structure_key
 from vdfmu.kernel.trace import traced_function
 from vdfmu.model import Robot
 from vdfmu.scalar.elimination import factorize, solve
@@ -26,9 +27,10 @@ from vdfmu.scalar.symbol import from_sx, to_sx
 from vdfmu.unit.declaration import PHASES, Unit, unit_name
 from vdfmu.unit.trace import Leaf, SymbolicWatch, leaves, run, state_slices
 
-__all__ = ["Call", "Program", "UnitFunctions"]
+__all__ = ["SOURCES", "Call", "Program", "UnitFunctions"]
 
-_SOURCES = (*SOURCES, "unit", "units")
+SOURCES = (*KERNEL_SOURCES, "unit", "units")
+"""Packages that decide what a traced function of a unit computes."""
 
 
 @dataclass(frozen=True)
@@ -102,7 +104,7 @@ class UnitFunctions(Functions):
         instance = unit(robot)
         self._calls = {phase: self._listed(phase, leaves(instance, phase)) for phase in PHASES}
         self.shipped = unit.__module__.startswith("vdfmu.units.")
-        key = f"{structure_key(robot) if robot is not None else 'no-robot'}-{source_digest(*_SOURCES)[:16]}"
+        key = f"{structure_key(robot) if robot is not None else 'no-robot'}-{source_digest(*SOURCES)[:16]}"
         super().__init__(key, cache if self.shipped else None)
 
     def _listed(self, phase: str, found_leaves: list[Leaf]) -> list[Call]:
@@ -115,7 +117,7 @@ class UnitFunctions(Functions):
         return found
 
     def calls(self, phase: str) -> list[Call]:
-        """Calls of one method, one for each value of the choices that it reads."""
+        """Return the calls of one method, one for each value of the choices that it reads."""
         return self._calls[phase]
 
     def names(self) -> list[str]:

@@ -157,6 +157,7 @@ class SymbolicWatch(_Watch):
         return self.symbols[name]
 
     def value(self, declared: Declared) -> Any:
+        """Symbols of a variable."""
         where = state_slices(self.unit)
         shape = declared.sizes(self.unit.n)
         size = int(np.prod(shape, dtype=int))
@@ -170,19 +171,22 @@ class SymbolicWatch(_Watch):
         return array.view(SymbolArray) if shape else array[()]
 
     def field(self, name: str) -> Any:
+        """Symbols of a field of the robot."""
         return from_sx(self.symbol(name, self.unit.n)).view(SymbolArray)
 
     def time_value(self) -> Any:
+        """Symbol of the time."""
         return from_sx(self.symbol("t", 1))[0]
 
     def robot_value(self) -> Any:
+        """Robot whose run-time parameters are symbols."""
         if self._robot is None:
             assert self.unit.of_robot is not None
             self._robot, self.symbols["p"] = symbolic_robot(self.unit.of_robot)
         return self._robot
 
     def expressions(self) -> dict[str, ca.SX]:
-        """What the method has set, as columns; continuous states together as ``x``, derivatives as ``x_dot``."""
+        """Return what the method has set, as columns; continuous states as ``x``, derivatives as ``x_dot``."""
         found: dict[str, ca.SX] = {}
         together: dict[str, dict[str, ca.SX]] = {"x": {}, "x_dot": {}}
         where = state_slices(self.unit)
