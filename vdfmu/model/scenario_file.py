@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 
-from vdfmu.data import data_path
 from vdfmu.errors import ModelError
 from vdfmu.model.check import check_step
 from vdfmu.model.parameters import PARAMETERS, Array, read_only
@@ -29,6 +28,7 @@ from vdfmu.model.scenario import (
     Trajectory,
     apply_factors,
 )
+from vdfmu.model.system_file import SystemFile
 
 SCENARIO_KEYS = (
     "name",
@@ -56,7 +56,9 @@ PAPER_LISTS = (
 )
 
 
-def read_scenario(problems: Problems, data: object, robot: Robot | None) -> Scenario | None:
+def read_scenario(
+    problems: Problems, data: object, robot: Robot | None, system: SystemFile | None
+) -> Scenario | None:
     """Read a scenario file's content.
 
     Parameters
@@ -67,18 +69,26 @@ def read_scenario(problems: Problems, data: object, robot: Robot | None) -> Scen
         The content of the file.
     robot : Robot or None
         The nominal robot; None if it could not be loaded, which lets the rest be read all the same.
+    system : SystemFile or None
+        The same.
 
     Returns
     -------
     Scenario or None
         None if there are problems.
     """
-    file = Table(problems, data, "", SCENARIO_KEYS)
+    components = tuple(system.parts) if system is not None else ()
+    file = Table(problems, data, "", (*SCENARIO_KEYS, *components))
     n = robot.n if robot is not None else None
     name = file.name("name")
     description = file.text("description", "")
     kind = file.text("kind", choices=KINDS)
-    system = file.text("system", "system", sorted(path.stem for path in data_path("ssp").glob("*.toml")))
+    file.text("system", "system")
+    sections = {
+        name: file.optional_table(name, list(file.data.get(name, {}))).data
+        for name in components
+        if name in file.data and name not in SCENARIO_KEYS
+    }
     robot_name = file.text("robot")
     if "friction" in file.data:
         friction = file.text("friction", choices=FRICTION_ARRANGEMENTS)
@@ -109,7 +119,7 @@ def read_scenario(problems: Problems, data: object, robot: Robot | None) -> Scen
             check_robot(apply_factors(robot, factors), f"{problems.where}: plant_factors: the plant")
         except ModelError as error:
             problems.lines.extend(error.problems)
-    if robot is None or problems.lines:
+    if robot is None or system is None or problems.lines:
         return None
     return Scenario(
         name=name,
@@ -127,6 +137,7 @@ def read_scenario(problems: Problems, data: object, robot: Robot | None) -> Scen
         feedforward=feedforward,
         controller=controller,
         plant_factors=factors,
+        sections=sections,
         paper=paper,
     )
 

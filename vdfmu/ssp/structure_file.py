@@ -70,7 +70,7 @@ def _add_component(
         name=unit,
         description=description.tables[unit].description,
         type="application/x-fmu-sharedlibrary",
-        source=f"resources/{description.tables[unit].model_name}.fmu",
+        source=f"resources/{description.fmu_name(unit)}",
         implementation="CoSimulation",
     )
     connectors = add(component, "ssd:Connectors")
