@@ -126,8 +126,7 @@ def _scalars(declared: Declared, robot: Robot | None) -> Iterator[Variable]:
     shape = declared.sizes(robot.n if robot is not None else 0)
     start: Any = None
     if declared.set_by is None:
-        start = declared.start(robot) if callable(declared.start) else declared.start
-        start = np.broadcast_to(np.asarray(start), shape)
+        start = declared.start_value(robot)
     for position, index in enumerate(np.ndindex(shape)):
         joint = (
             robot.joint_types[index[0]] if robot is not None and JOINTS in declared.shape[:1] else "revolute"
