@@ -19,7 +19,8 @@ from vdfmu.errors import FmuError, ModelError, UsageError
 from vdfmu.fmu import build_fmus
 from vdfmu.fmu.content import Content
 from vdfmu.model import Robot
-from vdfmu.unit.interface import Interface
+from vdfmu.unit.interface import Interface, general_description
+from vdfmu.unit.variable import Variable
 from vdfmu.units import shipped_units
 
 BUILD = """
@@ -163,10 +164,19 @@ def test_the_page_inside_describes_every_variable(
     with zipfile.ZipFile(fmus["planar_2dof"][unit_name]) as archive:
         page = html.fromstring(archive.read("documentation/index.html").decode())
     rows = [[cell.text_content() for cell in row] for row in page.iter("tr")][1:]
-    assert rows == [
-        [v.name, v.causality, v.unit or "", v.description]
-        for v in Interface(shipped_units()[unit_name], planar)
-    ]
+    interface = Interface(shipped_units()[unit_name], planar)
+    described: list[Variable] = []
+    for name, references, _, unit, *_, text in rows:
+        first, *last = map(int, references.split(" .. "))
+        members = interface.variables[first : (last or [first])[0] + 1]
+        assert name == " .. ".join(dict.fromkeys((members[0].name, members[-1].name)))
+        assert {v.unit or "" for v in members} == {unit}
+        alike = {general_description(v.description) if last else v.description for v in members}
+        assert alike == {text}
+        described += members
+    assert described == list(interface.variables)
+    kinds = {row[2] for row in rows}
+    assert kinds <= {"input", "output", "fixed parameter", "tunable parameter"}
     assert "Robot: planar_2dof." in page.text_content()
 
 
@@ -245,18 +255,18 @@ def test_a_robot_that_is_not_physical_is_refused(planar: Robot, tmp_path: Path) 
 
 
 def test_unknown_units_and_folders_that_cannot_be_written_are_refused(planar: Robot, tmp_path: Path) -> None:
-    with pytest.raises(UsageError, match="There is no unit 'motor'. There are: trajectory"):
+    with pytest.raises(UsageError, match="There is no unit 'motor'. There are: controller"):
         build_fmus(planar, tmp_path, units=["motor"], backend="python")
     with pytest.raises(UsageError, match="There is no unit 'motor'"):
         build_fmus(planar, tmp_path, start_values={"motor": {}}, backend="python")
     (tmp_path / "file").write_text("")
-    with pytest.raises(FmuError, match=r"file/Trajectory.fmu: cannot be written: .*Choose another folder"):
+    with pytest.raises(FmuError, match=r"file/PDController.fmu: cannot be written: .*Choose another folder"):
         build_fmus(planar, tmp_path / "file", backend="python")
 
 
 def test_the_content_file_reads_back(planar: Robot, tmp_path: Path) -> None:
     content = Content(shipped_units()["plant"], planar, {"q_0[1]": 0.1, "equilibrium": False})
     (tmp_path / "vdfmu.json").write_text(content.to_json(), encoding="utf-8")
-    again = Content.read(tmp_path)
+    again = Content.read(tmp_path, "Plant")
     assert again.guid == content.guid
     assert json.loads(again.to_json()) == json.loads(content.to_json())

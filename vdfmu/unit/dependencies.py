@@ -34,22 +34,37 @@ def patterns(interface: Interface) -> tuple[Pattern, Pattern]:
         on itself.
     start : (N, N)
         What they depend on during initialization: inputs, parameters and time.
+
+    A unit that cannot be traced may depend on everything.
     """
+    if interface.unit.backend == "python":
+        states = _states(interface)
+        step = np.ones((interface.size, interface.size), dtype=bool)
+        step[states] = np.eye(interface.size, dtype=bool)[states]
+        return _known(interface, step, np.ones_like(step))
     program = interface.program
     moving = (*program.outputs, *program.derivatives)
     step, start = _after(interface, moving), _after(interface, (*program.start, *moving))
-    memory = interface.memory
-    of_state = np.zeros(interface.size, dtype=bool)
-    of_state[interface.slice("x")] = True
-    of_state |= np.array([v.variability == "discrete" for v in memory])
-    causality = np.array([v.causality for v in memory])
+    return _known(interface, step, start)
+
+
+def _known(interface: Interface, step: Pattern, start: Pattern) -> tuple[Pattern, Pattern]:
+    """Return the patterns without the rows of what is given, and the columns of what is not known then."""
+    causality = np.array([v.causality for v in interface.memory])
     time = causality == "independent"
     inputs, given = causality == "input", np.isin(causality, ("input", "parameter"))
     calculated = np.isin(causality, ("output", "local"))
-    for found, known in ((step, inputs | of_state | time), (start, given | time)):
+    for found, known in ((step, inputs | _states(interface) | time), (start, given | time)):
         found[~calculated] = False
         found[:, ~known] = False
     return step, start
+
+
+def _states(interface: Interface) -> npt.NDArray[np.bool_]:
+    """Positions of continuous and sampled states."""
+    found = np.array([v.variability == "discrete" for v in interface.memory])
+    found[interface.states] = True
+    return found
 
 
 def _after(interface: Interface, calls: Sequence[Call]) -> Pattern:

@@ -13,7 +13,7 @@ from vdfmu.model.robot import Robot
 from vdfmu.unit.declaration import Choice, Declared, Derivative, Switch
 from vdfmu.unit.interface import Interface
 from vdfmu.unit.program import Call
-from vdfmu.unit.trace import run
+from vdfmu.unit.trace import argument_name, run
 
 __all__ = ["Evaluation", "Plain", "Traced", "evaluation"]
 
@@ -97,7 +97,7 @@ class Traced(Evaluation):
             call.function, **{name: self.group(call.group(name)) for name in names if name not in new}
         )
         copies = [(self.group(call.group(name)), bound.results[name]) for name in new]
-        conditions = [(self.group(choice), float(value)) for choice, value in call.when]
+        conditions = [(self.group(argument_name(choice)), float(value)) for choice, value in call.when]
 
         def run_chosen() -> None:
             if all(parameter[0] == value for parameter, value in conditions):
@@ -145,7 +145,7 @@ class Plain(Evaluation):
     def read(self, declared: Declared) -> Any:
         """Value of a variable."""
         if isinstance(declared, (Choice, Switch)):
-            value = int(self.group(declared.name)[0])
+            value = int(self._place(declared)[0])
             return declared.choices[value] if declared.choices else bool(value)
         shape = declared.sizes(self._unit.n)
         return self._place(declared).reshape(shape).copy() if shape else float(self._place(declared)[0])
@@ -159,21 +159,24 @@ class Plain(Evaluation):
             start = self.interface.groups[declared.state.name].start - self.interface.states.start
             size = int(np.prod(declared.sizes(self._unit.n), dtype=int))
             return self.x_dot[start : start + size]
-        return self.group(declared.name)
+        return self.memory[self.interface.groups[declared.name]]
 
     def time(self) -> float:
         """Time [s]."""
         return float(self.memory[-1])
 
+    def _field(self, name: str) -> Floats:
+        return self.memory[self.interface.groups[name]]
+
     def robot(self, fields: tuple[str, ...]) -> Any:
         """Robot with the parameters in the memory."""
         robot = self.interface.robot
         assert isinstance(robot, Robot)
-        values = self.group("p") if not fields else np.concatenate([self.group(field) for field in fields])
+        values = self.group("p") if not fields else np.concatenate([self._field(field) for field in fields])
         key = values.tobytes()
         if self._robot[0] != key:
             if fields:
-                made = robot.with_parameters(**{field: self.group(field) for field in fields})
+                made = robot.with_parameters(**{field: self._field(field) for field in fields})
             else:
                 made = set_parameters(robot, values)
             self._robot = key, made
