@@ -16,6 +16,7 @@ from vdfmu.cli.terminal import (
     ScenarioArgument,
     SetOption,
     UnpackOption,
+    building,
     errors,
     fail,
     parse_settings,
@@ -49,15 +50,17 @@ def build(
 
     chosen = load_scenario(scenario, robot)
     say_notes([*model_notes(chosen), *build_notes(chosen.robot, backend)])
-    built = build_fmus(
-        chosen.robot,
-        out,
-        units=units_of(chosen),
-        start_values=system_values(chosen, parse_settings(settings)),
-        backend=backend,
-        fmi_version=fmi,
-        platforms=platform,
-    )
+    values = system_values(chosen, parse_settings(settings))
+    with building():
+        built = build_fmus(
+            chosen.robot,
+            out,
+            units=units_of(chosen),
+            start_values=values,
+            backend=backend,
+            fmi_version=fmi,
+            platforms=platform,
+        )
     for path in built.values():
         say(str(path))
 
@@ -81,12 +84,13 @@ def container(
     chosen = prepare(scenario, robot=robot, step=step)
     say_notes([*model_notes(chosen), *build_notes(chosen.robot, "native")])
     values = system_values(chosen, parse_settings(settings))
-    with temporary_folder("vdfmu_") as folder:
+    path = out if out is not None else Path(f"{chosen.name}.fmu")
+    with building(), temporary_folder("vdfmu_") as folder:
         package = write_ssp(
             chosen, cached_fmus(chosen, folder, "native"), Path(folder) / "system.ssp", values
         )
-        path = out if out is not None else Path(f"{chosen.name}.fmu")
-        say(str(write_container(package, path, step=chosen.step)))
+        written = write_container(package, path, step=chosen.step)
+    say(str(written))
 
 
 def ssp(
@@ -128,9 +132,15 @@ def ssp(
     values = system_values(chosen, parse_settings(settings))
     with temporary_folder("vdfmu_") as folder:
         units = units_of(chosen)
-        fmus = build_fmus(
-            chosen.robot, folder, units=units, start_values=values, backend=backend, fmi_version=fmi_version
-        )
+        with building():
+            fmus = build_fmus(
+                chosen.robot,
+                folder,
+                units=units,
+                start_values=values,
+                backend=backend,
+                fmi_version=fmi_version,
+            )
         if form == "osp":
             say(str(write_osp(chosen, fmus, out or Path(f"{chosen.name}_osp"), values)))
         else:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import re
 import sys
-from collections.abc import Iterable, Sequence
+from collections.abc import Generator, Iterable, Sequence
+from contextlib import contextmanager
 from typing import TYPE_CHECKING, Annotated, Any, NoReturn
 
 import typer
@@ -14,14 +15,15 @@ from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedCo
 from rich.segment import Segment
 
 from vdfmu.errors import UsageError
+from vdfmu.progress import showing
 from vdfmu.text import shown, told
 
 if TYPE_CHECKING:
     from vdfmu.cosim import LogMessage
 
 __all__ = [
-    "BackendOption", "Bars", "RobotOption", "ScenarioArgument", "SetOption", "UnpackOption", "console", "errors",
-    "fail", "parse_settings", "say", "say_notes",
+    "BackendOption", "Bars", "RobotOption", "ScenarioArgument", "SetOption", "UnpackOption", "building",
+    "console", "errors", "fail", "parse_settings", "say", "say_notes",
 ]  # fmt: skip
 
 
@@ -146,3 +148,10 @@ class Bars:
             self._notes.setdefault(what if colon else name, []).extend([name] if colon else [])
         elif message.status not in ("ok", "error", "fatal"):  # the error that ends the run quotes these
             self.say(str(message) if message.unit else f"{message.status}: {message.text}")
+
+
+@contextmanager
+def building() -> Generator[None]:
+    """Show how far tracing and compiling are."""
+    with Bars() as bars, showing(bars.update):
+        yield

@@ -19,6 +19,7 @@ from vdfmu.fmu.table import Variable
 from vdfmu.kernel import Kernel
 from vdfmu.kernel.c_code import c_function, c_prototype
 from vdfmu.kernel.requirements import requirements
+from vdfmu.progress import counted
 
 __all__ = ["generated_sources"]
 
@@ -55,7 +56,8 @@ class _Unit:
             names.append(self.program.step.function)
         if self.requirements:
             names.append("margins")
-        self.functions = {name: self.kernel.casadi_function(name) for name in dict.fromkeys(names)}
+        names = counted(f"trace {self.table.unit}", dict.fromkeys(names), len(set(names)))
+        self.functions = {name: self.kernel.casadi_function(name) for name in names}
 
     # ---------------------------------------------------------------- files
 
