@@ -11,7 +11,9 @@ from typing import TYPE_CHECKING, Annotated, Any, NoReturn
 import typer
 from rich.console import Console, ConsoleOptions, RenderableType
 from rich.markup import escape
-from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.progress import (
+    BarColumn, MofNCompleteColumn, Progress, TaskID, TextColumn, TimeElapsedColumn, TimeRemainingColumn,
+)  # fmt: skip
 from rich.segment import Segment
 
 from vdfmu.errors import UsageError
@@ -115,8 +117,8 @@ class Bars:
 
     def __init__(self) -> None:
         self._progress = Progress(
-            TextColumn("{task.description:20}"), BarColumn(), TextColumn("{task.percentage:3.0f} %"),
-            TimeElapsedColumn(), TimeRemainingColumn(), console=errors, transient=False,
+            TextColumn("{task.description:20}"), BarColumn(20), TextColumn("{task.percentage:3.0f} %"),
+            MofNCompleteColumn(), TimeElapsedColumn(), TimeRemainingColumn(), console=errors, transient=False,
             disable=not errors.is_terminal,
         )  # fmt: skip
         self._tasks: dict[str, TaskID] = {}
