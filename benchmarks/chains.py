@@ -8,7 +8,7 @@ import numpy as np
 
 from benchmarks.counting import Counter
 from vdfmu.model import Robot, load_robot
-from vdfmu.model.robot import JOINT_FIELDS
+from vdfmu.model.parameters import PARAMETERS
 
 __all__ = ["counting_chain", "random_motion", "repeated_link"]
 
@@ -36,7 +36,9 @@ def repeated_link(n: int, seed: int = 1) -> Robot:
         "inertia": mass / 8 * sum(np.dot(p, p) * np.eye(3) - np.outer(p, p) for p in points),
     }
     pattern = load_robot("manipulator_6dof")  # its first drive and friction, which rigid dynamics do not use
-    fields = {name: link.get(name, getattr(pattern, name)[0]) for name in JOINT_FIELDS}
+    fields = {
+        name: link.get(name, getattr(pattern, name)[0]) for name, row in PARAMETERS.items() if row.per_joint
+    }
     return dataclasses.replace(
         pattern,
         name=f"chain_{n}",

@@ -14,15 +14,15 @@ from matplotlib.figure import Figure
 from benchmarks.chains import counting_chain, random_motion, repeated_link
 from benchmarks.counting import Count, Counter, count_operations
 from benchmarks.fit import Exponent, Polynomial, exact_polynomial, fit_exponent, upper_half
+from benchmarks.lagrange import lagrange_inverse_dynamics
 from benchmarks.report import COLOURS, Report, Table, new_figure, tidy
 from benchmarks.timing import Case, measure
 from vdfmu.equations.inverse_dynamics import inverse_dynamics
-from vdfmu.equations.lagrange import lagrange_inverse_dynamics
 from vdfmu.equations.newton_euler import newton_euler
 from vdfmu.kernel import KernelFunction
 from vdfmu.kernel.structure import symbolic_robot, values
-from vdfmu.kernel.symbol import from_sx, to_sx
 from vdfmu.model import Robot
+from vdfmu.scalar.symbol import from_sx, to_sx
 
 __all__ = ["FORMULATIONS", "Growth", "run", "trace"]
 

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import inspect
 import re
 from typing import Any
 
 import griffe
+
+from vdfmu.model import Robot
 
 _TYPE = re.compile(r"^ *[\w*, ]+ : .*$", re.MULTILINE)
 _ROLE = re.compile(r":\w+:`~?([^`]+)`")
@@ -21,5 +24,8 @@ class PlainDocstrings(griffe.Extension):
     def on_object(self, *, obj: griffe.Object, **_: Any) -> None:
         """Change the docstring of one object."""
         if obj.docstring is not None:
-            text = _TYPE.sub(lambda line: line[0].replace(" [", "\u00a0["), obj.docstring.value)
+            text = obj.docstring.value
+            if obj.path == f"{Robot.__module__}.Robot":  # its docstring goes on with the table of parameters
+                text = inspect.getdoc(Robot) or ""
+            text = _TYPE.sub(lambda line: line[0].replace(" [", "\u00a0["), text)
             obj.docstring.value = _ROLE.sub(r"`\1`", text)

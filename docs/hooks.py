@@ -1,4 +1,4 @@
-"""What the documentation adds to mkdocs: formulas as drawings, and the interface page from the variable table."""
+"""What the documentation adds to mkdocs: formulas as drawings, and the pages made from the tables of the package."""
 
 from __future__ import annotations
 
@@ -16,6 +16,8 @@ from vdfmu.fmu.description3 import model_description_3
 from vdfmu.fmu.interface import UNIT_NAMES, Interface, Variable, interface
 from vdfmu.fmu.layout import Array, Layout, general_description
 from vdfmu.model import load_robot
+from vdfmu.model.parameters import PARAMETERS
+from vdfmu.model.read import POSITIVE
 
 with warnings.catch_warnings():  # it opens its font in a way that Python 3.11 calls deprecated
     warnings.simplefilter("ignore", DeprecationWarning)
@@ -54,8 +56,9 @@ def on_page_content(html: str, **_: Any) -> str:
 
 
 def on_files(files: Any, config: Any) -> Any:
-    """Add ``interface.md``, made from the variable table."""
+    """Add ``interface.md``, made from the variable table, and ``robot_file.md``, from that of a robot's parameters."""
     files.append(File.generated(config, "interface.md", content=interface_page()))
+    files.append(File.generated(config, "robot_file.md", content=robot_file_page()))
     return files
 
 
@@ -79,6 +82,44 @@ def interface_page() -> str:
     return "\n".join([*lines, _FLAGS, _capabilities(), ""])
 
 
+def robot_file_page() -> str:
+    """Return the reference of a robot file, in markdown."""
+    lines = [_ROBOT_HEAD]
+    rows = sorted(PARAMETERS.values(), key=lambda row: list(_TABLES).index(row.table))
+    for table, group in groupby(rows, lambda row: row.table):
+        lines += [
+            "",
+            f"## {_TABLES[table]}",
+            "",
+            "| key | unit | numbers | default | equation | what it is |",
+        ]
+        lines.append("| --- " * 6 + "|")
+        for row in group:
+            unit, prismatic = row.unit(), row.unit("prismatic")
+            size = "symmetric 3 × 3" if row.fold == "inertia" else " × ".join(map(str, row.shape))
+            low = "" if row.smallest is None else "> 0" if row.smallest == POSITIVE else f"≥ {row.smallest:g}"
+            high = f"at most {row.largest:g}" if row.fold != "always" else ""
+            cells = (
+                f"`{row.key}`",
+                unit + (f" [{prismatic}]" if prismatic != unit else ""),
+                ", ".join(part for part in (size, low, high) if part),
+                "" if row.default is None else f"{row.default:g}",
+                row.equation,
+                _text(row.text[0].lower() + row.text[1:].replace(", Eq. {}", "").replace(" of Eq. {}", "")),
+            )
+            lines.append("| " + " | ".join(cells) + " |")
+    return "\n".join([*lines, ""])
+
+
+_TABLES = {
+    "": "Top of the file",
+    "payload": "[payload]",
+    "joints": "[[joints]]",
+    "joints.link": "[joints.link]",
+    "joints.drive": "[joints.drive]",
+    "joints.friction": "[joints.friction]",
+    "joints.limits": "[joints.limits]",
+}
 _TITLES = {
     "input": "Inputs",
     "output": "Outputs",
@@ -196,6 +237,27 @@ first element. Native FMUs of FMI 3.0 also have `time`, with the last value refe
 variables of native FMUs only. See [Native FMUs](native.md#variables).
 The [capability flags](#capability-flags) are at the end.
 
+"""
+
+_ROBOT_HEAD = """---
+hide: [toc]
+---
+
+# Robot file
+
+This page is made from the table of a robot's parameters, `vdfmu/model/parameters.py`, when the documentation is
+built. The same table gives the checks of the file, the fields of `Robot` and the parameters of the FMUs.
+
+A robot is one TOML file. [Write a robot](tutorials/own_robot.md#write-a-robot) has an example; every problem of a
+file is reported at once. Beside the numbers below it has `name` and `description`, `friction` (`"lumped"` or
+`"split"`, default lumped), `rotor_coupling` (default `true`, [the rotor as a body](model.md#the-rotor-as-a-body)),
+the `type` of each joint (`"revolute"` or `"prismatic"`) and, under `[sources]`, where numbers are from:
+`"joints.link.mass" = ".."` for all joints, `"joints[2].link.mass"` for one. `[payload]` can be missing,
+`[joints.limits]` too, but then of all joints.
+
+SI units, angles in rad; a unit in brackets is that of a prismatic joint. Symbols are on the page
+[Notation](notation.md). An inertia can also be one number, of a body with the same moment about all axes, or three
+principal moments; that of a payload can be 0.
 """
 
 _FLAGS = """## Capability flags

@@ -14,6 +14,7 @@ import pytest
 from vdfmu.kernel import Kernel
 from vdfmu.kernel.cache import cache_folder
 from vdfmu.model import Robot, check_robot, load_robot
+from vdfmu.model.parameters import section
 
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # as a shell starts what it runs in the background
     signal.signal(signal.SIGINT, signal.default_int_handler)
@@ -95,6 +96,7 @@ def make_general_chain() -> Robot:
             rotor_coupling=True,
             sources={},
             payload=True,
+            **{row.name: np.zeros(n) for row in section("limits")},
             payload_mass=np.array(1.7),
             payload_centroid=np.array([-0.04, 0.07, 0.1]),
             payload_inertia=1.7 * random_inertia(np.random.default_rng(20240502), 0.1),

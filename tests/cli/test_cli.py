@@ -179,13 +179,45 @@ def test_a_unit_that_fails_ends_with_code_1_and_its_words(tmp_path):
 
 
 @pytest.mark.parametrize(
-    "command", [["run"], ["simulate"], ["build"], ["ssp"], ["check"], ["models", "list"], ["models", "show"]]
+    "command",
+    [
+        ["run"],
+        ["simulate"],
+        ["build"],
+        ["ssp"],
+        ["check"],
+        ["models", "list"],
+        ["models", "show"],
+        ["cache"],
+        ["cache", "clear"],
+    ],
 )
 def test_help_of_every_command_has_an_example(tmp_path, command):
     done = vdfmu(*command, "--help", cwd=tmp_path)
     assert done.returncode == 0
     assert f"vdfmu {' '.join(command)}" in " ".join(done.stdout.split())
     assert "Example" in done.stdout
+
+
+def test_the_cache_is_shown_and_cleared(tmp_path):
+    environment = os.environ | {"VDFMU_CACHE_DIR": str(tmp_path / "cache"), "VDFMU_CACHE_MB": "300"}
+
+    def output(*arguments):
+        done = vdfmu(*arguments, cwd=tmp_path, env=environment)
+        assert done.returncode == 0, done.stderr
+        return done.stdout
+
+    assert "Entries  0\n" in output("cache")
+    output("build", "planar_tracking", "--backend", "python")
+    entries = [path for path in (tmp_path / "cache").rglob("*") if path.is_file()]
+    size = f"{sum(path.stat().st_size for path in entries) / 2**20:.1f} MB"
+    shown = output("cache")
+    assert f"Folder   {tmp_path / 'cache'}\n" in shown and f"Entries  {len(entries)}\n" in shown
+    assert entries and f"Size     {size}, at most 300 MB\n" in shown
+    assert output("cache", "clear") == f"Removed {len(entries)} entries, {size}.\n"
+    assert "Entries  0\n" in output("cache")
+    wrong = vdfmu("cache", cwd=tmp_path, env=environment | {"VDFMU_CACHE_MB": "much"})
+    assert wrong.returncode == 2 and "VDFMU_CACHE_MB: expected" in wrong.stderr
 
 
 def test_version(tmp_path):

@@ -1,4 +1,4 @@
-"""How a run ends: at its stop time, at the end that a unit makes, at what is no number, at a failure."""
+"""How a run ends: at its stop time, at the end that a unit makes, at what is not a number, at a failure."""
 
 from __future__ import annotations
 
@@ -103,7 +103,7 @@ def test_a_unit_that_gives_no_reason_is_quoted_with_its_last_message(package):
     )
 
 
-# ---------------------------------------------------------------- what is no number
+# ---------------------------------------------------------------- what is not a number
 
 
 @pytest.mark.parametrize("options", COUPLINGS, ids=lambda o: "-".join(map(str, o.values())))

@@ -69,7 +69,7 @@ def test_a_value_that_is_none_is_told(pack, xml):
         [c("b", "Adder", "a:input b:input y:output"), c("t", "Ramp", "y:output")],
         ["b.y -> b.a", "t.y -> b.b"],
     )
-    with pytest.raises(CosimError, match=r"b\.y -> b\.a is no number"):
+    with pytest.raises(CosimError, match=r"b\.y -> b\.a is not a number"):
         simulate(
             path, start=1.0, stop=2.0, step=0.5, parameters={"t.slope": float("nan")}, algorithm="iterative"
         )

@@ -6,20 +6,20 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from vdfmu.equations.forward_dynamics import forward_dynamics
-from vdfmu.equations.inverse_dynamics import inverse_dynamics
-from vdfmu.equations.jet import derivative, jets
-from vdfmu.equations.kinematics import end_effector_pose
-from vdfmu.equations.lagrange import (
+from benchmarks.lagrange import (
     christoffel_symbols,
     lagrange_inverse_dynamics,
     lagrange_mass_matrix,
     mass_matrix_derivative,
 )
+from vdfmu.equations.forward_dynamics import forward_dynamics
+from vdfmu.equations.inverse_dynamics import inverse_dynamics
+from vdfmu.equations.kinematics import end_effector_pose
 from vdfmu.equations.mapping import jacobian, joint_space_mass_matrix
 from vdfmu.equations.newton_euler import newton_euler
 from vdfmu.kernel import Kernel
 from vdfmu.model import load_robot
+from vdfmu.scalar.jet import derivative, jets
 
 EPS = np.finfo(float).eps
 

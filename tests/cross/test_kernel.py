@@ -9,13 +9,14 @@ import numpy as np
 import platformdirs
 import pytest
 
-from vdfmu.equations.generic import clip, piecewise_hold, sgn, zeros
-from vdfmu.equations.jet import Jet
-from vdfmu.errors import KernelError
-from vdfmu.kernel import Kernel, cache, functions
+from vdfmu.errors import KernelError, UsageError
+from vdfmu.kernel import Kernel, cache
 from vdfmu.kernel.cache import cache_folder
 from vdfmu.kernel.functions import KernelFunction
-from vdfmu.kernel.symbol import Symbol, from_sx, to_sx
+from vdfmu.kernel.structure import SOURCES
+from vdfmu.scalar.generic import clip, piecewise_hold, sgn, zeros
+from vdfmu.scalar.jet import Jet
+from vdfmu.scalar.symbol import Symbol, from_sx, to_sx
 
 SIZES = [2, 2, 2, 6]
 
@@ -32,7 +33,7 @@ def refuse_to_trace(monkeypatch):
     def fail(*_):
         raise AssertionError("traced, where the cache has the function")
 
-    monkeypatch.setattr(functions, "trace", fail)
+    monkeypatch.setattr(Kernel, "_made", fail)
 
 
 def test_second_start_does_not_trace(planar, tmp_path, monkeypatch):
@@ -53,6 +54,16 @@ def test_cache_folder_is_taken_from_the_environment(planar, tmp_path, monkeypatc
     assert [path.name for path in tmp_path.rglob("*") if path.is_file()] == ["inverse_dynamics.casadi"]
     monkeypatch.delenv("VDFMU_CACHE_DIR")
     assert cache_folder() == platformdirs.user_cache_path("vdfmu", appauthor=False)
+
+
+def test_the_digest_of_the_sources_covers_all_that_a_trace_loads():
+    """Else a change there would leave functions of before in the cache."""
+    code = (
+        "import sys, vdfmu.kernel.trace; print(*(name for name in sys.modules if name.startswith('vdfmu.')))"
+    )
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    modules = [name.split(".")[1:] for name in run.stdout.split()]
+    assert {parts[0] for parts in modules if len(parts) > 1} == set(SOURCES)
 
 
 @pytest.mark.parametrize("content", [b"", b"not a function", "truncated"])
@@ -126,7 +137,7 @@ def stored(folder):
 
 
 def test_beyond_its_size_the_cache_forgets_what_was_not_used_for_longest(tmp_path, monkeypatch):
-    monkeypatch.setattr(cache, "_LIMIT", 10_000)
+    monkeypatch.setenv("VDFMU_CACHE_MB", str(10_000 / 2**20))
     (tmp_path / cache.COMPILER).mkdir()
     (tmp_path / cache.COMPILER / "huge").write_bytes(bytes(50_000))  # is not ours
     fill(
@@ -142,11 +153,28 @@ def test_beyond_its_size_the_cache_forgets_what_was_not_used_for_longest(tmp_pat
     assert sorted(p.name for p in tmp_path.iterdir()) == ["c", cache.COMPILER]
 
 
+def test_a_folder_that_holds_other_files_too_keeps_them(tmp_path, monkeypatch):
+    """Such as ``VDFMU_CACHE_DIR=$HOME``."""
+    monkeypatch.setenv("VDFMU_CACHE_MB", "0")
+    (tmp_path / "letters").mkdir()
+    (tmp_path / "letters" / "long").write_bytes(bytes(20_000))
+    fill(tmp_path, ["a/1", "letters/2"], 100)
+    assert stored(tmp_path) == ["a/1", "letters/long"]  # of the entries the last that was stored
+    assert [entry.path.name for entry in cache.clear(tmp_path)] == ["1"]
+    assert stored(tmp_path) == ["letters/long"]
+
+
+@pytest.mark.parametrize("given", ["much", "-1", "nan"])
+def test_a_limit_that_is_not_a_size_is_refused(tmp_path, monkeypatch, given):
+    monkeypatch.setenv("VDFMU_CACHE_MB", given)
+    with pytest.raises(UsageError, match=f"VDFMU_CACHE_MB: expected .* a number >= 0 in MB, got '{given}'"):
+        cache.store(tmp_path / "a" / "1", b"")
+
+
 CROWD = """
 import sys
 from pathlib import Path
 from vdfmu.kernel import cache
-cache._LIMIT = 20_000
 folder, seed = Path(sys.argv[1]), int(sys.argv[2])
 for k in range(300):
     name = f"{(seed * k) % 3}/{(7 * k + seed) % 40}"
@@ -161,7 +189,10 @@ for k in range(300):
 def test_processes_share_a_cache_that_each_of_them_empties(tmp_path):
     crowd = [
         subprocess.Popen(
-            [sys.executable, "-c", CROWD, tmp_path, str(seed)], stderr=subprocess.PIPE, text=True
+            [sys.executable, "-c", CROWD, tmp_path, str(seed)],
+            stderr=subprocess.PIPE,
+            text=True,
+            env=os.environ | {"VDFMU_CACHE_MB": str(20_000 / 2**20)},
         )
         for seed in (1, 2, 5)
     ]
@@ -261,7 +292,7 @@ def symbol(name="s"):
 def test_symbol_refuses_to_become_a_float():
     with pytest.raises(KernelError, match=r"Symbol\(s\) has no value while equations are traced"):
         float(symbol())
-    with pytest.raises(KernelError, match=r"Make the array with vdfmu.equations.generic.zeros"):
+    with pytest.raises(KernelError, match=r"Make the array with vdfmu.scalar.generic.zeros"):
         np.zeros(2)[0] = symbol()
     assert float(Symbol(2.5)) == 2.5
 

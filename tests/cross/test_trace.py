@@ -10,7 +10,6 @@ from vdfmu.equations.feedforward import Gains, feedforward_inverse, feedforward_
 from vdfmu.equations.flexible_joint import rotor_position
 from vdfmu.equations.forward_dynamics import forward_dynamics
 from vdfmu.equations.inverse_dynamics import inverse_dynamics
-from vdfmu.equations.jet import derivative, jets
 from vdfmu.equations.kinematics import end_effector_pose
 from vdfmu.equations.mapping import jacobian, joint_space_mass_matrix
 from vdfmu.equations.newton_euler import newton_euler
@@ -23,7 +22,8 @@ from vdfmu.kernel.rodas import ALPHA, GAMMA, GAMMA_I, A, C
 from vdfmu.kernel.structure import set_parameters, structure_key, values
 from vdfmu.kernel.trace import FUNCTIONS
 from vdfmu.model import Robot, load_robot
-from vdfmu.model.robot import JOINT_FIELDS, SPRING_KEYS
+from vdfmu.model.parameters import PARAMETERS, SPRING_KEYS
+from vdfmu.scalar.jet import derivative, jets
 
 
 @pytest.fixture(
@@ -40,7 +40,7 @@ def traced_robot(request, general):
 
 def first_joint(robot: Robot) -> Robot:
     """Return the arm that ends after the first joint."""
-    arrays = {name: getattr(robot, name)[:1] for name in JOINT_FIELDS}
+    arrays = {name: getattr(robot, name)[:1] for name, row in PARAMETERS.items() if row.per_joint}
     return dataclasses.replace(robot, name="single", joint_types=robot.joint_types[:1], **arrays)
 
 

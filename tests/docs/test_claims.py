@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 import vdfmu
-from vdfmu.equations.elimination import factorize, solve
 from vdfmu.equations.flexible_joint import rotor_transform
 from vdfmu.equations.mapping import joint_space_mass_matrix, velocity_mapping
 from vdfmu.equations.plant import equilibrium_torque
 from vdfmu.kernel.rodas import ALPHA, GAMMA, GAMMA_I
 from vdfmu.model import load_scenario
+from vdfmu.scalar.elimination import factorize, solve
 from vdfmu.ssp.parameters import system_values
 from vdfmu.ssp.write import write_ssp
 from vdfmu.study.run import cached_fmus
@@ -48,6 +48,21 @@ def test_linked_files_exist(page):
     for target in re.findall(r"\]\(([^)#]+)(?:#[^)]*)?\)", text):
         if "://" not in target and not target.endswith("interface.md"):  # made when the pages are built
             assert (page.parent / target).exists(), target
+
+
+def test_packages_import_only_those_before_them():
+    """Data flows one way, in the order of CONTRIBUTING.md; the equations know what they run on and nothing else."""
+    text = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
+    (listed,) = re.findall(r"Data flows one way: ([\w, ]+)\.", text)
+    order = listed.split(", ")
+    assert sorted(order) == sorted(path.parent.name for path in (ROOT / "vdfmu").glob("*/__init__.py"))
+    for rank, package in enumerate(order):
+        imported = set()
+        for path in (ROOT / "vdfmu" / package).rglob("*.py"):
+            code = path.read_text(encoding="utf-8")
+            imported.update(re.findall(r"^\s*(?:from|import) vdfmu\.(\w+)", code, re.MULTILINE))
+        assert not imported & set(order[rank + 1 :]), package
+        assert package != "equations" or imported <= {"equations", "scalar"}
 
 
 def plant_jacobian(kernel, x):

@@ -1,6 +1,7 @@
 """The notation page against the code: names exist, units and shapes agree, nothing is missing."""
 
 import dataclasses
+import importlib
 import re
 from pathlib import Path
 
@@ -10,6 +11,7 @@ import pytest
 import vdfmu.equations
 from vdfmu.fmu.interface import UNIT_NAMES, interface
 from vdfmu.model import Robot, load_robot
+from vdfmu.model.parameters import PARAMETERS
 from vdfmu.model.scenario import Controller, Feedforward, Scenario, Trajectory
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
@@ -102,13 +104,21 @@ def test_no_fmi_name_is_on_the_page_twice():
     assert len(names) == len(set(names))
 
 
-def test_robot_fields_have_rows_with_their_shape():
-    arm = load_robot("manipulator_6dof")
-    codes = {row["code"]: row for row in ROWS}
-    for field in dataclasses.fields(Robot):
-        value = getattr(arm, field.name)
-        if isinstance(value, np.ndarray):
-            sizes = tuple(
-                arm.n if part == "n" else int(part) for part in codes[field.name]["shape"].split(", ")
-            )
-            assert sizes == (value.shape or (1,))
+@pytest.mark.parametrize("name", PARAMETERS)
+def test_a_parameter_of_the_robot_has_the_shape_unit_and_equation_of_the_table(name):
+    row, shown = PARAMETERS[name], {shown["code"]: shown for shown in ROWS}[name]
+    sizes = (*(("n",) if row.per_joint else ()), *row.shape) or (1,)
+    assert shown["shape"] == ", ".join(map(str, sizes))
+    revolute, prismatic = row.unit("revolute"), row.unit("prismatic")
+    assert shown["unit"] == revolute + (f" [{prismatic}]" if prismatic != revolute else "")
+    assert shown["equation"] == row.equation
+    assert shown["fmi"] == (name if row.fold != "always" else "")
+
+
+def test_the_page_of_the_robot_file_has_every_key(monkeypatch):
+    monkeypatch.syspath_prepend(DOCS)
+    page = importlib.import_module("hooks").robot_file_page()
+    for row in PARAMETERS.values():
+        section = page.split(f"## [{row.table}]" if row.per_joint or row.table else "## Top")[-1]
+        section = page.split("## [[joints]]")[-1] if row.table == "joints" else section
+        assert f"| `{row.key}` | {row.unit()}" in section.split("\n## ")[0]

@@ -110,7 +110,7 @@ def declared(table: Interface, dependencies: Callable[[Variable], list[int]]) ->
 
 
 def cancels(robot: str, unit: str, output: str, known: str) -> bool:
-    """Tell whether a dependency cancels exactly: the equations have it, the physics of this geometry has not."""
+    """Whether a dependency cancels exactly: the equations have it, the physics of this geometry has not."""
     group = known.split("[")[0]
     if output.startswith("kappa_dot_d[") and known == "mode":
         return True  # both modes take it from the desired motion

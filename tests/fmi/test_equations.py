@@ -17,7 +17,7 @@ from vdfmu.equations.trajectory import Desired, desired_motion
 from vdfmu.kernel import parameters
 from vdfmu.kernel.structure import set_parameters, values
 from vdfmu.model import Robot, check_robot
-from vdfmu.model.robot import SPRING_KEYS
+from vdfmu.model.parameters import SPRING_KEYS
 
 Opener = Callable[..., Any]
 

@@ -15,7 +15,7 @@ from vdfmu.data import data_path
 from vdfmu.fmu.build import build_notes
 from vdfmu.model import Robot, Scenario, load_robot, load_scenario
 from vdfmu.model.check import model_notes
-from vdfmu.model.robot import ARRAY_FIELDS
+from vdfmu.model.parameters import PARAMETERS
 from vdfmu.ssp.parameters import system_values
 from vdfmu.ssp.write import write_ssp
 from vdfmu.study.contrast import contrast
@@ -85,7 +85,7 @@ def _finite(what: str, *arrays: np.ndarray) -> None:
 def robot_file(number: int, folder: Path) -> Robot:
     """Read a robot; one that is taken has finite dynamics."""
     robot = load_robot(_written("robots", number, folder, ("planar_2dof", "manipulator_6dof"), 3))
-    _finite("a field", *(getattr(robot, name) for name in ARRAY_FIELDS))
+    _finite("a field", *(getattr(robot, name) for name in PARAMETERS))
     build_notes(robot)
     q = np.linspace(-1.0, 1.0, robot.n)
     tau = inverse_dynamics(robot, q, q, q)

@@ -4,9 +4,14 @@ import numpy as np
 import pytest
 
 from vdfmu.equations.forward_dynamics import forward_dynamics, forward_dynamics_by_mapping
-from vdfmu.equations.inverse_dynamics import inverse_dynamics, joint_torques, link_forces, tool_transform
-from vdfmu.equations.jet import derivative, jets
-from vdfmu.equations.kinematics import end_effector_pose, gravity_in_links, link_motion
+from vdfmu.equations.inverse_dynamics import (
+    gravity_in_links,
+    inverse_dynamics,
+    joint_torques,
+    link_forces,
+    link_motion,
+)
+from vdfmu.equations.kinematics import end_effector_pose, tool_transform
 from vdfmu.equations.mapping import (
     extended_jacobian,
     jacobian,
@@ -23,6 +28,7 @@ from vdfmu.equations.rigid_body import (
     net_force,
 )
 from vdfmu.equations.spatial import cross_motion, force_transform, homogeneous_transform, joint_axis, skew
+from vdfmu.scalar.jet import derivative, jets
 
 EPS = np.finfo(float).eps
 

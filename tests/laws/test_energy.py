@@ -9,9 +9,9 @@ from scipy.integrate import solve_ivp
 from vdfmu.equations.friction import joint_friction
 from vdfmu.equations.harmonic_drive import kinematic_error
 from vdfmu.equations.inverse_dynamics import inverse_dynamics
-from vdfmu.equations.jet import derivative, jets
 from vdfmu.equations.mapping import jacobian
 from vdfmu.equations.plant import plant_derivative, plant_outputs, split_state
+from vdfmu.scalar.jet import derivative, jets
 
 EPS = np.finfo(float).eps
 ENERGIES = ("E_kin", "E_pot", "E_spring")

@@ -18,14 +18,15 @@ from vdfmu.equations.harmonic_drive import (
     deformation,
     deformation_derivative,
     kinematic_error,
+    kinematic_error_slope,
     spring_energy,
 )
 from vdfmu.equations.inverse_dynamics import inverse_dynamics
-from vdfmu.equations.jet import derivative, jets
 from vdfmu.equations.mapping import joint_space_mass_matrix
 from vdfmu.equations.plant import equilibrium_torque, plant_derivative
 from vdfmu.equations.spatial import force_transform, joint_axis
 from vdfmu.kernel import Integrator
+from vdfmu.scalar.jet import derivative, jets
 
 EPS = np.finfo(float).eps
 TORQUES = (-80.0, -7.0, -1e-3, 0.0, 1e-6, 0.3, 20.0, 80.0)
@@ -71,6 +72,13 @@ def test_spring_energy_is_the_work_done_on_the_spring(chain, torque):
         # ell from one another down to a^2 / 2: relative rounding 1e-16 / a <= 1e-12 for the smallest a, 6e-4,
         # and more.
         assert spring_energy(chain, np.full(chain.n, torque))[i] == pytest.approx(work, rel=1e-11)
+
+
+def test_slope_of_the_kinematic_error_is_its_derivative(general, draw):
+    for state in draw(general, 10, seed=23):
+        found = derivative(kinematic_error(general, jets(state.q, np.ones(general.n), 0.0)), 1)
+        # the same product in another order: 4 roundings of 2 ell A, below 1
+        np.testing.assert_allclose(kinematic_error_slope(general, state.q), found, rtol=0, atol=4 * EPS)
 
 
 def test_rotor_position_solves_the_spring_equation(chain, draw):
@@ -132,6 +140,7 @@ def test_arm_at_rest_with_gravity_compensated_stays_at_rest(chain, draw):
 
 def test_integrated_arm_at_rest_stays_at_rest(robot, kernel_of):
     integrator = Integrator(kernel_of(robot))
+    integrator.tolerance = 1e-9
     q = np.linspace(0.3, 0.9, robot.n)
     tau_s = equilibrium_torque(robot, q)
     start = np.concatenate([q, np.zeros(2 * robot.n), tau_s])
@@ -184,6 +193,7 @@ def test_stiff_joints_move_as_the_rigid_arm(robot, kernel_of):
     for stiffness in (10.0, 100.0, 1000.0):
         stiff = robot.with_parameters(K_f0=stiffness * robot.K_f0, K_w0=stiffness * robot.K_w0)
         integrator = Integrator(kernel_of(stiff))
+        integrator.tolerance = 1e-9
         integrator.x[:] = np.concatenate([q, q_dot, q_dot, tau_s])
         integrator.tau[:] = tau
         integrator.advance(0.0, duration)

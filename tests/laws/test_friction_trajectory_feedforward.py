@@ -13,12 +13,12 @@ from vdfmu.equations.feedforward import (
 )
 from vdfmu.equations.friction import coulomb_friction, joint_friction, stribeck_friction
 from vdfmu.equations.inverse_dynamics import inverse_dynamics
-from vdfmu.equations.jet import Jet, derivative, jets
 from vdfmu.equations.mapping import velocity_mapping
 from vdfmu.equations.pd import pd_control
 from vdfmu.equations.plant import plant_derivative
 from vdfmu.equations.rigid_body import coriolis_matrix, link_body, mass_matrix
 from vdfmu.equations.trajectory import Desired, desired_motion
+from vdfmu.scalar.jet import Jet, derivative, jets
 
 EPS = np.finfo(float).eps
 VELOCITIES = (0.0, 1e-5, 1e-3, 0.02, 0.15, 2.0)

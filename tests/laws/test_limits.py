@@ -5,13 +5,13 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from vdfmu.equations.friction import joint_friction
-from vdfmu.equations.jet import derivative, jets
 from vdfmu.equations.limits import motor_torque, stop_torque
 from vdfmu.equations.plant import plant_derivative, plant_outputs
 from vdfmu.errors import ModelError, UsageError
 from vdfmu.kernel import Integrator, Kernel, parameters
 from vdfmu.kernel.trace import FUNCTIONS
 from vdfmu.model import load_robot, load_scenario, robot_from_dict
+from vdfmu.scalar.jet import derivative, jets
 
 EPS = np.finfo(float).eps
 LIMITS = {

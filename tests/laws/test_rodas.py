@@ -4,9 +4,9 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from vdfmu.equations.elimination import factorize, solve
 from vdfmu.kernel.rodas import ALPHA, GAMMA, GAMMA_I, A, C, rodas_step
-from vdfmu.kernel.symbol import from_sx, to_sx
+from vdfmu.scalar.elimination import factorize, solve
+from vdfmu.scalar.symbol import from_sx, to_sx
 
 EPS = np.finfo(float).eps
 STAGES = len(A)

@@ -11,8 +11,8 @@ from benchmarks.counting import count_operations
 from vdfmu.equations.feedforward import Gains, desired_drive_motion, feedforward_inverse, feedforward_vdc
 from vdfmu.equations.flexible_joint import rotor_acceleration, rotor_velocities
 from vdfmu.equations.forward_dynamics import Rotors, forward_dynamics
-from vdfmu.equations.inverse_dynamics import inverse_dynamics
-from vdfmu.equations.kinematics import joint_transforms, link_motion
+from vdfmu.equations.inverse_dynamics import inverse_dynamics, link_motion
+from vdfmu.equations.kinematics import joint_transforms
 from vdfmu.equations.plant import equilibrium_torque, plant_derivative, plant_outputs, split_state
 from vdfmu.equations.rigid_body import mass_matrix
 from vdfmu.equations.trajectory import desired_motion
@@ -59,6 +59,7 @@ def test_free_fall_of_the_paper_s_arm_differs_by_0_3_degrees(coupled, arm, kerne
                 f_c=friction * robot.f_c, f_s=friction * robot.f_s, f_v=friction * robot.f_v
             )
             integrator = Integrator(kernel_of(robot))
+            integrator.tolerance = 1e-9
             integrator.x[:] = np.concatenate([np.zeros(18), equilibrium_torque(robot, np.zeros(6))])
             integrator.advance(0.0, 0.5)
             ends.append(np.degrees(integrator.x[:6]))

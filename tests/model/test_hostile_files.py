@@ -14,8 +14,8 @@ from vdfmu import build_fmus
 from vdfmu.errors import ModelError, UsageError
 from vdfmu.fmu.build import build_notes
 from vdfmu.model import load_robot, load_scenario, robot_from_dict
-from vdfmu.model.check import LARGEST, model_notes
-from vdfmu.model.robot import ARRAY_FIELDS
+from vdfmu.model.check import model_notes
+from vdfmu.model.parameters import PARAMETERS
 
 
 def test_a_pipe_is_refused_and_not_waited_for(tmp_path: Path) -> None:
@@ -52,9 +52,9 @@ def test_an_integer_of_thousands_of_digits_is_refused(tmp_path: Path, digits: st
         load_robot(tmp_path / "r.toml")
 
 
-@pytest.mark.parametrize("name", sorted(set(ARRAY_FIELDS) - {"rotation"}))
+@pytest.mark.parametrize("name", sorted(set(PARAMETERS) - {"rotation"}))
 def test_every_number_of_a_robot_has_a_bound_from_above(name: str) -> None:
-    assert 0 < LARGEST[name] < 1e13
+    assert 0 < PARAMETERS[name].largest < 1e13
 
 
 @pytest.mark.parametrize(

@@ -14,14 +14,14 @@ from scipy.spatial.transform import Rotation
 from vdfmu.errors import ModelError, UsageError
 from vdfmu.kernel import parameters
 from vdfmu.model import Robot, load_robot, robot_from_dict, robot_names
-from vdfmu.model.robot import ARRAY_FIELDS, JOINT_FIELDS
+from vdfmu.model.parameters import PARAMETERS
 
 
 def assert_same(a: Robot, b: Robot) -> None:
     """Every field is equal to the last bit."""
     for field in dataclasses.fields(Robot):
         x, y = getattr(a, field.name), getattr(b, field.name)
-        if field.name in ARRAY_FIELDS:
+        if field.name in PARAMETERS:
             np.testing.assert_array_equal(x, y, err_msg=field.name)
         else:
             assert x == y, field.name
@@ -156,7 +156,7 @@ def test_defaults() -> None:
     np.testing.assert_array_equal(robot.tool_offset, [0, 0, 0])
 
 
-@pytest.mark.parametrize("key", ARRAY_FIELDS)
+@pytest.mark.parametrize("key", PARAMETERS)
 def test_arrays_refuse_assignment(key: str) -> None:
     array = getattr(load_robot("planar_2dof"), key)
     assert array.dtype == np.float64
@@ -167,7 +167,7 @@ def test_arrays_refuse_assignment(key: str) -> None:
 def test_shapes() -> None:
     robot = load_robot("slider_3dof")
     shapes = {"rotation": (3, 3, 3), "offset": (3, 3), "centroid": (3, 3), "inertia": (3, 3, 3)}
-    for key in JOINT_FIELDS:
+    for key in (name for name, row in PARAMETERS.items() if row.per_joint):
         assert getattr(robot, key).shape == shapes.get(key, (3,)), key
     assert robot.gravity.shape == robot.tool_offset.shape == (3,)
     assert robot.joint_types == ("revolute", "prismatic", "revolute")

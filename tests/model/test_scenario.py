@@ -141,7 +141,7 @@ def test_defaults(write: Writer, scenario_data: dict[str, Any]) -> None:
     del scenario_data["controller"]["tau_max"], scenario_data["controller"]["velocity"]
     del scenario_data["feedforward"]["mode"]
     scenario = load_scenario(write("own.toml", scenario_data))
-    assert (scenario.master, scenario.tolerance, scenario.trajectory.t_start) == ("gauss-seidel", 1e-9, 0.0)
+    assert (scenario.master, scenario.tolerance, scenario.trajectory.t_start) == ("gauss-seidel", 1e-7, 0.0)
     assert (scenario.feedforward.mode, scenario.controller.velocity) == ("inverse", "kappa_dot")
     assert np.isposinf(scenario.controller.tau_max).all()
     assert scenario.paper == {} and scenario.plant_factors == {}

@@ -425,10 +425,10 @@ class Instance:
 
 
 def same_bits(a: Any, b: Any) -> bool:
-    """Tell whether two arrays are equal to the bit, NaN and the sign of zero included."""
+    """Whether two arrays are equal to the bit, NaN and the sign of zero included."""
     return np.asarray(a, dtype=float).tobytes() == np.asarray(b, dtype=float).tobytes()
 
 
 def is_finite(values: Any) -> bool:
-    """Tell whether all values are finite."""
+    """Whether all values are finite."""
     return all(math.isfinite(value) for value in np.ravel(values))

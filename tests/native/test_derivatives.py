@@ -385,7 +385,7 @@ def test_nothing_depends_on_what_is_not_declared_and_declared_dependencies_are_s
 
 
 def hidden(unknown: str, known: str) -> bool:
-    """Tell whether the equations have a dependency and the start has not.
+    """Whether the equations have a dependency and the start has not.
 
     In equilibrium the rotors move with their links: der(tau_s) is the stiffness times zero, and what changes the
     stiffness, the torque that holds the arm, has no effect.

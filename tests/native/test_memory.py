@@ -69,7 +69,7 @@ def test_the_driver_finds_the_faults_that_it_looks_for(
 
 
 def close(found: dict[str, list[bytes]], expected: dict[str, list[bytes]], tolerance: float) -> bool:
-    """Tell whether all numbers agree to a tolerance, relative and absolute."""
+    """Whether all numbers agree to a tolerance, relative and absolute."""
     assert found.keys() == expected.keys()
     for name in expected:
         a, b = (np.frombuffer(b"".join(rows[name]), dtype="<f8") for rows in (found, expected))

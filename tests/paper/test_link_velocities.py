@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from vdfmu.equations.kinematics import link_motion
+from vdfmu.equations.inverse_dynamics import link_motion
 
 
 def printed(q, q_dot):

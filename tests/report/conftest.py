@@ -10,7 +10,7 @@ import pytest
 
 from vdfmu.cosim.results import Results, Signal
 from vdfmu.model import Robot, Scenario, load_robot, load_scenario
-from vdfmu.model.robot import JOINT_FIELDS
+from vdfmu.model.parameters import PARAMETERS
 
 POINTS = 801
 TYPES = {
@@ -25,7 +25,7 @@ TYPES = {
 def make_robot(types: tuple[str, ...]) -> Robot:
     """Return the first links of the paper's arm with joints of `types` and a different ratio each."""
     arm, n = load_robot("manipulator_6dof"), len(types)
-    fields = {key: getattr(arm, key)[:n] for key in JOINT_FIELDS}
+    fields = {key: getattr(arm, key)[:n] for key, row in PARAMETERS.items() if row.per_joint}
     fields["ell"] = 100.0 + 10.0 * np.arange(n)
     return dataclasses.replace(arm, name=f"chain_{n}", joint_types=types, **fields)
 

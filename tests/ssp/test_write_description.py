@@ -6,6 +6,7 @@ import pytest
 
 from vdfmu.model import load_scenario
 from vdfmu.ssp.description import SystemDescription
+from vdfmu.ssp.geometry import route
 from vdfmu.ssp.parameters import robot_parameters, system_values
 from vdfmu.ssp.parse import NAMESPACES
 from vdfmu.ssp.structure_file import structure_file
@@ -156,3 +157,24 @@ def test_the_diagram_is_orthogonal_and_goes_round_the_boxes(description):
             assert max(xa, xb) < float(canvas.get("x2"))
             assert float(canvas.get("y1")) < min(ya, yb)
             assert max(ya, yb) < float(canvas.get("y2"))
+
+
+@pytest.mark.parametrize("scenario", ["tracking", "estimation"])
+def test_no_two_groups_of_signals_share_a_lane(scenario):
+    """What lies on each other in the diagram is one group."""
+    description = SystemDescription(load_scenario(scenario))
+    heights = {
+        (unit, signal.name): 0.0
+        for unit in description.corners
+        for kind in ("input", "output")
+        for signal in description.signals(unit, kind)
+    }
+    paths, _ = route(description, heights)
+    groups: dict[tuple[str, float], set[tuple[str, str]]] = {}
+    for link, path in zip(description.links, paths, strict=True):
+        group = link.start[0], link.start[1].group
+        groups.setdefault(("x", path[0][0]), set()).add(group)
+        if len(path) > 2:
+            groups.setdefault(("y", path[1][1]), set()).add(group)
+            groups.setdefault(("x", path[2][0]), set()).add(group)
+    assert [found for found in groups.values() if len(found) > 1] == []

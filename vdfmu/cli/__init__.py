@@ -1,4 +1,4 @@
-"""The command line: ``vdfmu run``, ``simulate``, ``build``, ``ssp``, ``container``, ``check`` and ``models``.
+"""The command line: ``vdfmu run``, ``simulate``, ``build``, ``ssp``, ``container``, ``check``, ``models``, ``cache``.
 
 Exit codes: 0 done, 1 a check or a unit failed, 2 wrong usage or input, 130 stopped with Ctrl-C, 143 by SIGTERM, 129 by
 SIGHUP.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import groupby
 from typing import Annotated, Any
 
 import typer
@@ -35,47 +36,38 @@ def show_model(
     """Show a robot's parameters with their sources, or a scenario's file."""
     from vdfmu.data import data_path
     from vdfmu.model import load_robot, scenario_names
-    from vdfmu.model.robot import LIMIT_KEYS
+    from vdfmu.model.parameters import PARAMETERS, section
 
     if name in scenario_names():
         say((data_path("models") / "scenarios" / f"{name}.toml").read_text(encoding="utf-8"))
         return
     robot = load_robot(name)
     console.print(f"[bold]{escape(robot.name)}[/bold]: {escape(robot.description)}")
-    for name in ("gravity", "tool_offset"):
-        console.print(
-            f"{name} {_number(getattr(robot, name))}: {robot.source_of(name) or 'no source'}", markup=False
-        )
+    for row in section("robot"):
+        number = _number(getattr(robot, row.name))
+        console.print(f"{row.name} {number}: {robot.source_of(row.path) or 'no source'}", markup=False)
     console.print(f"friction {robot.friction}, rotor_coupling {str(robot.rotor_coupling).lower()}")
     if robot.payload:
-        load = ("payload_mass", "payload_centroid", "payload_inertia")
-        console.print(", ".join(f"{name} {_number(getattr(robot, name))}" for name in load))
-    shown = _SHOWN | ({"Limits": tuple(f"limits.{key}" for key in LIMIT_KEYS)} if robot.limits else {})
-    for title, keys in shown.items():
-        names = [key.rpartition(".")[2] for key in keys]
-        table = Table(title=title, title_justify="left", show_edge=False)
-        for heading in ("joint", *names):
+        load = [f"{row.name} {_number(getattr(robot, row.name))}" for row in section("payload")]
+        console.print(", ".join(load))
+    shown = [row for row in PARAMETERS.values() if row.per_joint and row.fold != "always"]
+    for part, group in groupby(shown, lambda row: row.section):
+        if part == "limits" and not robot.limits:
+            continue
+        rows = list(group)
+        table = Table(title=part.capitalize(), title_justify="left", show_edge=False)
+        for heading in ("joint", *(row.name for row in rows)):
             table.add_column(heading, overflow="fold")
         for i, kind in enumerate(robot.joint_types):
-            table.add_row(f"{i + 1} {kind}", *(_number(getattr(robot, name)[i]) for name in names))
+            table.add_row(f"{i + 1} {kind}", *(_number(getattr(robot, row.name)[i]) for row in rows))
         console.print()
         console.print(table)
         sources: dict[str, list[str]] = {}
-        for key, name in zip(keys, names, strict=True):
-            sources.setdefault(robot.source_of(f"joints[1].{key}") or "no source", []).append(name)
+        for row in rows:
+            source = robot.source_of(row.path.replace("joints", "joints[1]")) or "no source"
+            sources.setdefault(source, []).append(row.name)
         for source, those in sources.items():
             console.print(f"{', '.join(those)}: {source}", markup=False)
-
-
-_SHOWN = {
-    "Links": ("offset", "link.mass", "link.centroid", "link.inertia"),
-    "Drives": ("drive.ell", "drive.I_m", "drive.K_f0", "drive.c_f", "drive.K_w0", "drive.c_w"),
-    "Kinematic error": ("drive.theta_err_amplitude", "drive.theta_err_phase"),
-    "Friction": (
-        "friction.f_c", "friction.f_s", "friction.f_v", "friction.v_s", "friction.f_ck", "friction.eps",
-    ),
-}  # fmt: skip
-"""Title of a table to its columns: keys of the robot file."""
 
 
 def _number(value: Any) -> str:

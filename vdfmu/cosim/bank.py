@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vdfmu.cosim.check import Checked
-from vdfmu.cosim.component import C_TYPE, FMI_TYPE, Slave
+from vdfmu.cosim.component import C_TYPE, Slave
 from vdfmu.cosim.description import Variable
 from vdfmu.cosim.link import Link, Port
 
@@ -37,12 +37,12 @@ class Bank:
         self.output_windows: dict[str, slice] = {}
         self.input_windows: dict[str, slice] = {}
         for unit, description in checked.descriptions.items():
-            own = [v for v in description.named("output") if FMI_TYPE.get(v.type) == kind]
+            own = [v for v in description.named("output") if v.fmi_type == kind]
             self.output_windows[unit] = slice(len(outputs), len(outputs) + len(own))
             outputs += [(unit, v) for v in own]
             fed = [
                 v for v in description.named("input")
-                if FMI_TYPE.get(v.type) == kind and (unit, v.name) in links
+                if v.fmi_type == kind and (unit, v.name) in links
             ]  # fmt: skip
             fed.sort(key=lambda v, unit=unit: (unit, v.name) not in fresh)
             self.input_windows[unit] = slice(len(inputs), len(inputs) + len(fed))

@@ -15,8 +15,6 @@ from vdfmu.errors import SspError, UsageError
 from vdfmu.ssp.archive import Archive
 from vdfmu.ssp.structure import Component, Parameter, System, Unit, spread
 
-_CAUSALITY = {"input": "input", "output": "output", "parameter": "parameter",
-              "calculatedParameter": "calculatedParameter"}  # fmt: skip
 _PAIRS = {("output", "input"), ("calculatedParameter", "parameter"), ("calculatedParameter", "input")}
 
 
@@ -35,7 +33,7 @@ class Checked:
     starts : mapping of str to list of (Variable, value)
         What to set in each component before initialization, in the units of the FMU.
     notes : tuple of str
-        What is worth knowing and no fault: inputs that nothing feeds, for example.
+        Notes, not errors: inputs that nothing feeds, for example.
     """
 
     system: System
@@ -146,7 +144,7 @@ class _Checker:
             self.problems.append(f"{text}; correct the name, or have it ignored: {way}")
 
     def read(self) -> None:
-        """Read the FMUs and hold the connectors against their variables."""
+        """Read the FMUs and check the connectors against their variables."""
         if not self.system.components:
             self.problems.append(f"{self.system.path.name}: the system has no components")
         read: dict[tuple[str, str], Description | None] = {}
@@ -201,7 +199,7 @@ class _Checker:
                     + _hint(connector.name, description.variables)
                 )
                 continue
-            if _CAUSALITY.get(connector.kind) != variable.causality:
+            if connector.kind != variable.causality:
                 self.problems.append(
                     f"{where}: the SSD declares kind {connector.kind!r}, the FMU causality "
                     f"{variable.causality!r}"
@@ -307,7 +305,7 @@ class _Checker:
         return starts
 
     def _exists(self, component: str, name: str) -> bool:
-        """Tell whether a component has a variable; connectors of systems exist."""
+        """Whether a component has a variable; connectors of systems exist."""
         description = self.descriptions.get(component)
         return description is None or name in description.variables
 

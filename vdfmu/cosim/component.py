@@ -1,4 +1,4 @@
-"""One FMI 2.0 co-simulation unit: its library, its calls and its words."""
+"""One FMI 2.0 co-simulation unit: its library, its calls and its messages."""
 
 from __future__ import annotations
 
@@ -29,9 +29,6 @@ except Exception:  # no proxy library for this platform: messages come without t
 
 Value = float | int | bool | str
 STATUS = ("ok", "warning", "discard", "error", "fatal", "pending")
-FMI_TYPE = {
-    "Real": "Real", "Integer": "Integer", "Enumeration": "Integer", "Boolean": "Boolean", "String": "String",
-}  # fmt: skip
 C_TYPE = {"Real": c_double, "Integer": c_int, "Boolean": c_int, "String": c_void_p}
 Watch = Callable[[str, str, Any], Any]
 """Returns a function that notes component and call before it calls the given function."""
@@ -86,7 +83,7 @@ class MessageBox:
     """Collects the messages of the units of one run.
 
     `pending` holds what came since the last `flush`; the master flushes after each step, so that it holds
-    a failing unit's own words. `ended` holds the units that have ended the simulation, with the time of the end.
+    what a failing unit said of it. `ended` holds the units that have ended the simulation, with the time of the end.
     """
 
     def __init__(self, log: Callable[[LogMessage], None] | None, limit: int = 10_000) -> None:
@@ -111,17 +108,18 @@ class MessageBox:
             self.kept.append(message)
             self._log(message)
 
-    def words(self, unit: str) -> str:
-        """Return the reason that a unit gave since the last flush: its errors, else warnings, else its last word."""
+    def reason(self, unit: str) -> str:
+        """Return the reason that a unit gave since the last flush: its errors, else warnings, else its last message."""
         own = [m for m in self.pending if m.unit == unit]
         failed = [m for m in own if m.status not in ("ok", "warning") or _FAILURE.search(m.category)]
-        grave = failed or [m for m in own if m.status == "warning"]
-        words = " ".join(" ".join(m.text.split()) for m in grave)
-        if not grave:
-            return f"the unit gave no reason; its last message: {own[-1].text.strip()}" if own else ""
-        words = re.sub(r"Fatal py exception encountered: \[\w+\] \w+ ?", "", words)  # pythonfmu's own prefix
+        worst = failed or [m for m in own if m.status == "warning"]
+        text = " ".join(" ".join(m.text.split()) for m in worst)
+        if not worst:
+            return "the unit gave no reason" + (f"; its last message: {own[-1].text.strip()}" if own else "")
+        text = re.sub(r"Fatal py exception encountered: \[\w+\] \w+ ?", "", text)  # pythonfmu's own prefix
         # a unit that names itself and the call: the error that quotes it does so already
-        return re.sub(rf"^{re.escape(unit)}: \w+( at t = \S+ s)? failed: ", "", words)
+        text = re.sub(rf"^{re.escape(unit)}: \w+( at t = \S+ s)? failed: ", "", text)
+        return text or "the unit gave no reason"
 
 
 _boxes: dict[int, tuple[str, MessageBox]] = {}
@@ -131,20 +129,20 @@ _tokens = itertools.count(1)
 
 def _on_message(token: int | None, instance: bytes, status: int, category: bytes, text: bytes) -> None:
     """Receive a message of any unit of the process."""
-    words = shown(text[:_LENGTH].decode("utf-8", "replace")) if text else ""
+    message = shown(text[:_LENGTH].decode("utf-8", "replace")) if text else ""
     if text and len(text) > _LENGTH:
-        words += f" ... ({len(text) - _LENGTH} bytes more)"
+        message += f" ... ({len(text) - _LENGTH} bytes more)"
     entry = _boxes.get(token or 0)
     if (
         entry is None
     ):  # an instance that fmpy made itself: its proxy knows one receiver only, and now it is this one
         label = STATUS[status].upper() if 0 <= status < len(STATUS) else str(status)
-        print(f"[{label}] {words}")
+        print(f"[{label}] {message}")
         return
     name, box = entry
     label = STATUS[status] if 0 <= status < len(STATUS) else str(status)
     kind = shown(category[:_LENGTH].decode("utf-8", "replace")) if category else ""
-    box.add(LogMessage(name, box.time, label, kind, words))
+    box.add(LogMessage(name, box.time, label, kind, message))
 
 
 _MAKING = threading.Lock()
@@ -222,8 +220,7 @@ class Slave:
             )  # fmt: skip
         if not component:
             self.stage = "failed"
-            reason = self.box.words(self.name) or "the unit gave no reason"
-            raise CosimError(self.name, "instantiate", self.box.time, reason)
+            raise CosimError(self.name, "instantiate", self.box.time, self.box.reason(self.name))
         self.component = c_void_p(component)
         self.stage = "instantiated"
 
@@ -254,14 +251,12 @@ class Slave:
         self.stage = "failed" if self.stage != "initialized" or status != 2 else self.stage
         if status == 4:
             self._corrupt.add(self.description.source)
-        words = self.box.words(self.name) or "the unit gave no reason"
-        if status == 5:
-            words = "asynchronous steps are not supported"
-        raise CosimError(self.name, call[0].lower() + call[1:], self.box.time, f"{words} (status {label})")
+        reason = "asynchronous steps are not supported" if status == 5 else self.box.reason(self.name)
+        raise CosimError(self.name, call[0].lower() + call[1:], self.box.time, f"{reason} (status {label})")
 
     def _terminated(self) -> bool:
-        """Tell whether the unit has discarded a step because the simulation is to end; keep when."""
-        said, ended, time = len(self.box.pending), c_int(), c_double(math.nan)
+        """Whether the unit has discarded a step because the simulation is to end; keep when."""
+        before, ended, time = len(self.box.pending), c_int(), c_double(math.nan)
         try:
             status = self.function("fmi2GetBooleanStatus")(self.component, c_int(_TERMINATED), byref(ended))
             if status == 0 and ended.value:
@@ -270,7 +265,7 @@ class Slave:
                 return True
         except CosimError:  # a library without them
             pass
-        del self.box.pending[said:]  # what it says of these calls is not why it discarded the step
+        del self.box.pending[before:]  # what it says of these calls is not why it discarded the step
         return False
 
     def setup(self, tolerance: float | None, start: float, stop: float) -> None:
@@ -287,12 +282,12 @@ class Slave:
             text = (c_char_p * 1)(str(value).encode("utf-8", "surrogateescape"))
             self.call("SetString", reference, c_size_t(1), text)
             return
-        kind = FMI_TYPE[variable.type]
+        kind = variable.fmi_type
         self.call("Set" + kind, reference, c_size_t(1), (C_TYPE[kind] * 1)(value))  # type: ignore[arg-type]
 
     def get(self, variable: Variable) -> Value:
         """Get one variable."""
-        kind = FMI_TYPE[variable.type]
+        kind = variable.fmi_type
         value = (C_TYPE[kind] * 1)()
         self.call("Get" + kind, (c_uint * 1)(variable.reference), c_size_t(1), value)
         return string_at(value[0] or b"").decode("utf-8", "surrogateescape") if kind == "String" else value[0]
@@ -300,7 +295,7 @@ class Slave:
     def set_all(self, values: list[tuple[Variable, Value]]) -> None:
         """Set many variables with one call a type."""
         for kind in ("Real", "Integer", "Boolean"):
-            group = [(v.reference, x) for v, x in values if FMI_TYPE.get(v.type) == kind]
+            group = [(v.reference, x) for v, x in values if v.fmi_type == kind]
             if group:
                 n = len(group)
                 references = (c_uint * n)(*(r for r, _ in group))
@@ -311,7 +306,7 @@ class Slave:
 
     @property
     def dead(self) -> bool:
-        """Tell whether the FMU has had a fatal error."""
+        """Whether the FMU has had a fatal error."""
         return self.description.source in self._corrupt
 
     def close(self) -> CosimError | None:
@@ -328,17 +323,17 @@ class Slave:
                 self.function("fmi2FreeInstance")(self.component)
                 self.component = c_void_p()
                 if any(m.unit == self.name and m.status not in _PASSED for m in self.box.pending):
-                    words = self.box.words(self.name)
-                    failure = failure or CosimError(self.name, "freeInstance", self.box.time, words)
+                    reason = self.box.reason(self.name)
+                    failure = failure or CosimError(self.name, "freeInstance", self.box.time, reason)
                 self._watch(self.name, "freeLibrary", fmpy.freeLibrary)(self._library._handle)
         finally:
             self.box.flush()
             if not self.dead:  # a dead instance keeps its callbacks: nothing may free what it may still use
                 _boxes.pop(self._token, None)
             else:
-                _graveyard.append(self)
+                _unfreed.append(self)
         return failure
 
 
-_graveyard: list[Slave] = []
+_unfreed: list[Slave] = []
 """Instances that may not be freed; kept so that their callbacks stay valid."""

@@ -99,7 +99,7 @@ class Components:
         """Terminate and free them all; return the first failure in that. The others are messages."""
         failures: list[CosimError] = []
         try:
-            if self._stepper is not None:
+            if isinstance(self._stepper, ContinuousStepper):
                 self._stepper.close()
         except CosimError as error:
             failures.append(error)

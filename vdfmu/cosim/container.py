@@ -159,7 +159,7 @@ def _bundles(checked: Checked) -> list[list[Link]]:
 
 
 def _feeds(unit: Description, feeding: Sequence[Link], fed: Sequence[Link]) -> bool:
-    """Tell whether what comes into a unit decides what goes out of it during initialization."""
+    """Whether what comes into a unit decides what goes out of it during initialization."""
     arriving = {link.end[1] for link in feeding}
     for link in fed:
         known = unit.initial_dependencies.get(link.start[1])

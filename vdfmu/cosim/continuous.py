@@ -135,7 +135,7 @@ class ContinuousStepper:
         }
 
     def notes(self) -> list[str]:
-        """Return what is worth knowing after the run: the signals for which the allowed error is none."""
+        """Return notes on the run: the signals for which the allowed error is none."""
         allowed = self.convergence if self.error is None else self.error
         if self.error is None and not any(block.torn.size for block in self._coupled.blocks if self.repeat):
             return []
@@ -187,7 +187,7 @@ class ContinuousStepper:
         change is found, and one in which a continuous signal jumps or a unit ends the simulation.
         """
         assert self.error is not None
-        said, failure = len(self.box.pending), None
+        before, failure = len(self.box.pending), None
         try:
             sizes = self._errors(self._step(time, h), h) / self.error
         except CosimError as error:
@@ -217,7 +217,7 @@ class ContinuousStepper:
             raise self._too_short(int(np.argmax(sizes)), time, h, ratio)
         self._tried = h, ratio
         self.rejected += 1
-        del self.box.pending[said:]
+        del self.box.pending[before:]
         self._coupled.undo()
         self._restore(self._repeated)
         return False
@@ -252,11 +252,11 @@ class ContinuousStepper:
             self.jumps += 1
 
     def _changed(self) -> NDArray[np.bool_]:
-        """Tell which discrete signals have another value than at the start of the step."""
+        """Which discrete signals have another value than at the start of the step."""
         return np.concatenate([now[own] != before[own] for now, before, own in self._coupled.switches])
 
     def _errors(self, predicted: Floats, h: float) -> Floats:
-        """Return the errors of the outputs in the step, relative to their sizes; infinite where they are no numbers.
+        """Return the errors of the outputs in the step, relative to their sizes; infinite where they are not numbers.
 
         Predicted and computed value of a signal y differ by h (h + h_last) / 2 times its second derivative, to first
         order; the line between its values at the ends of the step departs from it by at most h^2 / 8 times that. In a
@@ -279,13 +279,13 @@ class ContinuousStepper:
     def _solve(self, block: Block, time: float, h: float) -> None:
         """Step the units of a block until the guess of the torn outputs comes out as it went in."""
         torn, outputs = block.torn, self._outputs
-        said = len(self.box.pending)
+        reported = len(self.box.pending)
         first = True
 
         def repeat(guess: Floats) -> Floats:
             nonlocal first
             if not first:
-                del self.box.pending[said:]  # of a step that is taken back
+                del self.box.pending[reported:]  # of a step that is taken back
                 self._restore(block.units)
                 for values, before, chosen in block.stepwise:
                     values[chosen] = before[chosen]
@@ -301,7 +301,9 @@ class ContinuousStepper:
             return
         i = int(np.argmax(sizes))
         unit, variable = self._variables[torn[i]]
-        still = f"still changes by {sizes[i]:.3g} of its size" if math.isfinite(sizes[i]) else "is no number"
+        still = (
+            f"still changes by {sizes[i]:.3g} of its size" if math.isfinite(sizes[i]) else "is not a number"
+        )
         way = "" if self.error is not None else ", or error control (adaptive)"
         raise CosimError(
             unit, "doStep", time,

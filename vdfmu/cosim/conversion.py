@@ -25,7 +25,7 @@ class Conversion:
 
     @property
     def trivial(self) -> bool:
-        """Tell whether the value passes unchanged."""
+        """Whether the value passes unchanged."""
         return self.table is None and self.factor == 1.0 and self.offset == 0.0
 
 

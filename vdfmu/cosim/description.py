@@ -37,13 +37,18 @@ class Variable:
     limits: tuple[float, float] = (-math.inf, math.inf)
 
     @property
+    def fmi_type(self) -> str:
+        """Type in the names of the FMI functions that get and set it."""
+        return "Integer" if self.type == "Enumeration" else self.type
+
+    @property
     def size(self) -> float:
         """The nominal value; 1, as FMI has it, where the FMU states none."""
         return self.nominal or 1.0
 
     @property
     def settable(self) -> bool:
-        """Tell whether FMI 2.0 lets the value be set before initialization mode."""
+        """Whether FMI 2.0 lets the value be set before initialization mode."""
         return self.causality == "input" or (
             self.variability != "constant" and self.initial in {"exact", "approx"}
         )
@@ -98,7 +103,7 @@ def limits_of(variable: Any) -> tuple[float, float]:
 
 
 def limit_fault(value: float, limits: tuple[float, float]) -> str | None:
-    """Return in words that a value lies outside of limits; None if it does not."""
+    """Say that a value lies outside of limits; None if it does not."""
     low, high = limits
     if value < low or value > high:
         side = f"least {low:g}" if value < low else f"most {high:g}"

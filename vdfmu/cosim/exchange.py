@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from vdfmu.cosim.bank import Bank, Call, component_argument
 from vdfmu.cosim.broyden import Broyden
 from vdfmu.cosim.check import Checked
-from vdfmu.cosim.component import FMI_TYPE, MessageBox, Slave, Value
+from vdfmu.cosim.component import MessageBox, Slave, Value
 from vdfmu.cosim.link import Link
 from vdfmu.cosim.results import Signal
 from vdfmu.errors import CosimError, UsageError
@@ -98,7 +98,7 @@ class Exchange:
 
         def repeat(guess: NDArray[np.float64]) -> NDArray[np.float64]:
             for link, value in zip(torn, guess.tolist(), strict=True):
-                self._carry(link, value if FMI_TYPE[link.sink.type] == "Real" else round(value))
+                self._carry(link, value if link.sink.fmi_type == "Real" else round(value))
             for link in (*texts, *initial.links):
                 self._carry(link, self._value(link))
             values[:] = [self._value(link) for link in torn]
@@ -115,7 +115,7 @@ class Exchange:
             still = (
                 f"still changes by {sizes[worst]:.3g} of its size"
                 if np.isfinite(sizes[worst])
-                else "is no number"
+                else "is not a number"
             )
             raise CosimError(
                 link.start[0], "initialization", time,
@@ -134,7 +134,7 @@ class Exchange:
     def _carry(self, link: Link, value: Value) -> None:
         self.slaves[link.end[0]].set(link.sink, value)
         if link.stepped:
-            bank = next(b for b in self.banks if b.kind == FMI_TYPE[link.sink.type])
+            bank = next(b for b in self.banks if b.kind == link.sink.fmi_type)
             text = isinstance(value, str)
             bank.memory[bank.position[link.end]] = (
                 bank.kept(value.encode("utf-8", "surrogateescape")) if text else value
@@ -205,7 +205,7 @@ class Exchange:
         return [signal for *_, signal in found], data, stores[0] if len(stores) == 1 else store
 
     def finite(self) -> bool:
-        """Tell whether all real outputs that are read or recorded are finite numbers."""
+        """Whether all real outputs that are read or recorded are finite numbers."""
         return float(self.banks[0].outputs.take(self._watched).dot(self._zeros)) == 0.0
 
     def refuse_not_finite(self, call: str, time: float) -> None:
@@ -283,15 +283,12 @@ class SampledStepper:
                     slave.judge(status, name)
 
     def notes(self) -> list[str]:
-        """Return what is worth knowing after the run: nothing."""
+        """Return notes on the run: none."""
         return []
 
     def facts(self) -> dict[str, Any]:
         """Return what the summary says of the steps: nothing."""
         return {}
-
-    def close(self) -> None:
-        """Do nothing: there are no saved states."""
 
 
 def _store(rec: NDArray[Any], memory: NDArray[Any], picked: list[int]) -> Callable[[int], None]:

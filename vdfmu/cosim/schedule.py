@@ -6,6 +6,8 @@ import heapq
 from collections import deque
 from collections.abc import Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from graphlib import TopologicalSorter
+from itertools import pairwise
 from typing import TypeVar
 
 import numpy as np
@@ -177,7 +179,9 @@ def make_schedule(
     unit_edges = {(k.start[0], k.end[0]) for k in fresh}
     if not problems:
         for _, cycle in cycles(names, unit_edges):
-            joins = [next(str(k) for k in fresh if (k.start[0], k.end[0]) == pair) for pair in _pairs(cycle)]
+            joins = [
+                next(str(k) for k in fresh if (k.start[0], k.end[0]) == pair) for pair in pairwise(cycle)
+            ]
             problems.append(
                 f"gauss-seidel cannot order {', '.join(cycle[:-1])}: each must step before the next although "
                 f"no variable depends on itself ({'; '.join(joins)}); use jacobi, or split a unit"
@@ -237,10 +241,6 @@ def _blocks(names: Sequence[str], links: Sequence[Link], feeding: set[str]) -> t
         listed = sorted(part, key=lambda name: name not in feeding)
         blocks.append(tuple(listed if cycles(listed, inner) else topological(listed, inner)))
     return tuple(blocks)
-
-
-def _pairs(cycle: Sequence[N]) -> list[tuple[N, N]]:
-    return list(zip(cycle[:-1], cycle[1:], strict=True))
 
 
 def _dependencies(
@@ -313,21 +313,18 @@ def _loop_message(cycle: Sequence[Port], descriptions: Mapping[str, Description]
 
 def topological(nodes: Sequence[N], edges: Iterable[tuple[N, N]]) -> list[N]:
     """Order the nodes of an acyclic graph; ties stay in the given order."""
-    after: dict[N, list[N]] = {node: [] for node in nodes}
-    waiting = dict.fromkeys(nodes, 0)
-    for a, b in edges:
-        after[a].append(b)
-        waiting[b] += 1
     rank = {node: i for i, node in enumerate(nodes)}
-    ready = [rank[node] for node in nodes if waiting[node] == 0]
+    graph = TopologicalSorter(dict.fromkeys(nodes, ()))
+    for a, b in edges:
+        graph.add(b, a)
+    graph.prepare()
+    ready: list[int] = []
     order: list[N] = []
-    while ready:
-        node = nodes[heapq.heappop(ready)]
-        order.append(node)
-        for following in after[node]:
-            waiting[following] -= 1
-            if waiting[following] == 0:
-                heapq.heappush(ready, rank[following])
+    while graph.is_active():
+        for node in graph.get_ready():
+            heapq.heappush(ready, rank[node])
+        order.append(nodes[heapq.heappop(ready)])
+        graph.done(order[-1])
     return order
 
 

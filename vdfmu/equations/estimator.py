@@ -6,13 +6,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from vdfmu.equations.generic import clip, sgn
 from vdfmu.equations.harmonic_drive import (
     deformation,
     deformation_derivative,
     kinematic_error,
     wave_generator_deformation,
 )
+from vdfmu.scalar.generic import clip, sgn
 
 __all__ = ["Estimates", "estimate_torque", "torque_estimates", "torque_of_deformation"]
 

@@ -15,12 +15,18 @@ from vdfmu.equations.flexible_joint import (
     rotor_velocities,
 )
 from vdfmu.equations.friction import joint_friction
-from vdfmu.equations.inverse_dynamics import inverse_dynamics, joint_torques, link_forces, tool_transform
-from vdfmu.equations.jet import derivative, jets
-from vdfmu.equations.kinematics import gravity_in_links, joint_transforms, link_motion
+from vdfmu.equations.inverse_dynamics import (
+    gravity_in_links,
+    inverse_dynamics,
+    joint_torques,
+    link_forces,
+    link_motion,
+)
+from vdfmu.equations.kinematics import joint_transforms, tool_transform
 from vdfmu.equations.rigid_body import coriolis_matrix, gravity_force, link_body, mass_matrix
 from vdfmu.equations.spatial import cross_motion, joint_axis
 from vdfmu.equations.trajectory import Desired
+from vdfmu.scalar.jet import derivative, jets
 
 __all__ = [
     "Feedforward",
@@ -30,7 +36,6 @@ __all__ = [
     "drive_torques",
     "feedforward_inverse",
     "feedforward_vdc",
-    "printed_motor_torque",
     "required_forces",
     "required_motion",
     "required_net_forces",
@@ -95,9 +100,11 @@ def desired_drive_motion(robot: Any, desired: Desired, F_e_d: np.ndarray | None 
 def feedforward_inverse(robot: Any, desired: Desired, F_e_d: np.ndarray | None = None) -> Feedforward:
     """Exact inverse of the plant along the desired motion: ``tau_m = z.T F_Dk + tau_s / ell + xi_m``.
 
-    This is (27) with zero velocity error and ``tau_t = tau_s / ell``; see :func:`printed_motor_torque` for
-    (28). ``z.T F_Dk = I_m kappa_ddot`` for rotors in pure rotation (56); for `rotor_coupling` see
-    :func:`desired_drive_motion`.
+    This is (27) with zero velocity error and ``tau_t = tau_s / ell``. ``z.T F_Dk = I_m kappa_ddot`` for rotors in pure
+    rotation (56); for `rotor_coupling` see :func:`desired_drive_motion`.
+
+    Deviation: (28) as printed, ``tau + tau_f``, adds the link-side tau_f to the motor-side tau, and tau of (27) already
+    holds the spring torque as tau_t.
 
     Parameters
     ----------
@@ -289,12 +296,3 @@ def feedforward_vdc(
     tau_q, tau_kr = joint_torques(robot, F_B_r), axial_torques(F_D_r_star)
     tau_t, tau_m = drive_torques(robot, gains, required, tau_q, tau_kr, friction, q_dot, kappa_dot)
     return Feedforward(tau_m, robot.ell * tau_t, drive.kappa_dot)
-
-
-def printed_motor_torque(tau: Any, tau_f: Any) -> Any:
-    """Motor torque as Eq. (28) is printed, ``tau + tau_f``, kept to document it: nothing else calls it.
-
-    It adds the link-side tau_f to the motor-side tau, and tau of (27) already holds the spring torque as
-    tau_t.
-    """
-    return tau + tau_f

@@ -11,10 +11,15 @@ from typing import Any
 
 import numpy as np
 
-from vdfmu.equations.generic import zeros
-from vdfmu.equations.harmonic_drive import deformation, deformation_derivative, kinematic_error
+from vdfmu.equations.harmonic_drive import (
+    deformation,
+    deformation_derivative,
+    kinematic_error,
+    kinematic_error_slope,
+)
 from vdfmu.equations.rigid_body import coriolis_force, net_force
 from vdfmu.equations.spatial import force_transform, joint_axis
+from vdfmu.scalar.generic import zeros
 
 __all__ = [
     "axial_torques",
@@ -110,7 +115,7 @@ def rotor_forces(robot: Any, motion: Any, kappa_dot: Any, kappa_ddot: Any) -> li
 
     Parameters
     ----------
-    motion : vdfmu.equations.kinematics.Motion
+    motion : vdfmu.equations.inverse_dynamics.Motion
         Of the links.
     kappa_dot, kappa_ddot : (n,) [rad/s, rad/s2] rotor speed and acceleration divided by ell
     """
@@ -133,7 +138,7 @@ def rotor_acceleration(robot: Any, tau_k: Any, motion: Any = None) -> Any:
     Parameters
     ----------
     tau_k : (n,) [N m] torque on the rotor about its axis, motor-side
-    motion : vdfmu.equations.kinematics.Motion, optional
+    motion : vdfmu.equations.inverse_dynamics.Motion, optional
         Of the links. Without it the rotors turn about their axes alone, Eq. (56).
 
     Returns
@@ -158,9 +163,8 @@ def spring_rate(robot: Any, kappa: Any, kappa_dot: Any, q_dot: Any, tau_s: Any) 
     -------
     tau_s_dot : (n,) [N m/s or N/s]
     """
-    phase = 2.0 * robot.ell * kappa + robot.theta_err_phase
-    error_slope = 2.0 * robot.ell * robot.theta_err_amplitude * np.cos(phase)  # d theta_err / d kappa
-    return (kappa_dot * (1.0 - error_slope) - q_dot) / deformation_derivative(robot, tau_s)
+    slope = kinematic_error_slope(robot, kappa)
+    return (kappa_dot * (1.0 - slope) - q_dot) / deformation_derivative(robot, tau_s)
 
 
 def rotor_position(robot: Any, q: Any, tau_s: Any) -> Any:
@@ -172,7 +176,6 @@ def rotor_position(robot: Any, q: Any, tau_s: Any) -> Any:
     free = q + deformation(robot, tau_s)
     kappa = free
     for _ in range(4):
-        phase = 2.0 * robot.ell * kappa + robot.theta_err_phase
-        slope = 2.0 * robot.ell * robot.theta_err_amplitude * np.cos(phase)
-        kappa = kappa - (kappa - free - kinematic_error(robot, kappa)) / (1.0 - slope)
+        residual = kappa - free - kinematic_error(robot, kappa)
+        kappa = kappa - residual / (1.0 - kinematic_error_slope(robot, kappa))
     return kappa

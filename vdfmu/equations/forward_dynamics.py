@@ -6,14 +6,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from vdfmu.equations.elimination import factorize, solve
 from vdfmu.equations.flexible_joint import rotor_force, rotor_transform, rotor_velocity
-from vdfmu.equations.generic import zeros
-from vdfmu.equations.inverse_dynamics import inverse_dynamics, tool_transform
-from vdfmu.equations.kinematics import gravity_in_links, joint_placements
+from vdfmu.equations.inverse_dynamics import gravity_in_links, inverse_dynamics
+from vdfmu.equations.kinematics import joint_placements, tool_transform
 from vdfmu.equations.mapping import joint_space_mass_matrix
 from vdfmu.equations.rigid_body import coriolis_force, gravity_force, link_body, mass_matrix
 from vdfmu.equations.spatial import cross_motion, force_transform, joint_axis, transform_mass_matrix
+from vdfmu.scalar.elimination import factorize, solve
+from vdfmu.scalar.generic import zeros
 
 __all__ = ["Rotors", "forward_dynamics", "forward_dynamics_by_mapping"]
 

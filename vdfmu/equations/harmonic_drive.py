@@ -6,12 +6,13 @@ from typing import Any
 
 import numpy as np
 
-from vdfmu.equations.generic import sgn
+from vdfmu.scalar.generic import sgn
 
 __all__ = [
     "deformation",
     "deformation_derivative",
     "kinematic_error",
+    "kinematic_error_slope",
     "spring_energy",
     "wave_generator_deformation",
     "wave_generator_position",
@@ -44,6 +45,12 @@ def kinematic_error(robot: Any, kappa: Any) -> Any:
     drives show.
     """
     return robot.theta_err_amplitude * np.sin(2.0 * robot.ell * kappa + robot.theta_err_phase)
+
+
+def kinematic_error_slope(robot: Any, kappa: Any) -> Any:
+    """Slope of the kinematic error, ``d theta_err / d kappa`` : (n,) [-]."""
+    phase = 2.0 * robot.ell * kappa + robot.theta_err_phase
+    return 2.0 * robot.ell * robot.theta_err_amplitude * np.cos(phase)
 
 
 def deformation(robot: Any, tau_s: Any) -> Any:

@@ -1,23 +1,69 @@
-"""Inverse dynamics of the links by virtual decomposition: Eq. (44)-(47), and the rotors' reaction on them, (11)."""
+"""Inverse dynamics by virtual decomposition, the whole recursion: Eq. (29)-(31), (44)-(47), and the rotors' part, (11).
+
+Pass 1 goes from the base to the end effector and pass 2 back; the functions stand in the order in which they run, and
+:func:`inverse_dynamics`, last, joins them.
+"""
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from vdfmu.equations.flexible_joint import rotor_forces, rotor_transform
-from vdfmu.equations.generic import zeros
-from vdfmu.equations.kinematics import Motion, gravity_in_links, link_motion
+from vdfmu.equations.kinematics import joint_transforms, tool_transform
 from vdfmu.equations.rigid_body import link_body, net_force
-from vdfmu.equations.spatial import force_transform, joint_axis
+from vdfmu.equations.spatial import cross_motion, joint_axis
 
-__all__ = ["inverse_dynamics", "joint_torques", "link_forces", "tool_transform"]
+__all__ = ["Motion", "gravity_in_links", "inverse_dynamics", "joint_torques", "link_forces", "link_motion"]
 
 
-def tool_transform(robot: Any) -> np.ndarray:
-    """Force transformation from the end-effector frame {O} to {B_n}, the identity for the paper's arm."""
-    return force_transform(np.eye(3), robot.tool_offset)
+# pass 1, base to end effector: velocities, accelerations and gravity
+
+
+class Motion(NamedTuple):
+    """Motion of all links: force transformations U_AB[i] (32), velocities V_B[i] (29)-(31) and V_B_dot[i]."""
+
+    U_AB: list[np.ndarray]
+    V_B: list[np.ndarray]
+    V_B_dot: list[np.ndarray]
+
+
+def link_motion(robot: Any, q: np.ndarray, q_dot: np.ndarray, q_ddot: np.ndarray) -> Motion:
+    """Velocities of all links by Eq. (29)-(31), and their derivatives.
+
+    Deviation: (30)-(31) are printed for i = 2..5; they run to i = n. The derivative of (31),
+    ``V_B_dot = z q_ddot + U.T V_A_dot + (V_B x) z q_dot``, is not printed in the paper.
+
+    Parameters
+    ----------
+    q, q_dot, q_ddot : (n,) [rad or m, and per s, s2]
+    """
+    U_AB = joint_transforms(robot, q)
+    V_B: list[np.ndarray] = []
+    V_B_dot: list[np.ndarray] = []
+    for i in range(robot.n):
+        z = joint_axis(robot.joint_types[i])
+        if i == 0:
+            V_B.append(z * q_dot[0])
+            V_B_dot.append(z * q_ddot[0])
+        else:
+            V_B.append(z * q_dot[i] + U_AB[i].T @ V_B[i - 1])
+            V_B_dot.append(z * q_ddot[i] + U_AB[i].T @ V_B_dot[i - 1] + cross_motion(V_B[i]) @ (z * q_dot[i]))
+    return Motion(U_AB, V_B, V_B_dot)
+
+
+def gravity_in_links(robot: Any, U_AB: list[np.ndarray]) -> list[np.ndarray]:
+    """Vector g of (62) in every link frame, ``R_BI @ g`` : n times (3,) [m/s2]."""
+    g_B = []
+    g = robot.gravity
+    for U in U_AB:
+        g = U[:3, :3].T @ g
+        g_B.append(g)
+    return g_B
+
+
+# pass 2, end effector to base: forces, and their parts along the axes
 
 
 def link_forces(
@@ -53,10 +99,9 @@ def link_forces(
 
 def joint_torques(robot: Any, F_B: list[np.ndarray]) -> np.ndarray:
     """Component of every F_B along its joint axis, ``z.T @ F_B``: (n,) [N m or N], link-side."""
-    tau = zeros((robot.n,), *F_B)
-    for i in range(robot.n):
-        tau[i] = joint_axis(robot.joint_types[i]) @ F_B[i]
-    return tau
+    return np.array(
+        [joint_axis(joint_type) @ F for joint_type, F in zip(robot.joint_types, F_B, strict=True)]
+    )
 
 
 def inverse_dynamics(

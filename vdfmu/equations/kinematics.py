@@ -1,29 +1,14 @@
-"""Positions, velocities and accelerations of the links: Eq. (29)-(36)."""
+"""Positions of the links and transformations between their frames: Eq. (32)-(36)."""
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
-from vdfmu.equations.spatial import cross_motion, force_transform, joint_axis, rotation_z
+from vdfmu.equations.spatial import force_transform, rotation_z
 
-__all__ = [
-    "Motion",
-    "end_effector_pose",
-    "gravity_in_links",
-    "joint_rotation",
-    "joint_transforms",
-    "link_motion",
-]
-
-
-class Motion(NamedTuple):
-    """Motion of all links: force transformations U_AB[i] (32), velocities V_B[i] (29)-(31) and V_B_dot[i]."""
-
-    U_AB: list[np.ndarray]
-    V_B: list[np.ndarray]
-    V_B_dot: list[np.ndarray]
+__all__ = ["end_effector_pose", "joint_placements", "joint_rotation", "joint_transforms", "tool_transform"]
 
 
 def joint_rotation(robot: Any, i: int, q_i: Any) -> np.ndarray:
@@ -70,38 +55,9 @@ def joint_transforms(robot: Any, q: np.ndarray) -> list[np.ndarray]:
     return [force_transform(R_AB, p_AB) for R_AB, p_AB in joint_placements(robot, q)]
 
 
-def link_motion(robot: Any, q: np.ndarray, q_dot: np.ndarray, q_ddot: np.ndarray) -> Motion:
-    """Velocities of all links by Eq. (29)-(31), and their derivatives.
-
-    Deviation: (30)-(31) are printed for i = 2..5; they run to i = n. The derivative of (31),
-    ``V_B_dot = z q_ddot + U.T V_A_dot + (V_B x) z q_dot``, is not printed in the paper.
-
-    Parameters
-    ----------
-    q, q_dot, q_ddot : (n,) [rad or m, and per s, s2]
-    """
-    U_AB = joint_transforms(robot, q)
-    V_B: list[np.ndarray] = []
-    V_B_dot: list[np.ndarray] = []
-    for i in range(robot.n):
-        z = joint_axis(robot.joint_types[i])
-        if i == 0:
-            V_B.append(z * q_dot[0])
-            V_B_dot.append(z * q_ddot[0])
-        else:
-            V_B.append(z * q_dot[i] + U_AB[i].T @ V_B[i - 1])
-            V_B_dot.append(z * q_ddot[i] + U_AB[i].T @ V_B_dot[i - 1] + cross_motion(V_B[i]) @ (z * q_dot[i]))
-    return Motion(U_AB, V_B, V_B_dot)
-
-
-def gravity_in_links(robot: Any, U_AB: list[np.ndarray]) -> list[np.ndarray]:
-    """Vector g of (62) in every link frame, ``R_BI @ g`` : n times (3,) [m/s2]."""
-    g_B = []
-    g = robot.gravity
-    for U in U_AB:
-        g = U[:3, :3].T @ g
-        g_B.append(g)
-    return g_B
+def tool_transform(robot: Any) -> np.ndarray:
+    """Force transformation from the end-effector frame {O} to {B_n}, the identity for the paper's arm."""
+    return force_transform(np.eye(3), robot.tool_offset)
 
 
 def end_effector_pose(robot: Any, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

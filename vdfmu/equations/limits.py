@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from vdfmu.equations.generic import clip
+from vdfmu.scalar.generic import clip
 
 __all__ = ["motor_torque", "stop_energy", "stop_torque"]
 

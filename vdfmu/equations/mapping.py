@@ -6,12 +6,11 @@ from typing import Any
 
 import numpy as np
 
-from vdfmu.equations.generic import zeros
-from vdfmu.equations.inverse_dynamics import tool_transform
-from vdfmu.equations.kinematics import joint_transforms
+from vdfmu.equations.kinematics import joint_transforms, tool_transform
 from vdfmu.equations.rigid_body import link_body
 from vdfmu.equations.rigid_body import mass_matrix as body_mass_matrix
 from vdfmu.equations.spatial import joint_axis
+from vdfmu.scalar.generic import zeros
 
 __all__ = [
     "extended_jacobian",

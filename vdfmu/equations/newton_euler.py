@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from vdfmu.equations.generic import zeros
 from vdfmu.equations.rigid_body import link_body
+from vdfmu.scalar.generic import zeros
 
 __all__ = ["newton_euler"]
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-from vdfmu.equations.generic import clip
+from vdfmu.scalar.generic import clip
 
 __all__ = ["Command", "pd_control"]
 

@@ -17,8 +17,8 @@ from vdfmu.equations.flexible_joint import (
 from vdfmu.equations.forward_dynamics import Rotors, forward_dynamics
 from vdfmu.equations.friction import joint_friction
 from vdfmu.equations.harmonic_drive import spring_energy
-from vdfmu.equations.inverse_dynamics import inverse_dynamics, joint_torques, link_forces
-from vdfmu.equations.kinematics import end_effector_pose, joint_placements, link_motion
+from vdfmu.equations.inverse_dynamics import inverse_dynamics, joint_torques, link_forces, link_motion
+from vdfmu.equations.kinematics import end_effector_pose, joint_placements
 from vdfmu.equations.limits import motor_torque, stop_energy, stop_torque
 from vdfmu.equations.rigid_body import link_body, mass_matrix
 

@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from vdfmu.equations.generic import zeros
 from vdfmu.equations.spatial import skew
+from vdfmu.scalar.generic import zeros
 
 __all__ = ["coriolis_force", "coriolis_matrix", "gravity_force", "link_body", "mass_matrix", "net_force"]
 

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from vdfmu.equations.generic import zeros
+from vdfmu.scalar.generic import zeros
 
 __all__ = [
     "cross_motion",

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from vdfmu.equations.generic import piecewise_hold
+from vdfmu.scalar.generic import piecewise_hold
 
 __all__ = ["Desired", "desired_motion"]
 

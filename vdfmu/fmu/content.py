@@ -16,7 +16,7 @@ from vdfmu import __version__
 from vdfmu.data import data_path
 from vdfmu.errors import FmuError, UsageError, VdfmuError
 from vdfmu.fmu.interface import MODEL_NAMES, Interface, interface
-from vdfmu.kernel.structure import source_digest
+from vdfmu.kernel.structure import SOURCES, source_digest
 from vdfmu.model import Robot, robot_from_dict
 
 __all__ = ["BACKENDS", "CONTENT_FILE", "FMI_VERSIONS", "Content", "installed_digest"]
@@ -24,7 +24,7 @@ __all__ = ["BACKENDS", "CONTENT_FILE", "FMI_VERSIONS", "Content", "installed_dig
 CONTENT_FILE = "vdfmu.json"
 BACKENDS = ("python", "native")
 FMI_VERSIONS = ("2.0", "3.0")
-_SOURCES = ("model", "equations", "kernel", "fmu")
+_SOURCES = (*SOURCES, "fmu")
 _OF_BACKEND = {
     "python": (_SOURCES, ("python/*.py",)),
     "native": ((*_SOURCES, "fmu/native"), ("c/*.[ch]", "icons/*")),

@@ -14,9 +14,9 @@ from typing import Any
 from vdfmu.fmu.units import UNITS, unit_of
 from vdfmu.kernel.structure import parameters
 from vdfmu.model import Robot
-from vdfmu.model.check import LARGEST
+from vdfmu.model.parameters import PARAMETERS, SPRING_KEYS
 from vdfmu.model.read import POSITIVE
-from vdfmu.model.robot import SPRING_KEYS, WHOLE_FIELDS
+from vdfmu.model.scenario import SOLVER_TOLERANCE
 
 __all__ = ["NO_LIMIT", "POSITIVE", "TABLES", "Variable"]
 
@@ -113,39 +113,6 @@ _TAU = {"tau": ("N.m", "motor torque, motor-side")}
 _TAU_E = {"tau_e": ("torque", "feedback torque, link-side, Eq. (58)")}
 _KAPPA = {"kappa": ("position", "position of the rotor divided by ell")}
 
-# Field of the robot: quantity, smallest value, description.
-_ROBOT: dict[str, tuple[str, float | None, str]] = {
-    "gravity": ("m/s2", None, "Gravity vector of Eq. (62) in {I}, upward, axis"),
-    "tool_offset": ("m", None, "Origin of the end-effector frame {O} in the last link frame, axis"),
-    "payload_mass": ("kg", 0.0, "Mass of the payload"),
-    "payload_centroid": ("m", None, "Centre of mass of the payload in {O}, axis"),
-    "payload_inertia": ("kg.m2", None, "Inertia of the payload about its centre of mass, (row, column)"),
-    "offset": ("m", None, "Origin of the link frame in the frame of the previous link, (link, axis)"),
-    "centroid": ("m", None, "Centre of mass in the link frame, (link, axis)"),
-    "mass": ("kg", POSITIVE, "mass of the link"),
-    "inertia": ("kg.m2", None, "Inertia about the centre of mass, (link, row, column)"),
-    "ell": ("ratio", 1.0, "reduction ratio"),
-    "I_m": ("rotor inertia", POSITIVE, "rotor inertia times ell, Eq. (56)"),
-    "K_f0": ("stiffness", POSITIVE, "flexspline stiffness, link-side, Eq. (2)"),
-    "c_f": ("per torque", POSITIVE, "flexspline stiffening, link-side, Eq. (2)"),
-    "K_w0": ("N.m/rad", POSITIVE, "wave generator stiffness, motor-side, Eq. (3)"),
-    "c_w": ("1/(N.m)", POSITIVE, "wave generator stiffening, motor-side, Eq. (3)"),
-    "f_c": ("torque", 0.0, "Coulomb friction, link-side, Eq. (54)"),
-    "f_s": ("torque", 0.0, "static friction, link-side, Eq. (54)"),
-    "f_v": ("damping", 0.0, "viscous friction, link-side, Eq. (54)"),
-    "v_s": ("velocity", POSITIVE, "Stribeck velocity, Eq. (54)"),
-    "eps": ("velocity", POSITIVE, "velocity that regularises sgn as tanh(v/eps)"),
-    "f_ck": ("N.m", 0.0, "Coulomb friction of the rotor, motor-side, Eq. (55)"),
-    "q_min": ("position", None, "lower end stop"),
-    "q_max": ("position", None, "upper end stop"),
-    "stop_stiffness": ("stiffness", POSITIVE, "stiffness of the end stops, link-side"),
-    "stop_damping": ("per velocity", 0.0, "damping of the end stops over stiffness and depth"),
-    "tau_stall": ("N.m", POSITIVE, "largest torque of the motor, motor-side"),
-    "kappa_dot_max": ("velocity", POSITIVE, "no-load speed of the motor divided by ell"),
-    "theta_err_amplitude": ("position", 0.0, "amplitude of the kinematic error, link-side, Eq. (3)"),
-    "theta_err_phase": ("rad", None, "phase of the kinematic error, Eq. (3)"),
-}
-
 
 def _joints(
     robot: Robot,
@@ -217,24 +184,27 @@ def _wrench(group: str, text: str) -> list[Variable]:
 
 def _robot_parameters(robot: Robot) -> list[Variable]:
     """Parameters of the robot that are not folded, in the order of the kernel's parameter vector."""
-    found: list[Variable] = []
-    for p in parameters(robot):
-        quantity, minimum, text = _ROBOT[p.field]
-        joint_type = "revolute" if p.field in WHOLE_FIELDS else robot.joint_types[p.index[0]]
-        counted = ",".join(str(i + 1) for i in p.index)
-        one_a_joint = p.field not in WHOLE_FIELDS and len(p.index) == 1
-        text = f"Joint {counted}: {text}" if one_a_joint else f"{text} {counted}".rstrip()
-        unit = unit_of(quantity, joint_type)
-        found.append(_of_robot(robot, p.field, p.index, unit, minimum, text))
-    return found
+    return [_of_robot(robot, p.field, p.index) for p in parameters(robot)]
 
 
-def _of_robot(
-    robot: Robot, field: str, index: tuple[int, ...], unit: str, minimum: float | None, text: str
-) -> Variable:
-    start, most = float(getattr(robot, field)[index]), LARGEST[field]
-    low = -most if minimum is None else minimum
-    return Variable(field, index, "Real", "parameter", "fixed", unit, start, low, most, text)
+def _of_robot(robot: Robot, field: str, index: tuple[int, ...]) -> Variable:
+    """One entry of a robot's array."""
+    row = PARAMETERS[field]
+    counted = ",".join(str(i + 1) for i in index)
+    text = f"{row.description}{_PLACES[row.per_joint, len(row.shape)]} {counted}".rstrip()
+    if row.per_joint and not row.shape:
+        text = f"Joint {counted}: {row.description}"
+    unit = row.unit(robot.joint_types[index[0]] if row.per_joint else "revolute")
+    start = float(getattr(robot, field)[index])
+    low = -row.largest if row.smallest is None else row.smallest
+    return Variable(field, index, "Real", "parameter", "fixed", unit, start, low, row.largest, text)
+
+
+_PLACES = {
+    (False, 0): "", (False, 1): ", axis", (False, 2): ", (row, column)",
+    (True, 0): "", (True, 1): ", (link, axis)", (True, 2): ", (link, row, column)",
+}  # fmt: skip
+"""Whether each joint has its own and number of axes, to what the indices are."""
 
 
 def _trajectory(robot: Robot) -> list[Variable]:
@@ -290,14 +260,7 @@ def _estimator(robot: Robot) -> list[Variable]:
     }
     consistent = {"tau_s_hat": ("torque", "spring torque from the positions alone, link-side")}
     limits = _gain(robot, "tau_hat_max", "torque", limit, 0.0)
-    springs = [
-        _of_robot(
-            robot, field, (i,), unit_of(_ROBOT[field][0], robot.joint_types[i]), _ROBOT[field][1],
-            f"Joint {i + 1}: {_ROBOT[field][2]}",
-        )
-        for field in SPRING_KEYS
-        for i in range(robot.n)
-    ]  # fmt: skip
+    springs = [_of_robot(robot, field, (i,)) for field in SPRING_KEYS for i in range(robot.n)]
     return [
         *_inputs(robot, positions | _TAU),
         *_outputs(robot, consistent | printed),
@@ -331,7 +294,7 @@ def _plant(robot: Robot) -> list[Variable]:
         Variable("equilibrium", (), "Boolean", "parameter", "fixed", None, True, None, None, equilibrium),
         *_fixed(robot, "kappa_dot_0", "velocity", "start velocity of the rotor, without equilibrium"),
         *_fixed(robot, "tau_s_0", "torque", "start spring torque, link-side, without equilibrium"),
-        _scalar("tolerance", "1", 1e-7, tolerance, 1e-12, 1e-1),
+        _scalar("tolerance", "1", SOLVER_TOLERANCE, tolerance, 1e-12, 1e-1),
         *_robot_parameters(robot),
     ]
 

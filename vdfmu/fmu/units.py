@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 
+from vdfmu.model.measure import unit_of
+
 __all__ = ["DERIVATIVES", "UNITS", "Unit", "unit_of"]
 
 
@@ -68,30 +70,3 @@ DERIVATIVES = {
     "rad": "rad/s", "rad/s": "rad/s2", "m": "m/s", "m/s": "m/s2", "N.m": "N.m/s", "N": "N/s",
 }  # fmt: skip
 """Unit of a state to that of its derivative."""
-
-# Quantity to unit, for a revolute and for a prismatic joint. "_m" is motor-side, else link-side.
-_QUANTITIES = {
-    "position": ("rad", "m"),
-    "velocity": ("rad/s", "m/s"),
-    "acceleration": ("rad/s2", "m/s2"),
-    "jerk": ("rad/s3", "m/s3"),
-    "snap": ("rad/s4", "m/s4"),
-    "torque": ("N.m", "N"),
-    "stiffness": ("N.m/rad", "N/m"),
-    "damping": ("N.m.s/rad", "N.s/m"),
-    "per torque": ("1/(N.m)", "1/N"),
-    "ratio": ("1", "rad/m"),
-    "per velocity": ("s/rad", "s/m"),
-    "rotor inertia": ("kg.m2", "kg.m"),
-    "damping_m": ("N.m.s/rad", "N.m.s/m"),
-}
-
-
-def unit_of(quantity: str, joint_type: str) -> str:
-    """Return the unit of a joint's quantity: ``unit_of("torque", "prismatic")`` is ``"N"``.
-
-    A unit's name stands for itself.
-    """
-    if quantity in UNITS:
-        return quantity
-    return _QUANTITIES[quantity][joint_type == "prismatic"]

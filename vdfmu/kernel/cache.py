@@ -10,23 +10,25 @@ from __future__ import annotations
 
 import logging
 import os
+import re
 import stat
 import tempfile
 from contextlib import suppress
 from functools import lru_cache
 from hashlib import sha256
 from pathlib import Path
+from typing import NamedTuple
 
 from platformdirs import user_cache_path
 
+from vdfmu.errors import UsageError
 from vdfmu.interrupt import InterruptGuard
 
-__all__ = ["COMPILER", "cache_folder", "load", "store", "trusted"]
+__all__ = ["COMPILER", "Entry", "cache_folder", "clear", "entries", "limit", "load", "store", "trusted"]
 
 _LINE = 65
 """Length of the digest and its end of line, which come before the content."""
-_LIMIT = 512 * 2**20
-"""Bytes that the files of a cache may have together: some 200 values of a robot."""
+_HEAD = re.compile(rb"[0-9a-f]{64}\n")
 COMPILER = "zig"
 """Folder of the cache that the compiler keeps itself, with locks of its own."""
 
@@ -42,6 +44,23 @@ def cache_folder() -> Path:
         if trusted(folder):
             return folder
     return Path(_private().name)
+
+
+def limit() -> float:
+    """Bytes that the entries of a cache may have together: ``VDFMU_CACHE_MB``, else 512 MB, some 200 values of a robot.
+
+    Raises
+    ------
+    UsageError
+        If the variable is not a number of at least 0.
+    """
+    given = os.environ.get("VDFMU_CACHE_MB") or "512"
+    with suppress(ValueError):
+        if float(given) >= 0.0:
+            return float(given) * 2**20
+    raise UsageError(
+        f"VDFMU_CACHE_MB: expected the most that the cache may hold, a number >= 0 in MB, got {given!r}."
+    )
 
 
 def trusted(folder: Path) -> bool:
@@ -128,30 +147,55 @@ def store(path: Path, content: bytes) -> None:
             Path(temporary).unlink(missing_ok=True)
 
 
-def _evict(cache: Path, new: Path) -> None:
-    """Remove the files that were not used for longest, until `new` and the rest have three quarters of the limit.
+class Entry(NamedTuple):
+    """A file of the cache: when it was last used [s], and its size [bytes]."""
 
-    Any process may do so at any time: a reader has the whole file open or makes its content anew.
-    """
-    files: list[tuple[float, int, Path]] = []
+    used: float
+    size: int
+    path: Path
+
+    def remove(self) -> bool:
+        """Remove the file, and its folder if that is empty then; return whether it is gone."""
+        with suppress(OSError):
+            self.path.unlink()
+            with suppress(OSError):  # not empty
+                self.path.parent.rmdir()
+            return True
+        return False
+
+
+def entries(cache: Path) -> list[Entry]:
+    """Return the entries of a cache; what is not, in a folder that is used for more, is none."""
+    found: list[Entry] = []
     for path in cache.glob("*/*"):
         with suppress(OSError):  # removed by another process
             if path.parent.name != COMPILER and path.is_file():
-                status = path.stat()
-                files.append((status.st_mtime, status.st_size, path))
-    total = sum(size for _, size, _ in files)
-    if total <= _LIMIT:
+                with path.open("rb") as file:
+                    head, status = file.read(_LINE), os.fstat(file.fileno())
+                if _HEAD.fullmatch(head):
+                    found.append(Entry(status.st_mtime, status.st_size, path))
+    return found
+
+
+def clear(cache: Path) -> list[Entry]:
+    """Remove the entries of a cache, and return them."""
+    return [entry for entry in entries(cache) if entry.remove()]
+
+
+def _evict(cache: Path, new: Path) -> None:
+    """Remove the entries that were not used for longest, until `new` and the rest have three quarters of the limit.
+
+    Any process may do so at any time: a reader has the whole file open or makes its content anew.
+    """
+    most, found = limit(), entries(cache)
+    total = sum(entry.size for entry in found)
+    if total <= most:
         return
-    for _, size, path in sorted(files):
-        if total <= 0.75 * _LIMIT:
+    for entry in sorted(found):
+        if total <= 0.75 * most:
             break
-        if path == new:
-            continue
-        with suppress(OSError):
-            path.unlink()
-            total -= size
-        with suppress(OSError):  # not empty
-            path.parent.rmdir()
+        if entry.path != new and entry.remove():
+            total -= entry.size
 
 
 def _digest(path: Path, content: bytes) -> bytes:

@@ -15,7 +15,7 @@ from vdfmu.interrupt import listening
 from vdfmu.kernel.cache import cache_folder, load, store
 from vdfmu.kernel.derivatives import DIRECTIONS
 from vdfmu.kernel.structure import structure_key, values
-from vdfmu.kernel.trace import FUNCTIONS, derivative_of, trace
+from vdfmu.kernel.trace import FUNCTIONS, derivative_of
 from vdfmu.model import Robot
 
 __all__ = ["Kernel", "KernelFunction"]
@@ -125,7 +125,7 @@ class Kernel:
     def _made(self, name: str) -> ca.Function:
         derivative = derivative_of(name)
         if derivative is None:
-            return trace(name, self.robot)
+            return FUNCTIONS[name](self.robot)
         base, direction = derivative
         return DIRECTIONS[direction](self.casadi_function(base))
 

@@ -10,6 +10,7 @@ import numpy.typing as npt
 from vdfmu.errors import KernelError
 from vdfmu.kernel.functions import Kernel
 from vdfmu.kernel.rodas import ORDER
+from vdfmu.model.scenario import SOLVER_TOLERANCE
 
 __all__ = ["Integrator", "state_name"]
 
@@ -52,19 +53,14 @@ class Integrator:
         self._n = kernel.robot.n
         self._step = kernel.function("plant_step", **buffers)
         args, results = self._step.args, self._step.results
-        self._x_start = args["x"]
+        self.x = args["x"]
         self.tau, self.F_e, self.p = args["tau"], args["F_e"], args["p"]
         self._h, self._tolerance = args["h"], args["tolerance"]
         self._x_new, self._norm, self._ratio = results["x_new"], results["norm"], results["ratio"]
         self.p[:] = kernel.p
-        self._tolerance[0] = 1e-9
+        self._tolerance[0] = SOLVER_TOLERANCE
         self.h = 1e-4
         self.steps = self.rejected = 0
-
-    @property
-    def x(self) -> np.ndarray:
-        """State, a view that may be written to."""
-        return self._x_start
 
     @property
     def tolerance(self) -> float:
@@ -84,7 +80,7 @@ class Integrator:
             If the tolerance cannot be met at the smallest step, the state is no longer finite, or
             `MAXIMUM_STEPS` do not reach the end. The message says where; the state is then that before the call.
         """
-        x, x_new, norm, step = self._x_start, self._x_new, self._norm, self._step.run
+        x, x_new, norm, step = self.x, self._x_new, self._norm, self._step.run
         before, h_before = x.copy(), self.h
         done, tried, failure = 0.0, 0, ""
         while done < duration:

@@ -6,6 +6,7 @@ evaluate them.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -14,6 +15,7 @@ import numpy as np
 from vdfmu.kernel.structure import Parameter, parameters
 from vdfmu.model import Robot
 from vdfmu.model.check import CONTRACTION_LIMIT, INERTIA_TOLERANCE
+from vdfmu.scalar.generic import minimum
 
 __all__ = ["Requirement", "margins", "requirements"]
 
@@ -28,15 +30,16 @@ class Requirement:
     Attributes
     ----------
     expected : str
-        The condition in words.
+        The condition as text.
     parameters : tuple of Parameter
         What it is about.
-    kind : "friction", "kinematic error", "definite" or "triangle"
+    margin : callable
+        Returns the margin of a robot, given the first of the parameters.
     """
 
     expected: str
     parameters: tuple[Parameter, ...]
-    kind: str
+    margin: Callable[[Any, Parameter], Any]
 
 
 def requirements(robot: Robot) -> list[Requirement]:
@@ -47,13 +50,13 @@ def requirements(robot: Robot) -> list[Requirement]:
         inertia = tuple(p for p in listed if p.field == "inertia" and p.index[0] == i)
         f_c, f_s = Parameter("f_c", (i,)), Parameter("f_s", (i,))
         amplitude, ell = Parameter("theta_err_amplitude", (i,)), Parameter("ell", (i,))
-        found.append(Requirement("f_s >= f_c", (f_s, f_c), "friction"))
+        found.append(Requirement("f_s >= f_c", (f_s, f_c), _friction))
         if robot.limits:
             stops = Parameter("q_min", (i,)), Parameter("q_max", (i,))
-            found.append(Requirement("q_max > q_min", stops, "stops"))
+            found.append(Requirement("q_max > q_min", stops, _stops))
         if amplitude in listed:
             text = f"2*ell*theta_err_amplitude < {CONTRACTION_LIMIT:g}"
-            found.append(Requirement(text, (ell, amplitude), "kinematic error"))
+            found.append(Requirement(text, (ell, amplitude), _kinematic_error))
         found += _of_inertia(inertia)
     payload = tuple(p for p in listed if p.field == "payload_inertia")
     return found + (_of_inertia(payload) if payload else [])
@@ -62,14 +65,14 @@ def requirements(robot: Robot) -> list[Requirement]:
 def _of_inertia(inertia: tuple[Parameter, ...]) -> list[Requirement]:
     text = "no principal moment of inertia above the sum of the other two"
     return [
-        Requirement("a positive definite inertia matrix", inertia, "definite"),
-        Requirement(text, inertia, "triangle"),
+        Requirement("a positive definite inertia matrix", inertia, _definite),
+        Requirement(text, inertia, _triangle),
     ]
 
 
 def margins(robot: Any, found: list[Requirement]) -> list[Any]:
     """Return the margin of each condition, of floats or symbols; a condition holds where its margin is >= 0."""
-    return [_MARGINS[requirement.kind](robot, requirement.parameters[0]) for requirement in found]
+    return [requirement.margin(robot, requirement.parameters[0]) for requirement in found]
 
 
 def _friction(robot: Any, first: Parameter) -> Any:
@@ -108,18 +111,4 @@ def _smallest_minor(A: Any) -> Any:
     a, b, c, d, e, f = A[0, 0], A[0, 1], A[0, 2], A[1, 1], A[1, 2], A[2, 2]
     minor_2 = a * d - b * b
     minor_3 = a * (d * f - e * e) - b * (b * f - c * e) + c * (b * e - c * d)
-    smallest = _minimum(_minimum(a, minor_2), minor_3)
-    return smallest - _STRICT
-
-
-def _minimum(a: Any, b: Any) -> Any:
-    return a.minimum(b) if hasattr(a, "minimum") else min(a, b)
-
-
-_MARGINS = {
-    "friction": _friction,
-    "stops": _stops,
-    "kinematic error": _kinematic_error,
-    "definite": _definite,
-    "triangle": _triangle,
-}
+    return minimum(minimum(a, minor_2), minor_3) - _STRICT

@@ -12,8 +12,8 @@ import casadi as ca
 import numpy as np
 import numpy.typing as npt
 
-from vdfmu.equations.elimination import factorize, solve
-from vdfmu.kernel.symbol import from_sx, to_sx
+from vdfmu.scalar.elimination import factorize, solve
+from vdfmu.scalar.symbol import from_sx, to_sx
 
 __all__ = ["ORDER", "rodas_step"]
 

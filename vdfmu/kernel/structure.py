@@ -1,7 +1,8 @@
 """Which numbers of a robot stay parameters at run time, and which are folded into the traced functions.
 
 Structural zeros and the fixed rotations of the frames are folded: the functions are three times as fast for
-it. What is folded cannot be changed later, so :func:`parameters` is the one list of what can.
+it. What is folded cannot be changed later, so :func:`parameters` is the one list of what can; the table of
+:mod:`vdfmu.model.parameters` says of each entry whether it can.
 """
 
 from __future__ import annotations
@@ -17,11 +18,12 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from vdfmu.kernel.symbol import Symbol
 from vdfmu.model import Robot
-from vdfmu.model.robot import LIMIT_KEYS
+from vdfmu.model.parameters import PARAMETERS
+from vdfmu.scalar.symbol import Symbol
 
 __all__ = [
+    "SOURCES",
     "Parameter",
     "parameters",
     "set_parameters",
@@ -31,7 +33,8 @@ __all__ = [
     "values",
 ]
 
-_PER_JOINT = ("ell", "I_m", "K_f0", "c_f", "K_w0", "c_w", "f_c", "f_s", "f_v", "v_s", "eps")
+SOURCES = ("model", "scalar", "equations", "kernel")
+"""Packages that decide what a traced function computes."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -49,37 +52,11 @@ class Parameter:
 
 def parameters(robot: Robot) -> list[Parameter]:
     """Run-time parameters of a robot, in the order of the parameter vector of every traced function."""
-    n = robot.n
-    found = [Parameter("gravity", (k,)) for k in range(3) if robot.gravity[k] != 0.0]
-    found += [Parameter("tool_offset", (k,)) for k in range(3) if robot.tool_offset[k] != 0.0]
-    if robot.payload:
-        found += [Parameter("payload_mass", ()), *(Parameter("payload_centroid", (k,)) for k in range(3))]
-        if robot.payload_inertia.any():
-            found += _inertia("payload_inertia", robot.payload_inertia)
-    for field in ("offset", "centroid"):
-        array = getattr(robot, field)
-        found += [Parameter(field, (i, k)) for i in range(n) for k in range(3) if array[i, k] != 0.0]
-    found += [Parameter("mass", (i,)) for i in range(n)]
-    for i in range(n):
-        found += _inertia("inertia", robot.inertia[i], i)
-    for field in _PER_JOINT:
-        found += [Parameter(field, (i,)) for i in range(n)]
-    if robot.friction == "split":
-        found += [Parameter("f_ck", (i,)) for i in range(n)]
-    if robot.limits:
-        found += [Parameter(field, (i,)) for field in LIMIT_KEYS for i in range(n)]
-    for field in ("theta_err_amplitude", "theta_err_phase"):
-        found += [Parameter(field, (i,)) for i in range(n) if robot.theta_err_amplitude[i] != 0.0]
-    return found
-
-
-def _inertia(field: str, matrix: np.ndarray, *joint: int) -> list[Parameter]:
-    """Diagonal and upper triangle of an inertia, without its structural zeros."""
     return [
-        Parameter(field, (*joint, j, k))
-        for j in range(3)
-        for k in range(j, 3)
-        if j == k or matrix[j, k] != 0.0
+        Parameter(name, index)
+        for name, row in PARAMETERS.items()
+        for index in np.ndindex(getattr(robot, name).shape)
+        if row.is_free(robot, index)
     ]
 
 
@@ -118,7 +95,7 @@ def _replace(robot: Robot, listed: Sequence[Parameter], new: Sequence[Any], dtyp
     for parameter, value in zip(listed, new, strict=True):
         array = arrays.setdefault(parameter.field, np.array(getattr(robot, parameter.field), dtype=dtype))
         array[parameter.index] = value
-        if parameter.field in ("inertia", "payload_inertia"):
+        if PARAMETERS[parameter.field].fold == "inertia":
             *joint, j, k = parameter.index
             array[(*joint, k, j)] = value
     for array in arrays.values():
@@ -133,10 +110,10 @@ def source_digest(*packages: str) -> str:
     Parameters
     ----------
     *packages : str
-        Default: those that decide what a traced function computes.
+        Default: `SOURCES`.
     """
     digest = sha256(ca.CasadiMeta.version().encode())
-    for package in packages or ("model", "equations", "kernel"):
+    for package in packages or SOURCES:
         folder = files("vdfmu").joinpath(package)
         for entry in sorted((e for e in folder.iterdir() if e.name.endswith(".py")), key=lambda e: e.name):
             digest.update(f"{package}/{entry.name}\n".encode())

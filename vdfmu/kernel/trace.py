@@ -9,7 +9,6 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from vdfmu.equations.elimination import factorize, solve
 from vdfmu.equations.estimator import torque_estimates
 from vdfmu.equations.feedforward import Gains, feedforward_inverse, feedforward_vdc
 from vdfmu.equations.forward_dynamics import forward_dynamics
@@ -24,24 +23,21 @@ from vdfmu.kernel.derivatives import DIRECTIONS
 from vdfmu.kernel.requirements import margins, requirements
 from vdfmu.kernel.rodas import rodas_step
 from vdfmu.kernel.structure import symbolic_robot
-from vdfmu.kernel.symbol import from_sx, to_sx
 from vdfmu.model import Robot
-from vdfmu.model.robot import SPRING_KEYS
+from vdfmu.model.parameters import SPRING_KEYS
+from vdfmu.scalar.elimination import factorize, solve
+from vdfmu.scalar.symbol import from_sx, to_sx
 
-__all__ = ["FUNCTIONS", "derivative_of", "trace"]
+__all__ = ["FUNCTIONS", "derivative_of"]
 
 Trace = Callable[[Robot], ca.Function]
 FUNCTIONS: dict[str, Trace] = {}
+"""Name to what traces the function for the structure of a robot."""
 
 
 def _traced(make: Trace) -> Trace:
     FUNCTIONS[make.__name__.removeprefix("_trace_")] = make
     return make
-
-
-def trace(name: str, robot: Robot) -> ca.Function:
-    """Trace one function of :data:`FUNCTIONS` for the structure of a robot."""
-    return FUNCTIONS[name](robot)
 
 
 def derivative_of(name: str) -> tuple[str, str] | None:

@@ -15,15 +15,6 @@ INERTIA_TOLERANCE = 1e-9
 CONTRACTION_LIMIT = 0.5
 # stop/step is one rounded division, wrong by about 1e-16 of itself.
 STEP_TOLERANCE = 1e-9
-LARGEST = {
-    "gravity": 1e4, "tool_offset": 1e4, "offset": 1e4, "centroid": 1e4, "mass": 1e6, "inertia": 1e9,
-    "payload_mass": 1e6, "payload_centroid": 1e4, "payload_inertia": 1e9,
-    "ell": 1e6, "I_m": 1e6, "K_f0": 1e12, "c_f": 1e6, "K_w0": 1e12, "c_w": 1e9,
-    "theta_err_amplitude": 1.0, "theta_err_phase": 1e6,
-    "f_c": 1e9, "f_s": 1e9, "f_v": 1e9, "v_s": 1e6, "f_ck": 1e9, "eps": 1e6,
-    "q_min": 1e6, "q_max": 1e6, "stop_stiffness": 1e12, "stop_damping": 1e6, "tau_stall": 1e9, "kappa_dot_max": 1e9,
-}  # fmt: skip
-"""Field of the robot to its largest absolute value, in SI units, far above that of any machine."""
 MOST_STEPS = 10**9
 """Communication steps of a run: 11 days at 1 kHz."""
 

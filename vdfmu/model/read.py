@@ -241,9 +241,8 @@ class Table:
         `scalar` allows one number for all entries, `infinite` allows plus infinity.
         """
         size = " x ".join(str(k) for k in shape)
-        words = f"{size} finite numbers" + (" or one for all" if scalar else "")
         bounds = _Bounds(unit, above, at_least, at_most, infinite)
-        expected = bounds.expected(words)
+        expected = bounds.expected(f"{size} finite numbers" + (" or one for all" if scalar else ""))
         value = self.value(key, expected, cast(Any, default))
         if value is None:
             return np.full(shape, math.nan)
@@ -286,24 +285,24 @@ class _Bounds(NamedTuple):
     at_most: float
     infinite: bool = False
 
-    def expected(self, words: str, bound: str | None = None) -> str:
-        """Return what is expected, in words."""
+    def expected(self, what: str, bound: str | None = None) -> str:
+        """Return what is expected, with its bound and unit."""
         if bound is None:
             low = f" >= {self.at_least:g}" if self.at_least is not None else ""
             bound = f" > {self.above:g}" if self.above is not None else low
-        return f"{words}{bound}{' in ' + self.unit if self.unit else ''}"
+        return f"{what}{bound}{' in ' + self.unit if self.unit else ''}"
 
     def broken(self, number: float) -> str | None:
         """Return what was expected of a number that is out of bounds; None for one that is not."""
-        words = "a finite number"
+        what = "a finite number"
         if self.infinite and number == math.inf:
             return None
         if not math.isfinite(number) or (self.above is not None and not number > self.above):
-            return self.expected(words)
+            return self.expected(what)
         if self.at_least is not None and not number >= self.at_least:
-            return self.expected(words, f" >= {self.at_least:g}")
+            return self.expected(what, f" >= {self.at_least:g}")
         if self.above == 0 and number < POSITIVE:
-            return self.expected(words, f" >= {POSITIVE:g}")
+            return self.expected(what, f" >= {POSITIVE:g}")
         if abs(number) > self.at_most:
             return self.expected("a number", f" of at most {self.at_most:g}")
         return None

@@ -8,7 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from vdfmu.model.robot import ARRAY_FIELDS, Array, Robot
+from vdfmu.model.parameters import PARAMETERS, Array
+from vdfmu.model.robot import Robot
 
 KINDS = ("contrast", "cosimulation")
 MASTERS = ("gauss-seidel", "jacobi", "extrapolated", "iterative")
@@ -16,7 +17,9 @@ CONTINUOUS = ("extrapolated", "iterative")
 """Master algorithms that take the coupled signals as continuous, between the communication points too."""
 MODES = ("inverse", "vdc")
 VELOCITIES = ("kappa_dot", "q_dot", "mixed")
-FACTOR_FIELDS = tuple(key for key in ARRAY_FIELDS if key != "rotation")
+SOLVER_TOLERANCE = 1e-7
+"""Tolerance of the plant's solver where nothing else is said, relative and absolute in SI units."""
+FACTOR_FIELDS = tuple(row.name for row in PARAMETERS.values() if row.fold != "always")
 """Fields of the robot that a plant factor may scale."""
 
 

@@ -10,9 +10,10 @@ import numpy as np
 
 from vdfmu.data import data_path
 from vdfmu.errors import ModelError
-from vdfmu.model.check import LARGEST, check_step
+from vdfmu.model.check import check_step
+from vdfmu.model.parameters import PARAMETERS, Array, read_only
 from vdfmu.model.read import FloatArray, Problems, Table, as_number, shape_of, shown
-from vdfmu.model.robot import FRICTION_ARRANGEMENTS, WHOLE_FIELDS, Array, Robot, read_only
+from vdfmu.model.robot import FRICTION_ARRANGEMENTS, Robot
 from vdfmu.model.robot_file import check_robot
 from vdfmu.model.scenario import (
     CONTINUOUS,
@@ -20,6 +21,7 @@ from vdfmu.model.scenario import (
     KINDS,
     MASTERS,
     MODES,
+    SOLVER_TOLERANCE,
     VELOCITIES,
     Controller,
     Feedforward,
@@ -86,9 +88,10 @@ def read_scenario(problems: Problems, data: object, robot: Robot | None) -> Scen
     check_step(problems, stop, step)
     master = file.text("master", "gauss-seidel", MASTERS)
     adaptive = _adaptive(file, master)
-    tolerance = file.number("tolerance", "", 1e-9, above=0, way_out="1e-9 is a good start.")
+    way_out = f"{SOLVER_TOLERANCE:g} is a good start."
+    tolerance = file.number("tolerance", "", SOLVER_TOLERANCE, above=0, way_out=way_out)
     if tolerance >= 1:
-        problems.add("tolerance", "a relative tolerance < 1", shown(tolerance), "1e-9 is a good start.")
+        problems.add("tolerance", "a relative tolerance < 1", shown(tolerance), way_out)
     trajectory = _trajectory(file.table("trajectory", ("q_start", "q_end", "T", "t_start")), n)
     open_loop = kind == "contrast"
     feedforward = _feedforward(file, n, open_loop)
@@ -147,8 +150,8 @@ def _adaptive(file: Table, master: str) -> float | None:
 
 def _trajectory(table: Table, n: int | None) -> Trajectory:
     return Trajectory(
-        q_start=_per_joint(table, "q_start", n, "rad, or m", at_most=LARGEST["q_max"]),
-        q_end=_per_joint(table, "q_end", n, "rad, or m", at_most=LARGEST["q_max"]),
+        q_start=_per_joint(table, "q_start", n, "rad, or m", at_most=PARAMETERS["q_max"].largest),
+        q_end=_per_joint(table, "q_end", n, "rad, or m", at_most=PARAMETERS["q_max"].largest),
         T=table.number("T", "s", above=0, at_least=1e-6, way_out="Give the duration of the motion."),
         t_start=table.number("t_start", "s", 0.0, at_least=0),
     )
@@ -197,7 +200,7 @@ def _factors(table: Table, n: int | None) -> dict[str, Array | float]:
     for key, value in table.data.items():
         if key not in FACTOR_FIELDS:
             continue  # noted by the table
-        if as_number(value) is not None or key in WHOLE_FIELDS:
+        if as_number(value) is not None or not PARAMETERS[key].per_joint:
             factors[key] = table.number(key, "", above=0, way_out="A factor of 1 changes nothing.")
         else:
             factors[key] = _per_joint(table, key, n, "", above=0)

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 from vdfmu.model import Robot
 
-__all__ = ["Group", "Unit", "group_joints", "panel_letter", "unit_of_joint"]
+__all__ = ["UNITS", "Group", "Unit", "group_joints", "panel_letter"]
 
 
 class Unit(NamedTuple):
@@ -30,21 +30,17 @@ class Group(NamedTuple):
     suffix: str
 
 
-_UNITS = {
+UNITS = {
     "revolute": Unit("revolute", "deg", 180.0 / math.pi, "N.m", "N.mm", "torque"),
     "prismatic": Unit("prismatic", "mm", 1e3, "N", "mN", "force"),
 }
-
-
-def unit_of_joint(robot: Robot, i: int) -> Unit:
-    """Return how joint `i`, from 0, is shown."""
-    return _UNITS[robot.joint_types[i]]
+"""Type of a joint to how it is shown."""
 
 
 def group_joints(robot: Robot, joints: Sequence[int]) -> list[Group]:
     """Return `joints` by unit, revolute first; units that none of them has are left out."""
     members = {
-        unit: [i for i in joints if robot.joint_types[i] == unit.joint_type] for unit in _UNITS.values()
+        unit: [i for i in joints if robot.joint_types[i] == unit.joint_type] for unit in UNITS.values()
     }
     present = {unit: found for unit, found in members.items() if found}
     return [

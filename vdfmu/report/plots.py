@@ -22,7 +22,7 @@ from vdfmu.cosim.results import Results
 from vdfmu.model import Robot, Scenario
 from vdfmu.report import style
 from vdfmu.report.captions import contrast_caption, paper_table, run_caption
-from vdfmu.report.joints import Group, group_joints, panel_letter, unit_of_joint
+from vdfmu.report.joints import UNITS, Group, group_joints, panel_letter
 
 __all__ = [
     "Contrast",
@@ -42,6 +42,7 @@ Floats = NDArray[np.float64]
 
 _BACK: dict[str, Any] = {"color": style.COLORS[5], "linewidth": 3.2}
 _ON_TOP: dict[str, Any] = {"color": "#000000", "linewidth": 1.1, "linestyle": (0, (5, 3))}
+_TORQUES = (r"control $\ell\,\tau$", r"feedforward $\ell\,\tau_m$")
 _DARK, _MIDDLE, _LIGHT = "#444444", "#888888", "#CCCCCC"
 
 
@@ -207,7 +208,7 @@ def draw_torques(results: Results, scenario: Scenario) -> Figure:
         "Control and feedforward torques, link side",
         run_caption(results, scenario, {4: 10}),
         robot.n,
-        _torque_pair(),
+        _pair(*_TORQUES),
     )
     tau, tau_m = _torques(results, robot)
     for i, axes in enumerate(panels):
@@ -276,7 +277,7 @@ def draw_moving_torques(results: Results, scenario: Scenario) -> Figure:
         run_caption(results, scenario, {5: 14}),
         height=1.4 + 2.5 * (rows + 1),
         width=style.WIDTH + 2.0 * (len(groups) - 1),
-        legend=_torque_pair(),
+        legend=_pair(*_TORQUES),
     )
     # fine enough that a panel a joint and a panel a unit both span whole cells
     grid = figure.add_gridspec(rows + 1, columns * len(groups))
@@ -326,15 +327,11 @@ def _pair(back: str, on_top: str) -> list[Line2D]:
     return [Line2D([], [], label=back, **_BACK), Line2D([], [], label=on_top, **_ON_TOP)]
 
 
-def _torque_pair() -> list[Line2D]:
-    return _pair(r"control $\ell\,\tau$", r"feedforward $\ell\,\tau_m$")
-
-
 def _over_each_other(
     axes: Axes, title: str, robot: Robot, i: int, time: Floats, back: Floats, on_top: Floats
 ) -> None:
     """Draw two torques (m, n) of joint `i` over each other."""
-    unit = unit_of_joint(robot, i)
+    unit = UNITS[robot.joint_types[i]]
     style.curve(axes, time, back[:, i], **_BACK)
     style.curve(axes, time, on_top[:, i], **_ON_TOP)
     style.dress(axes, title, unit.noun.capitalize(), unit.torque, time)

@@ -133,7 +133,7 @@ class Bindings:
             self.notes.append(f"{where}: has no effect, nothing of a component is connected to {show(key)}")
 
     def _passes_on(self, key: Key) -> bool:
-        """Tell whether a connector of a system has a value for what it feeds; outputs get theirs from inside."""
+        """Whether a connector of a system has a value for what it feeds; outputs get theirs from inside."""
         bound = self._bound.get(key) if self._is_connector(key) else None
         return bound is not None and bound.node.connectors[key[1]].kind not in {
             "output",

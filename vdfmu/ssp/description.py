@@ -22,10 +22,7 @@ from vdfmu.ssp.system_file import read_system
 __all__ = ["Binding", "Link", "ParameterSet", "Signal", "SystemDescription", "positions"]
 
 Values = Mapping[str, Mapping[str, Any]]
-_TYPES = {
-    "1.0": {"Real": "Real", "Integer": "Integer", "Boolean": "Boolean"},
-    "2.0": {"Real": "Float64", "Integer": "Int32", "Boolean": "Boolean"},
-}
+_SSP_2_TYPES = {"Real": "Float64", "Integer": "Int32"}
 
 
 @dataclass(frozen=True)
@@ -133,15 +130,15 @@ class SystemDescription:
         self._signals = {unit: self._signals_of(table) for unit, table in self.tables.items()}
 
     def _signals_of(self, table: Interface) -> tuple[Signal, ...]:
-        types = _TYPES[self.version]
         if self.version == "1.0":
-            return tuple(Signal(v.name, (v,), (), types[v.type]) for v in table)
+            return tuple(Signal(v.name, (v,), (), v.type) for v in table)
         layout = Layout(table)
         found: list[Signal] = []
         for array in layout.arrays:
             variables = layout.variables[array.positions]
             if variables[0].causality in ("input", "output", "parameter"):
-                found.append(Signal(array.name, variables, array.shape, types[variables[0].type]))
+                kind = variables[0].type
+                found.append(Signal(array.name, variables, array.shape, _SSP_2_TYPES.get(kind, kind)))
         return tuple(found)
 
     def signals(self, unit: str, kind: str) -> tuple[Signal, ...]:
@@ -226,7 +223,10 @@ class SystemDescription:
             robot = {
                 name: entry
                 for name, entry in entries.items()
-                if all(v.name in nominal and value == nominal[v.name] for v, value in _elements(entry))
+                if all(
+                    v.name in nominal and x == nominal[v.name]
+                    for v, x in zip(entry[0].variables, entry[1], strict=True)
+                )
             }
             robots[unit] = robot
             rest = tuple(entry for name, entry in entries.items() if name not in robot)
@@ -275,10 +275,6 @@ class SystemDescription:
                     del left[unit][key]
             found[name] = (tuple(first), mappings)
         return found
-
-
-def _elements(entry: tuple[Signal, Sequence[Any]]) -> list[tuple[Variable, Any]]:
-    return list(zip(entry[0].variables, entry[1], strict=True))
 
 
 def _key(entry: tuple[Signal, Sequence[Any]]) -> tuple[Any, ...]:

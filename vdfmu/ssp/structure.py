@@ -35,7 +35,7 @@ class Unit:
     offset: float = 0.0
 
     def same_as(self, other: Unit) -> bool:
-        """Tell whether no conversion lies between two units; tools write their factors with 6 digits or more."""
+        """Whether no conversion lies between two units; tools write their factors with 6 digits or more."""
         if self.exponents is None or other.exponents is None:
             return self.name == other.name
         return (
@@ -200,7 +200,7 @@ class System:
     unmatched : tuple of str
         Parameters of system-level bindings that name no element or connector.
     notes : tuple of str
-        What is worth knowing and no fault: parameters without effect, components with one dotted name.
+        Notes, not errors: parameters without effect, components with one dotted name.
     """
 
     path: Path

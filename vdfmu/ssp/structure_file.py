@@ -7,7 +7,7 @@ from typing import Any
 from vdfmu.fmu.interface import MODEL_NAMES
 from vdfmu.ssp.description import Signal, SystemDescription, positions
 from vdfmu.ssp.experiment import EXPERIMENT_TYPE, FOREIGN, OSP_TYPE
-from vdfmu.ssp.geometry import Router
+from vdfmu.ssp.geometry import route
 from vdfmu.ssp.xml import META, add, add_foreign, add_units, root
 
 __all__ = ["mapping_name", "structure_file"]
@@ -30,9 +30,9 @@ def structure_file(description: SystemDescription) -> Any:
     heights: dict[tuple[str, str], float] = {}
     for unit in description.corners:
         _add_component(elements, description, unit, heights)
-    router = Router(description)
+    paths, (x1, y1, x2, y2) = route(description, heights)
     connections = add(system, "ssd:Connections")
-    for link in description.links:
+    for link, path in zip(description.links, paths, strict=True):
         (start_unit, start), (end_unit, end) = link.start, link.end
         connection = add(
             connections,
@@ -44,14 +44,12 @@ def structure_file(description: SystemDescription) -> Any:
             endConnector=end.name,
             endIndices=" ".join(map(str, link.end_index)) or None,
         )
-        path = router.path(link, heights[start_unit, start.name], heights[end_unit, end.name])
         add(
             connection,
             "ssd:ConnectionGeometry",
             pointsX=" ".join(f"{x:g}" for x, _ in path),
             pointsY=" ".join(f"{y:g}" for _, y in path),
         )
-    x1, y1, x2, y2 = router.canvas
     add(system, "ssd:SystemGeometry", x1=x1, y1=y1, x2=x2, y2=y2)
     note = f"{description.description}.\n{scenario.description}."
     add(

@@ -16,7 +16,7 @@ class Findings:
     problems : list of str
         What is wrong: one sentence or more each, with the place.
     notes : list of str
-        What is no fault and worth knowing, such as what could not be checked and why.
+        Notes, not errors, such as what could not be checked and why.
     compared : list of str
         Files of reference results inside FMUs whose values were compared.
     ran : bool

@@ -29,7 +29,7 @@ from vdfmu.kernel import Kernel
 from vdfmu.kernel.cache import cache_folder, load, store
 from vdfmu.kernel.structure import set_parameters
 from vdfmu.model import Robot
-from vdfmu.model.robot import SPRING_KEYS
+from vdfmu.model.parameters import SPRING_KEYS
 
 __all__ = ["FOLDER", "reference_files", "reference_results", "stop_time"]
 

@@ -7,35 +7,24 @@ method by name and fall back to numpy on floats.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
-__all__ = ["clip", "piecewise_hold", "sgn", "zeros"]
-
-
-def _by_method(name: str, on_floats: Callable[..., Any]) -> Callable[..., Any]:
-    def one(x: Any, *args: Any) -> Any:
-        method = getattr(x, name, None)
-        return method(*args) if method is not None and not isinstance(x, np.generic) else on_floats(x, *args)
-
-    vectorised = np.frompyfunc(one, 1, 1)
-
-    def apply(x: Any, *args: Any) -> Any:
-        if not args and isinstance(x, np.ndarray) and x.dtype == object:
-            return vectorised(x)
-        return one(x, *args)
-
-    return apply
-
-
-_sgn = _by_method("sgn", lambda x: np.copysign(1.0, x))
+__all__ = ["clip", "minimum", "piecewise_hold", "sgn", "zeros"]
 
 
 def sgn(x: Any) -> Any:
     """Sign of every element, -1 or 1; that of the zero at zero, so that sgn(x) * f(|x|) keeps its slope."""
-    return _sgn(x)
+    if isinstance(x, np.ndarray) and x.dtype == object:
+        return np.frompyfunc(sgn, 1, 1)(x)
+    own = getattr(x, "sgn", None)
+    return np.copysign(1.0, x) if own is None else own()
+
+
+def minimum(a: Any, b: Any) -> Any:
+    """Return the smaller of two scalars, of which the first decides whether they are symbols."""
+    return a.minimum(b) if hasattr(a, "minimum") else min(a, b)
 
 
 def clip(x: Any, low: Any, high: Any) -> Any:

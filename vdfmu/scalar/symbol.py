@@ -36,7 +36,7 @@ class Symbol:
     def __bool__(self) -> bool:
         raise KernelError(
             "The truth of a symbol is not known while equations are traced. Write the condition with "
-            "vdfmu.equations.generic, or keep it out of the equations."
+            "vdfmu.scalar.generic, or keep it out of the equations."
         )
 
     def __eq__(self, other: object) -> Any:
@@ -48,7 +48,7 @@ class Symbol:
         if not self.sx.is_constant():
             raise KernelError(
                 f"{self!r} has no value while equations are traced, so it cannot go into an array of floats. "
-                "Make the array with vdfmu.equations.generic.zeros(shape, *like)."
+                "Make the array with vdfmu.scalar.generic.zeros(shape, *like)."
             )
         return float(self.sx)
 

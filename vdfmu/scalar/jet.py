@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from vdfmu.equations.generic import sgn
+from vdfmu.scalar.generic import sgn
 
 __all__ = ["Jet", "derivative", "jets"]
 

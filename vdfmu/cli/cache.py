@@ -1,0 +1,41 @@
+"""``vdfmu cache`` and ``vdfmu cache clear``."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import typer
+
+from vdfmu.cli.terminal import say
+
+if TYPE_CHECKING:
+    from vdfmu.kernel.cache import Entry
+
+app = typer.Typer(help="Show the cache of what was built, or clear it.")
+
+
+@app.callback(invoke_without_command=True, epilog="Example: [bold]vdfmu cache[/bold]")
+def show(context: typer.Context) -> None:
+    """Show the cache of what was built: its folder, entries and size."""
+    from vdfmu.kernel.cache import COMPILER, cache_folder, entries, limit
+
+    if context.invoked_subcommand is None:
+        folder = cache_folder()
+        found = entries(folder)
+        say(f"Folder   {folder}")
+        say(f"Entries  {len(found)}")
+        say(f"Size     {_size(found)}, at most {limit() / 2**20:g} MB")
+        say(f"What the compiler keeps for itself, in {folder / COMPILER}, is not counted.")
+
+
+@app.command("clear", epilog="Example: [bold]vdfmu cache clear[/bold]")
+def clear_cache() -> None:
+    """Remove all entries; what the compiler keeps for itself stays."""
+    from vdfmu.kernel.cache import cache_folder, clear
+
+    removed = clear(cache_folder())
+    say(f"Removed {len(removed)} entries, {_size(removed)}.")
+
+
+def _size(found: list[Entry]) -> str:
+    return f"{sum(entry.size for entry in found) / 2**20:.1f} MB"

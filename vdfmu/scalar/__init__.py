@@ -1,0 +1,1 @@
+"""What the equations run on: elementwise functions of floats, symbols and jets, and elimination."""
