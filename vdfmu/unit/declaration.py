@@ -1,8 +1,6 @@
 """What a unit is: one class that declares variables and says in numpy what it computes.
 
     class Filter(Unit):
-        \"""First-order low-pass filter.\"""
-
         u = Input("1", text="signal")
         T = Parameter("s", text="time constant", start=0.1, minimum=1e-6)
         y = State("1", text="filtered signal")
@@ -29,8 +27,8 @@ from vdfmu.model import Robot
 from vdfmu.model.scenario import SOLVER_TOLERANCE
 
 __all__ = [
-    "JOINTS", "PHASES", "Choice", "Declared", "Derivative", "Input", "Output", "Parameter", "RobotParameters", "Sampled",
-    "State", "Switch", "Terminal", "Unit", "unit_name",
+    "JOINTS", "PHASES", "Choice", "Declared", "Derivative", "Input", "Output", "Parameter", "RobotParameters",
+    "Sampled", "State", "Switch", "Terminal", "Unit", "unit_name",
 ]  # fmt: skip
 
 
@@ -108,6 +106,16 @@ class Declared:
     def sizes(self, n: int) -> tuple[int, ...]:
         """Shape for a robot of `n` joints."""
         return tuple(n if isinstance(axis, _Joints) else axis for axis in self.shape)
+
+    def start_value(self, robot: Robot | None) -> np.ndarray[Any, Any]:
+        """Start value in the shape for a robot; UnitError if it does not fit."""
+        start: Any = self.start
+        value = np.asarray(start(robot) if callable(start) else start)
+        sizes = self.sizes(robot.n if robot is not None else 0)
+        try:
+            return np.broadcast_to(value, sizes).copy()
+        except ValueError:
+            raise UnitError(f"{self.name}: start value: expected shape {sizes}, got {value.shape}.") from None
 
 
 class Input(Declared):
@@ -317,15 +325,10 @@ class Unit:
         self._watch: Watch | None = None
         self.store: dict[str, Any] = {}
         self.t = 0.0
-        n = robot.n if robot is not None else 0
         for name, declared in self.declared.items():
             if declared.set_by is None:
-                start = declared.start(robot) if callable(declared.start) else declared.start
-                if declared.choices:
-                    start = declared.choices[int(start)]
-                else:
-                    start = np.broadcast_to(np.asarray(start), declared.sizes(n)).copy()
-                self.store[name] = start if declared.choices or declared.shape else start[()]
+                start = declared.start_value(robot)[()]
+                self.store[name] = declared.choices[int(start)] if declared.choices else start
         for name, value in values.items():
             if name not in self.store:
                 raise UsageError(

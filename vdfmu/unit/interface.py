@@ -197,9 +197,9 @@ class Interface:
         """Position of the time, the last."""
         return self.size - 1
 
-    def slice(self, group: str) -> slice:
-        """Positions of a group, or of ``p``, ``x``, ``x_dot`` or ``t`` of :mod:`vdfmu.unit.program`."""
-        match group:
+    def slice(self, argument: str) -> slice:
+        """Positions of an argument of traced functions: a group, or ``p``, ``x``, ``x_dot`` or ``t``."""
+        match argument:
             case "p":
                 assert self.robot is not None
                 return slice(len(self) - len(parameters(self.robot)), len(self))
@@ -210,7 +210,7 @@ class Interface:
             case "t":
                 return slice(self.time, self.size)
             case _:
-                return self.groups[group]
+                return self.groups[argument.removeprefix("own_")]
 
     def find(self, name: str) -> Variable:
         """Variable of a name.

@@ -66,7 +66,8 @@ def _check(unit: type[Unit], file: Path) -> None:
     for state in states:
         if derived.count(state) != 1:
             problems.append(
-                f"{state.name} is a continuous state and needs one derivative: {state.name}_dot = Derivative({state.name})"
+                f"{state.name} is a continuous state and needs one derivative: "
+                f"{state.name}_dot = Derivative({state.name})"
             )
     problems += [
         f"{state.name} is not a continuous state of the unit and has no derivative"

@@ -17,7 +17,7 @@ Floats = npt.NDArray[np.float64]
 
 TOLERANCE = 1e-12
 _MOST_CALLS = 1_000_000
-"""Calls of the right-hand side in one go, ten times what the shipped robots take: odd values may find no end."""
+"""Calls of the right-hand side in one go, ten times what the shipped robots take; odd values may find no end."""
 _CLOSE = 1e-9
 """Part of a period within which a time is that of a sample."""
 _SHORTEST = 1e-6

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+import re
 import traceback
 from collections.abc import Iterator, Mapping
 from typing import Any, NoReturn
@@ -15,7 +16,16 @@ from vdfmu.kernel.structure import symbolic_robot
 from vdfmu.scalar.symbol import SymbolArray, from_sx, to_sx
 from vdfmu.unit.declaration import Choice, Declared, Derivative, Output, Sampled, State, Switch, Unit
 
-__all__ = ["Leaf", "SymbolicWatch", "leaves"]
+__all__ = ["Leaf", "SymbolicWatch", "argument_name", "leaves"]
+
+_TAKEN = re.compile(
+    r"p|x|x_dot|t|h|norm|ratio|w\d*|(own|rate|d)_\w*|\w*_(new|out|seed|sens)"  # of ours
+    r"|auto|break|case|char|const|continue|default|do|double|else|enum|extern|float|for|goto|if|inline|int|long"
+    r"|register|restrict|return|short|signed|sizeof|static|struct|switch|typedef|union|unsigned|void|volatile|while"
+    r"|a?(sin|cos|tan)h?|atan2|pow|sqrt|floor|ceil|expm?1?|log(1p)?|fabs|copysign|fmin|fmax|NAN|INFINITY"
+    r"|null|jac|hess"  # of CasADi
+)
+"""Variables that cannot have their own name as an argument of a traced function, or of C."""
 
 Fixed = Mapping[str, int]
 """Choice or switch to its value."""
@@ -27,6 +37,11 @@ _MAY_SET: dict[str, tuple[type[Declared], ...]] = {
     "update": (Sampled,),
     "balance": (),
 }
+
+
+def argument_name(variable: str) -> str:
+    """Name of a variable as an argument or a result of traced functions: ``own_x`` of a variable ``x``."""
+    return f"own_{variable}" if _TAKEN.fullmatch(variable) else variable
 
 
 class Leaf:
@@ -72,7 +87,7 @@ class _Watch:
             raise UnitError(f"{declared.name} is read before it is set")
         if isinstance(declared, State) and self.phase == "start":
             raise UnitError(f"{declared.name} is a state, which has no value before start() sets it")
-        self.reads[declared.name] = None
+        self.reads[argument_name(declared.name)] = None
         return self.value(declared)
 
     def write(self, declared: Declared, value: Any) -> None:
@@ -157,6 +172,7 @@ class SymbolicWatch(_Watch):
         return self.symbols[name]
 
     def value(self, declared: Declared) -> Any:
+        """Symbols of a variable."""
         where = state_slices(self.unit)
         shape = declared.sizes(self.unit.n)
         size = int(np.prod(shape, dtype=int))
@@ -165,24 +181,27 @@ class SymbolicWatch(_Watch):
             column = self.symbol("x_dot" if isinstance(declared, Derivative) else "x", where[""].stop)
             column = column[where[state.name]]
         else:
-            column = self.symbol(declared.name, size)
+            column = self.symbol(argument_name(declared.name), size)
         array = from_sx(ca.SX(column)).reshape(shape)
         return array.view(SymbolArray) if shape else array[()]
 
     def field(self, name: str) -> Any:
+        """Symbols of a field of the robot."""
         return from_sx(self.symbol(name, self.unit.n)).view(SymbolArray)
 
     def time_value(self) -> Any:
+        """Symbol of the time."""
         return from_sx(self.symbol("t", 1))[0]
 
     def robot_value(self) -> Any:
+        """Robot whose run-time parameters are symbols."""
         if self._robot is None:
             assert self.unit.of_robot is not None
             self._robot, self.symbols["p"] = symbolic_robot(self.unit.of_robot)
         return self._robot
 
     def expressions(self) -> dict[str, ca.SX]:
-        """What the method has set, as columns; continuous states together as ``x``, derivatives as ``x_dot``."""
+        """Return what the method has set, as columns; continuous states as ``x``, derivatives as ``x_dot``."""
         found: dict[str, ca.SX] = {}
         together: dict[str, dict[str, ca.SX]] = {"x": {}, "x_dot": {}}
         where = state_slices(self.unit)
@@ -193,7 +212,8 @@ class SymbolicWatch(_Watch):
             elif name in where:
                 together["x"][name] = to_sx(value)
             else:
-                found[f"{name}_new" if self.phase == "update" else name] = to_sx(value)
+                result = argument_name(name)
+                found[f"{result}_new" if self.phase == "update" else result] = to_sx(value)
         for name, columns in together.items():
             if columns:
                 found[name] = ca.vertcat(*[columns[state] for state in where if state])
@@ -246,7 +266,7 @@ def _leaves(unit: Unit, phase: str, fixed: Fixed) -> Iterator[Leaf]:
     for name, value in watch.sets.items():
         unit.store.setdefault(name, value)
     if watch.sets:
-        yield Leaf(phase, fixed, tuple(watch.reads), tuple(watch.sets))
+        yield Leaf(phase, fixed, tuple(watch.reads), tuple(map(argument_name, watch.sets)))
 
 
 def _check_complete(unit: Unit, phase: str, fixed: Fixed, sets: Mapping[str, Any]) -> None:
@@ -273,6 +293,7 @@ def run(unit: Unit, phase: str, watch: Any) -> Any:
         Naming file, line and reason.
     """
     unit.watch(watch)
+    symbols = isinstance(watch, SymbolicWatch)
     try:
         with np.errstate(all="ignore"):
             return getattr(unit, phase)()
@@ -281,14 +302,20 @@ def run(unit: Unit, phase: str, watch: Any) -> Any:
     except RecursionError as error:
         _fail(unit, phase, error, "it calls itself without end")
     except (KernelError, UnitError, UsageError) as error:
-        _fail(unit, phase, error, str(error).rstrip("."))
+        _fail(unit, phase, error, str(error).rstrip("."), symbols)
     except Exception as error:
-        _fail(unit, phase, error, f"{type(error).__name__}: {error}")
+        _fail(unit, phase, error, f"{type(error).__name__}: {error}".rstrip(".: "), symbols)
     finally:
         unit.watch(None)
 
 
-def _fail(unit: Unit, phase: str, error: Exception, reason: str) -> NoReturn:
+_WAY_OUT = (
+    " Write it with arithmetic, elementwise functions of numpy and those of vdfmu.unit; or write "
+    'backend = "python" in the class, and its FMU runs the method in Python.'
+)
+
+
+def _fail(unit: Unit, phase: str, error: Exception, reason: str, symbols: bool = False) -> NoReturn:
     file = _file(type(unit))
     lines = [
         frame.lineno
@@ -296,7 +323,10 @@ def _fail(unit: Unit, phase: str, error: Exception, reason: str) -> NoReturn:
         if frame.filename == inspect.getsourcefile(type(unit))
     ]
     where = f"{file}, line {lines[-1]}" if lines else file
-    raise UnitError(f"{where}: {phase}() of {type(unit).__name__} fails: {reason}.") from None
+    what = "cannot be traced" if symbols else "fails"
+    raise UnitError(
+        f"{where}: {phase}() of {type(unit).__name__} {what}: {reason}.{_WAY_OUT if symbols else ''}"
+    ) from None
 
 
 def _file(unit: type[Unit]) -> str:

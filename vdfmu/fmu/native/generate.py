@@ -17,6 +17,7 @@ from vdfmu.kernel.c_code import c_function, c_prototype
 from vdfmu.kernel.requirements import requirements
 from vdfmu.unit.interface import Interface
 from vdfmu.unit.program import Call
+from vdfmu.unit.trace import argument_name
 from vdfmu.unit.variable import Variable
 
 __all__ = ["generated_sources"]
@@ -124,7 +125,7 @@ class _Unit:
 
     def _positions(self) -> str:
         """Positions of the groups, as an enumeration."""
-        places = {group: where.start for group, where in self.interface.groups.items()}
+        places = {argument_name(group): where.start for group, where in self.interface.groups.items()}
         for group in ("p", "x", "x_dot"):
             if group == "p" and not self.interface.has_robot:
                 continue
@@ -210,7 +211,7 @@ class _Unit:
         """Lines of calls, each in a block of the choices with which it runs."""
         lines: list[str] = []
         for call in calls:
-            conditions = [f"m[at_{group}] == {number(value)}" for group, value in call.when]
+            conditions = [f"m[at_{argument_name(group)}] == {number(value)}" for group, value in call.when]
             indent = "    " if conditions else ""
             lines += [f"if ({' && '.join(conditions)}) {{"] if conditions else []
             lines += [indent + line for line in write(call)]
