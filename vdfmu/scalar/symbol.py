@@ -230,7 +230,9 @@ class SymbolArray(np.ndarray):
         return array[()] if array.ndim == 0 else array.view(SymbolArray)
 
     def __array_function__(self, function: Any, types: Any, args: Any, kwargs: Any) -> Any:
-        result = super().__array_function__(function, types, args, kwargs)  # concatenate and the like drop the class
+        result = super().__array_function__(
+            function, types, args, kwargs
+        )  # concatenate and the like drop the class
         return result.view(SymbolArray) if type(result) is np.ndarray and result.dtype == object else result
 
     def __lt__(self, other: Any) -> Any:
