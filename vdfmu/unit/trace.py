@@ -22,7 +22,7 @@ _TAKEN = re.compile(
     r"p|x|x_dot|t|h|norm|ratio|w\d*|(own|rate|d)_\w*|\w*_(new|out|seed|sens)"  # of ours
     r"|auto|break|case|char|const|continue|default|do|double|else|enum|extern|float|for|goto|if|inline|int|long"
     r"|register|restrict|return|short|signed|sizeof|static|struct|switch|typedef|union|unsigned|void|volatile|while"
-    r"|a?(sin|cos|tan)h?|atan2|pow|sqrt|floor|ceil|expm?1?|log(1p)?|fabs|copysign|fmin|fmax|NAN|INFINITY"
+    r"|a?(sin|cos|tan)h?|atan2|pow|sqrt|floor|ceil|expm?1?|log(1p)?|fabs|fmod|copysign|fmin|fmax|NAN|INFINITY"
     r"|null|jac|hess"  # of CasADi
 )
 """Variables that cannot have their own name as an argument of a traced function, or of C."""
