@@ -86,8 +86,11 @@ def _add_component(
         iconSource=f"resources/icons/{unit}.svg",
         iconFixedAspectRatio="true",
     )  # fmt: skip
+    bound_sets = description.bindings[unit]
+    if not bound_sets:
+        return
     bindings = add(component, "ssd:ParameterBindings")
-    for bound in description.bindings[unit]:
+    for bound in bound_sets:
         binding = add(bindings, "ssd:ParameterBinding", source=f"resources/{bound.file}")
         if bound.mapping:
             add(binding, "ssd:ParameterMapping", source=f"resources/{mapping_name(unit, bound.file)}")

@@ -138,8 +138,9 @@ def run(
         Parameters and inputs that nothing feeds, ``{"controller.K_p[1]": 3000}``; without an index for all elements,
         one value or a list or array with one for each.
     units : mapping of str to unit, optional
-        Component to the unit that takes its place: a class, ``my_unit.py``, ``my_units.py:Name``, the name of a unit of
-        the package, or an FMU of any tool, ``My.fmu``. Values of the scenario that it has no parameter for are left out.
+        Component to the unit that takes its place: a class, ``my_unit.py``, ``my_units.py:Name``, the name of a unit
+        of the package, or an FMU of any tool, ``My.fmu``. Values of the scenario that it has no parameter for are left
+        out.
     progress : callable, optional
         Called with stage, done, total.
     log : callable, optional

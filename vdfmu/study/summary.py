@@ -131,19 +131,18 @@ def compare(
 
 
 def _compare_all(results: Results, reference: Iterable[Reference]) -> dict[str, Any]:
-    """Largest absolute difference of every output, and that one which is the largest part of its signal's range."""
-    found: dict[str, list[float]] = {}
+    """Return the largest absolute difference of every output."""
+    found: dict[str, float] = {}
+    groups = {signal.partition("[")[0]: "[" in signal for signal in results.names}
     name = ""
     for part, solution in zip(results.blocks(BLOCK), reference, strict=True):
         name = solution.name
         for signal, rows in solution.signals.items():
-            if f"{signal}[1]" in results or signal in results:
-                seen = part.array(signal) if f"{signal}[1]" in results else part[signal][:, None]
+            if signal in groups:
+                seen = part.array(signal) if groups[signal] else part[signal]
                 values = seen.reshape(rows.shape)
-                row = [float(np.abs(values - rows).max()), float(rows.min()), float(rows.max())]
-                old = found.get(signal, row)
-                found[signal] = [max(old[0], row[0]), min(old[1], row[1]), max(old[2], row[2])]
-    return {"name": name, "max_difference": {signal: row[0] for signal, row in found.items()}}
+                found[signal] = max(found.get(signal, 0.0), float(np.abs(values - rows).max()))
+    return {"name": name, "max_difference": found}
 
 
 def estimation_errors(results: Results, master: str) -> dict[str, Any]:

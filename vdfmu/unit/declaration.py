@@ -18,13 +18,16 @@ import math
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar, Literal, Protocol, Self, overload
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, Protocol, Self, overload
 
 import numpy as np
 
 from vdfmu.errors import UnitError, UsageError
 from vdfmu.model import Robot
 from vdfmu.model.scenario import SOLVER_TOLERANCE
+
+if TYPE_CHECKING:
+    from vdfmu.unit.run import LinearModel, Solution
 
 __all__ = [
     "JOINTS", "PHASES", "Choice", "Declared", "Derivative", "Input", "Output", "Parameter", "RobotParameters",
@@ -389,6 +392,61 @@ class Unit:
                 wave = 0.1 * np.sin(2.0 * self.t + phase + 0.4 * np.arange(count)).reshape(size)
                 setattr(self, name, wave)
                 phase += 1.0
+
+    # ---------------------------------------------------------------- the unit by itself
+
+    def simulate(
+        self,
+        inputs: Mapping[str, Any] | None = None,
+        *,
+        stop: float,
+        step: float = 1e-3,
+        tolerance: float = 1e-9,
+    ) -> Solution:
+        """Run the unit from time 0 by scipy, with the parameters and inputs that are set.
+
+        Parameters
+        ----------
+        inputs : mapping of str to value or function of time, optional
+            Inputs that change, or are to have another value.
+        stop, step : float [s]
+            End, and time from one row to the next.
+        tolerance : float
+            Of the continuous states, relative and absolute.
+
+        Returns
+        -------
+        Solution
+            ``solution.t`` and ``solution["y"]``: inputs and outputs, (m, ...) each.
+
+        Raises
+        ------
+        UsageError
+            For an unknown input.
+        UnitError
+            If a method fails.
+        """
+        from vdfmu.unit.run import simulate
+
+        return simulate(self, inputs, stop=stop, step=step, tolerance=tolerance)
+
+    def linearize(self, *, x: Any = None, t: float = 0.0) -> LinearModel:
+        """Return the linear model at the inputs and parameters that are set, and a state.
+
+        Parameters
+        ----------
+        x : (n_x,) array_like, optional
+            Continuous states in the order of their declaration; default those at the start.
+        t : float [s]
+
+        Returns
+        -------
+        LinearModel
+            ``A, B, C, D`` with the names of their rows and columns. Outputs that are states are in A alone.
+        """
+        from vdfmu.unit.run import linearize
+
+        return linearize(self, x=x, t=t)
 
     # ---------------------------------------------------------------- values
 

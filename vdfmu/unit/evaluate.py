@@ -102,6 +102,8 @@ class Traced(Evaluation):
         )
         copies = [(self.argument(call.group(name)), bound.results[name]) for name in new]
         conditions = [(self.group(choice), float(value)) for choice, value in call.when]
+        if not conditions and not copies:
+            return lambda: bound.run()  # keeps `bound`, whose buffers it needs
 
         def run_chosen() -> None:
             if all(parameter[0] == value for parameter, value in conditions):
