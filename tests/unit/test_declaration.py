@@ -19,7 +19,7 @@ from vdfmu.unit import (
     Unit,
 )
 from vdfmu.unit.declaration import unit_name
-from vdfmu.unit.interface import Interface
+from vdfmu.unit.interface import Interface, general_description
 from vdfmu.units import shipped_units
 
 
@@ -97,6 +97,12 @@ def test_descriptions_name_the_joint_or_the_indices(many):
     assert texts["u[2]"] == "a moment"
     assert texts["M[2,1]"] == "Matrix, row 2, column 1"
     assert texts["k"] == "Stiffness"
+    bare = type("Bare", (Unit,), {"x": State("m", 2), "v": State("m/s", text="speed")})
+    bare = type("Derived", (bare,), {"x_dot": Derivative(bare.x), "v_dot": Derivative(bare.v)})
+    texts = {v.name: v.description for v in Interface(bare, None).memory}
+    assert (texts["x[1]"], texts["x_0[1]"], texts["v"]) == ("", "Start of x 1", "Speed")
+    assert (texts["der(x[2])"], texts["der(v)"]) == ("Derivative of x 2", "Derivative of the speed")
+    assert general_description(texts["x[1]"]) == ""
     assert many.description == "One of each kind. The rest of the docstring is for the page"
 
 

@@ -2,10 +2,12 @@
 
 import math
 
+import fmpy
 import numpy as np
 import pytest
 
 from vdfmu.errors import UnitError
+from vdfmu.fmu import build_fmus
 from vdfmu.model import load_robot
 from vdfmu.unit import (
     JOINTS,
@@ -29,6 +31,7 @@ from vdfmu.unit import (
 )
 from vdfmu.unit.evaluate import Plain, Traced
 from vdfmu.unit.interface import Interface
+from vdfmu.unit.motion import Motion
 
 EPS = np.finfo(float).eps
 VALUES = np.concatenate(
@@ -334,3 +337,16 @@ def test_dependencies_are_those_of_the_trace():
     assert interface.step_dependencies(len(interface)) == [at["u[1]"], at["x"]]
     assert interface.start_dependencies(at["x"]) == [at["x_0"]]
     assert {at["mode"], at["doubled"], at["k"], at["u[2]"]} == set(interface.start_dependencies(at["y[2]"]))
+
+
+@pytest.mark.parametrize("version", ["2.0", "3.0"])
+def test_a_native_fmu_takes_such_names_too(tmp_path, version):
+    (path,) = build_fmus(None, tmp_path, units=[Clashing], backend="native", fmi_version=version).values()
+    rows = fmpy.simulate_fmu(str(path), stop_time=0.25, output_interval=0.05)
+    plain = Plain(Interface(Clashing, None))
+    plain.start()
+    Motion(plain).move(0.0, 0.25)
+    plain.outputs()
+    for name in ("x", "v", "sin", "double", "norm"):
+        # the solver's tolerance is 1e-7, and double takes 10 v
+        assert rows[name][-1] == pytest.approx(plain.group(name)[0], abs=1e-5)

@@ -292,4 +292,4 @@ class Interface:
 def general_description(description: str) -> str:
     """Return a description without what tells one variable of a group from the next."""
     text = re.sub(r"^Joint \d+: |,? axis [\d,]+$|, row \d+, column \d+$| [\d,]+$", "", description)
-    return text[0].upper() + text[1:]
+    return text[:1].upper() + text[1:]

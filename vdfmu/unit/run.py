@@ -15,6 +15,7 @@ from vdfmu.unit.evaluate import Evaluation, evaluation
 from vdfmu.unit.interface import Interface
 from vdfmu.unit.motion import Motion
 from vdfmu.unit.program import Call
+from vdfmu.unit.trace import argument_name
 
 __all__ = ["LinearModel", "Solution", "linearize", "simulate"]
 
@@ -116,8 +117,9 @@ def linearize(unit: Unit, *, x: npt.ArrayLike | None = None, t: float = 0.0) -> 
     names = [interface.variables[i].name for g in inputs for i in _range(interface.groups[g])]
     made = [interface.variables[i].name for g in outputs for i in _range(interface.groups[g])]
     states = tuple(v.name for v in interface.memory[interface.states])
-    A, B = _jacobians(run, interface.program.derivatives, ["x_dot"], inputs)
-    C, D = _jacobians(run, interface.program.outputs, outputs, inputs)
+    given, wanted = list(map(argument_name, inputs)), list(map(argument_name, outputs))
+    A, B = _jacobians(run, interface.program.derivatives, ["x_dot"], given)
+    C, D = _jacobians(run, interface.program.outputs, wanted, given)
     return LinearModel(A, B, C, D, states, tuple(names), tuple(made))
 
 
@@ -161,7 +163,7 @@ def _jacobians(
             continue
         function = interface.functions.casadi_function(call.function)
         symbols = {name: ca.SX.sym(name, function.numel_in(name)) for name in function.name_in()}
-        values = [run.group(name) for name in function.name_in()]
+        values = [run.argument(name) for name in function.name_in()]
         made = dict(zip(function.name_out(), function.call(list(symbols.values())), strict=True))
         for result in set(results) & made.keys():
             for name in {"x", *inputs} & symbols.keys():
