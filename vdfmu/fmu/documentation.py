@@ -178,7 +178,8 @@ def _limits(content: Content) -> str:
 
 def _interface(content: Content) -> str:
     interface = content.interface
-    arrays = [a for a in interface.arrays if content.fmi_version == "3.0" or a.first != interface.time]
+    end = len(interface) if content.backend == "python" else interface.time + (content.fmi_version == "3.0")
+    arrays = [a for a in interface.arrays if a.first < end]
     rows = "\n".join(_row(content, interface, array) for array in arrays)
     heads = ("variable", "value reference", "kind", "unit", "start", "limits", "description")
     head = "".join(f"<th>{text}</th>" for text in heads)

@@ -46,7 +46,6 @@ JOINTS = _Joints()
 """Length of an axis: the number of joints, or links, of the robot."""
 
 Axis = int | _Joints
-_NAME = re.compile("[A-Za-z][A-Za-z0-9]*(_[A-Za-z0-9]+)*")
 PHASES = ("start", "outputs", "derivatives", "update")
 """The methods of a unit: what they set is in `Declared.set_by`."""
 
@@ -305,11 +304,6 @@ class Unit:
             if hasattr(Unit, name) or name in ("of_robot", "store"):
                 raise UnitError(
                     f"{cls.__name__}: a variable cannot be called {name}, which every unit has already."
-                )
-            if not _NAME.fullmatch(name):
-                raise UnitError(
-                    f"{cls.__name__}: a variable cannot be called {name}: expected letters of ASCII, digits and single "
-                    "underscores in between, a letter first."
                 )
         found = dict(cls.declared)
         for name, value in own.items():

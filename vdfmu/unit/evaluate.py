@@ -13,7 +13,7 @@ from vdfmu.model.robot import Robot
 from vdfmu.unit.declaration import Choice, Declared, Derivative, Switch
 from vdfmu.unit.interface import Interface
 from vdfmu.unit.program import Call
-from vdfmu.unit.trace import run
+from vdfmu.unit.trace import argument_name, run
 
 __all__ = ["Evaluation", "Plain", "Traced", "evaluation"]
 
@@ -101,7 +101,7 @@ class Traced(Evaluation):
             call.function, **{name: self.argument(call.group(name)) for name in names if name not in new}
         )
         copies = [(self.argument(call.group(name)), bound.results[name]) for name in new]
-        conditions = [(self.group(choice), float(value)) for choice, value in call.when]
+        conditions = [(self.argument(argument_name(choice)), float(value)) for choice, value in call.when]
         if not conditions and not copies:
             return lambda: bound.run()  # keeps `bound`, whose buffers it needs
 
@@ -151,7 +151,7 @@ class Plain(Evaluation):
     def read(self, declared: Declared) -> Any:
         """Value of a variable."""
         if isinstance(declared, (Choice, Switch)):
-            value = int(self.group(declared.name)[0])
+            value = int(self._place(declared)[0])
             return declared.choices[value] if declared.choices else bool(value)
         shape = declared.sizes(self._unit.n)
         return self._place(declared).reshape(shape).copy() if shape else float(self._place(declared)[0])

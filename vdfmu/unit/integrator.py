@@ -12,6 +12,7 @@ from vdfmu.kernel.functions import KernelFunction
 from vdfmu.kernel.rodas import ORDER
 from vdfmu.model.scenario import SOLVER_TOLERANCE
 from vdfmu.unit.evaluate import Evaluation
+from vdfmu.unit.trace import argument_name
 
 __all__ = ["Integrator"]
 
@@ -54,7 +55,7 @@ class Integrator:
         for call in interface.program.step:
             names = functions.casadi_function(call.function).name_in()
             own = {name: unit.argument(name) for name in names if name not in shared and name[:5] != "rate_"}
-            conditions = [(unit.group(choice), float(value)) for choice, value in call.when]
+            conditions = [(unit.argument(argument_name(choice)), float(value)) for choice, value in call.when]
             self._steps.append((conditions, functions.function(call.function, **own, **shared)))
         self.h = 1e-4
         self.steps = self.rejected = 0

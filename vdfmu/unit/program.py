@@ -75,7 +75,7 @@ class Program:
         self.start, self.outputs = lists["start"], lists["outputs"]
         self.derivatives, self.update = lists["derivatives"], lists["update"]
         self.step = tuple(
-            Call(call.function.replace("_derivatives", "_step", 1), call.when, call.reads, ())
+            Call(functions.related(call.function, "step"), call.when, call.reads, ())
             for call in self.derivatives
         )
 
@@ -123,8 +123,15 @@ class UnitFunctions(Functions):
 
     def names(self) -> list[str]:
         """Names of the functions, but for derivatives of them."""
-        steps = [c.function.replace("_derivatives", "_step", 1) for c in self._calls["derivatives"]]
-        return [*self._leaves, *steps, *(name.replace("_step", "_jacobian", 1) for name in steps)]
+        moving = [c.function for c in self._calls["derivatives"]]
+        return [
+            *self._leaves,
+            *(self.related(name, kind) for kind in ("step", "jacobian") for name in moving),
+        ]
+
+    def related(self, derivatives: str, kind: str) -> str:
+        """Name of the step or the jacobian that belongs to a function of derivatives."""
+        return f"{self.name}_{kind}{derivatives.removeprefix(f'{self.name}_derivatives')}"
 
     @cached_property
     def digest(self) -> str:
@@ -143,8 +150,8 @@ class UnitFunctions(Functions):
             watch = self._traced(self._leaves[name])
             return traced_function(name, watch.symbols, watch.expressions())
         kind = "step" if name.startswith(f"{self.name}_step") else "jacobian"
-        leaf = self._leaves[name.replace(f"_{kind}", "_derivatives", 1)]
-        stiff = _Stiff(self._traced(leaf))
+        derivatives = f"{self.name}_derivatives{name.removeprefix(f'{self.name}_{kind}')}"
+        stiff = _Stiff(self._traced(self._leaves[derivatives]))
         return stiff.step(name) if kind == "step" else stiff.jacobian(name)
 
     def _traced(self, leaf: Leaf) -> SymbolicWatch:
@@ -156,7 +163,8 @@ class UnitFunctions(Functions):
 
 def _choice_name(unit: type[Unit], name: str, value: int) -> str:
     choices = unit.declared[name].choices
-    return choices[value] if choices else f"{'' if value else 'not_'}{name}"
+    text = choices[value] if choices else f"{'' if value else 'not_'}{name}"
+    return text if text.isidentifier() and text.isascii() and "__" not in text else f"{name}_{value}"
 
 
 class _Stiff:
@@ -172,8 +180,8 @@ class _Stiff:
         self.inputs = watch.symbols
         x = self.x = watch.symbol("x", n_x)
         self.x_dot = watch.expressions()["x_dot"]
-        arguments = {argument_name(name) for name, d in unit.declared.items() if d.causality == "input"}
-        given = [name for name in self.inputs if name in arguments]
+        inputs = [argument_name(name) for name, d in unit.declared.items() if d.causality == "input"]
+        given = [name for name in self.inputs if name in inputs]
         self.rates = {name: ca.SX.sym(f"rate_{name}", self.inputs[name].numel()) for name in given}
         changing = [self.inputs[name] for name in given]
         changes = list(self.rates.values())
@@ -203,8 +211,7 @@ class _Stiff:
 
     def step(self, name: str) -> ca.Function:
         """One Rodas4 step, inputs linear in time, and its local error relative to the tolerance, by component."""
-        x, h = self.x, ca.SX.sym("h")
-        tolerance = self.inputs.get("tolerance", ca.SX.sym("tolerance"))  # also of a method that reads it
+        x, h, tolerance = self.x, ca.SX.sym("h"), ca.SX.sym("tolerance")
         f = ca.Function("f", list(self.inputs.values()), [self.x_dot])
 
         def at(x_i: ca.SX, time: ca.SX) -> ca.SX:

@@ -15,17 +15,9 @@ from vdfmu.errors import KernelError, UnitError, UsageError
 from vdfmu.kernel.structure import symbolic_robot
 from vdfmu.scalar.symbol import SymbolArray, from_sx, to_sx
 from vdfmu.unit.declaration import Choice, Declared, Derivative, Output, Sampled, State, Switch, Unit
+from vdfmu.unit.place import place
 
 __all__ = ["Leaf", "SymbolicWatch", "argument_name", "leaves"]
-
-_TAKEN = re.compile(
-    r"p|x|x_dot|t|h|norm|ratio|w\d*|(own|rate|d)_\w*|\w*_(new|out|seed|sens)"  # of ours
-    r"|auto|break|case|char|const|continue|default|do|double|else|enum|extern|float|for|goto|if|inline|int|long"
-    r"|register|restrict|return|short|signed|sizeof|static|struct|switch|typedef|union|unsigned|void|volatile|while"
-    r"|a?(sin|cos|tan)h?|atan2|pow|sqrt|floor|ceil|expm?1?|log(1p)?|fabs|fmod|copysign|fmin|fmax|NAN|INFINITY"
-    r"|null|jac|hess"  # of CasADi
-)
-"""Variables that cannot have their own name as an argument of a traced function, or of C."""
 
 Fixed = Mapping[str, int]
 """Choice or switch to its value."""
@@ -39,9 +31,19 @@ _MAY_SET: dict[str, tuple[type[Declared], ...]] = {
 }
 
 
-def argument_name(variable: str) -> str:
-    """Name of a variable as an argument or a result of traced functions: ``own_x`` of a variable ``x``."""
-    return f"own_{variable}" if _TAKEN.fullmatch(variable) else variable
+_TAKEN = re.compile(
+    r"p|x|x_dot|t|h|tolerance|norm|ratio|w\d*|null|jac|hess|(own|d|bar|rate)_.*|.*_(new|out)"
+    # keywords of C, and functions of math.h that traced functions call
+    r"|auto|bool|break|case|char|const|continue|default|do|double|else|enum|extern|false|float|for|goto|if|inline|int"
+    r"|long|register|restrict|return|short|signed|sizeof|static|struct|switch|true|typedef|typeof|union|unsigned|void"
+    r"|volatile|while|a?(cos|sin|tan)h?|atan2|ceil|copysign|exp|expm1|fabs|floor|fmax|fmin|fmod|log|log1p|pow|sqrt"
+    r"|NAN|INFINITY"
+)
+
+
+def argument_name(name: str) -> str:
+    """Name of a variable as an argument or result of traced functions, which have other uses for some names."""
+    return f"own_{name}" if _TAKEN.fullmatch(name) else name
 
 
 class Leaf:
@@ -53,7 +55,7 @@ class Leaf:
     fixed : mapping of str to int
         The choices that it reads, and their values.
     reads, sets : tuple of str
-        Names of variables, ``p`` for the robot's parameters and ``t`` for the time.
+        Names of arguments for variables, ``p`` for the robot's parameters and ``t`` for the time.
     """
 
     def __init__(self, phase: str, fixed: Fixed, reads: tuple[str, ...], sets: tuple[str, ...]) -> None:
@@ -131,12 +133,19 @@ class _RobotPart:
         if name not in self._fields:
             known = ", ".join(repr(field) for field in (*self._fields, name))
             raise UnitError(f"the unit declares no {name} of the robot. Write RobotParameters({known})")
-        self._watch.reads[name] = None
+        self._watch.reads[argument_name(name)] = None
         return self._watch.field(name)
 
 
 class _FloatWatch(_Watch):
     """Runs a method on the values of an instance, to see what it reads and sets."""
+
+    def write(self, declared: Declared, value: Any) -> None:
+        super().write(declared, value)
+        if not np.isfinite(np.asarray(self.sets[declared.name], dtype=float)).all():
+            raise UnitError(
+                f"{declared.name} is {self.sets[declared.name]} at the start values, expected finite numbers"
+            )
 
     def value(self, declared: Declared) -> Any:
         return self.unit.store[declared.name]
@@ -187,7 +196,7 @@ class SymbolicWatch(_Watch):
 
     def field(self, name: str) -> Any:
         """Symbols of a field of the robot."""
-        return from_sx(self.symbol(name, self.unit.n)).view(SymbolArray)
+        return from_sx(self.symbol(argument_name(name), self.unit.n)).view(SymbolArray)
 
     def time_value(self) -> Any:
         """Symbol of the time."""
@@ -212,8 +221,8 @@ class SymbolicWatch(_Watch):
             elif name in where:
                 together["x"][name] = to_sx(value)
             else:
-                result = argument_name(name)
-                found[f"{result}_new" if self.phase == "update" else result] = to_sx(value)
+                argument = argument_name(name)
+                found[f"{argument}_new" if self.phase == "update" else argument] = to_sx(value)
         for name, columns in together.items():
             if columns:
                 found[name] = ca.vertcat(*[columns[state] for state in where if state])
@@ -281,7 +290,11 @@ def _check_complete(unit: Unit, phase: str, fixed: Fixed, sets: Mapping[str, Any
             for name, value in fixed.items()
         ]
         with_choices = f" with {', '.join(choices)}" if choices else ""
-        raise UnitError(f"{_file(type(unit))}: {phase}() never sets {', '.join(missing)}{with_choices}.")
+        where = missing[0] if getattr(type(unit), phase) is getattr(Unit, phase) else phase
+        raise UnitError(
+            f"{place(type(unit), where)}: {phase}() of {type(unit).__name__} never sets "
+            f"{', '.join(missing)}{with_choices}."
+        )
 
 
 def run(unit: Unit, phase: str, watch: Any) -> Any:

@@ -314,7 +314,7 @@ class _Unit:
             "n_x": integer(n_x),
             "x": "at_x" if n_x else "0",
             "x_dot": "at_x_dot" if n_x else "0",
-            "tolerance": "at_tolerance" if has_step else f"{N}, /* there is no solver */",
+            "tolerance": f"at_{argument_name('tolerance')}" if has_step else f"{N}, /* there is no solver */",
             "period": "at_period" if self.program.update else f"{N}, /* nothing is sampled */",
             "step_pattern": f"{{{calculated}, calculated, step_begin, step_column}}",
             "start_pattern": f"{{{calculated}, calculated, start_begin, start_column}}",
