@@ -251,7 +251,7 @@ class Incomplete(Unit):
 
 
 def test_an_output_that_is_not_set_for_a_choice_is_named():
-    with pytest.raises(UnitError, match=rf"{__file__}, line \d+: outputs\(\) of Incomplete never sets y with mode = b\."):
+    with pytest.raises(UnitError, match=r"line \d+: outputs\(\) of Incomplete never sets y with mode = b\."):
         _ = Interface(Incomplete, None).program
 
 
