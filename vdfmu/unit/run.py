@@ -117,9 +117,9 @@ def linearize(unit: Unit, *, x: npt.ArrayLike | None = None, t: float = 0.0) -> 
     names = [interface.variables[i].name for g in inputs for i in _range(interface.groups[g])]
     made = [interface.variables[i].name for g in outputs for i in _range(interface.groups[g])]
     states = tuple(v.name for v in interface.memory[interface.states])
-    given, wanted = list(map(argument_name, inputs)), list(map(argument_name, outputs))
+    given, results = ([argument_name(group) for group in groups] for groups in (inputs, outputs))
     A, B = _jacobians(run, interface.program.derivatives, ["x_dot"], given)
-    C, D = _jacobians(run, interface.program.outputs, wanted, given)
+    C, D = _jacobians(run, interface.program.outputs, results, given)
     return LinearModel(A, B, C, D, states, tuple(names), tuple(made))
 
 
@@ -156,10 +156,10 @@ def _jacobians(
 ) -> tuple[Floats, Floats]:
     """Return the derivatives of results of the calls whose choices hold, with respect to the states and to inputs."""
     interface = run.interface
-    widths = [interface.slice(g) for g in results]
+    widths = [interface.slice(name) for name in results]
     blocks: dict[tuple[str, str], Floats] = {}
     for call in calls:
-        if any(run.group(choice)[0] != value for choice, value in call.when):
+        if any(run.argument(argument_name(choice))[0] != value for choice, value in call.when):
             continue
         function = interface.functions.casadi_function(call.function)
         symbols = {name: ca.SX.sym(name, function.numel_in(name)) for name in function.name_in()}
