@@ -182,8 +182,8 @@ class Symbol:
         return Symbol(ca.log(self.sx))
 
     def rint(self) -> Symbol:
-        """Nearest integer, halves upward."""
-        return Symbol(ca.floor(self.sx + 0.5))
+        """Nearest integer, halves to the even one, as numpy has it."""
+        return Symbol(self.sx - ca.remainder(self.sx, 1.0))
 
     def sqrt(self) -> Symbol:
         """Square root."""

@@ -37,7 +37,7 @@ _TAKEN = re.compile(
     # keywords of C, and functions of math.h that traced functions call
     r"|auto|bool|case|char|const|default|do|double|enum|extern|false|float|goto|inline|int|long|register|restrict|short"
     r"|signed|sizeof|static|struct|switch|true|typedef|typeof|union|unsigned|void|volatile"
-    r"|a?(cos|sin|tan)h?|atan2|ceil|copysign|exp|expm1|fabs|floor|fmax|fmin|log|log1p|pow|sqrt"
+    r"|a?(cos|sin|tan)h?|atan2|ceil|copysign|exp|expm1|fabs|floor|fmax|fmin|log|log1p|pow|remainder|sqrt"
 )
 
 
@@ -287,9 +287,8 @@ def _check_complete(unit: Unit, phase: str, fixed: Fixed, sets: Mapping[str, Any
         ]
         with_choices = f" with {', '.join(choices)}" if choices else ""
         where = missing[0] if getattr(type(unit), phase) is getattr(Unit, phase) else phase
-        raise UnitError(
-            f"{place(type(unit), where)}: {phase}() of {type(unit).__name__} never sets {', '.join(missing)}{with_choices}."
-        )
+        what = f"{phase}() of {type(unit).__name__} never sets {', '.join(missing)}{with_choices}"
+        raise UnitError(f"{place(type(unit), where)}: {what}.")
 
 
 def run(unit: Unit, phase: str, watch: Any) -> Any:
