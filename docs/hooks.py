@@ -11,13 +11,14 @@ from xml.etree.ElementTree import Element
 
 from mkdocs.structure.files import File
 
-from vdfmu.fmu.description import model_description, native_model_description
+from vdfmu.fmu.description import model_description
 from vdfmu.fmu.description3 import model_description_3
-from vdfmu.fmu.interface import UNIT_NAMES, Interface, Variable, interface
-from vdfmu.fmu.layout import Array, Layout, general_description
 from vdfmu.model import load_robot
 from vdfmu.model.parameters import PARAMETERS
 from vdfmu.model.read import POSITIVE
+from vdfmu.unit.interface import Array, Interface, general_description
+from vdfmu.unit.variable import Variable
+from vdfmu.units import shipped_units
 
 with warnings.catch_warnings():  # it opens its font in a way that Python 3.11 calls deprecated
     warnings.simplefilter("ignore", DeprecationWarning)
@@ -56,7 +57,7 @@ def on_page_content(html: str, **_: Any) -> str:
 
 
 def on_files(files: Any, config: Any) -> Any:
-    """Add ``interface.md``, made from the variable table, and ``robot_file.md``, from that of a robot's parameters."""
+    """Add ``interface.md``, made from the units, and ``robot_file.md``, from that of a robot's parameters."""
     files.append(File.generated(config, "interface.md", content=interface_page()))
     files.append(File.generated(config, "robot_file.md", content=robot_file_page()))
     return files
@@ -66,18 +67,19 @@ def interface_page() -> str:
     """Return the reference of all variables of the units, in markdown."""
     arm, slider = load_robot("manipulator_6dof"), load_robot("slider_3dof")
     lines = [_HEAD]
-    for unit in UNIT_NAMES:
-        table = interface(unit, arm)
-        layout = Layout(table)
-        prismatic = {v.group: v.unit for v in interface(unit, slider) if v.index[:1] == (1,)}
-        lines += [f"## {table.model_name}", "", f"{table.description}. Unit `{unit}` of the system."]
+    for unit in shipped_units().values():
+        interface = Interface(unit, arm)
+        prismatic = {v.group: v.unit for v in Interface(unit, slider) if v.index[:1] == (1,)}
+        lines += [f"## {interface.model_name}", "", f"{interface.description}. Unit `{interface.name}`."]
         for causality, title in _TITLES.items():
             groups = [
                 list(g)
-                for _, g in groupby((v for v in layout if v.causality == causality), lambda v: v.group)
+                for _, g in groupby(
+                    (v for v in interface.memory if v.causality == causality), lambda v: v.group
+                )
             ]
             if groups:
-                lines += ["", f"**{title}**", "", *_rows(layout, causality, groups, prismatic)]
+                lines += ["", f"**{title}**", "", *_rows(interface, causality, groups, prismatic)]
         lines.append("")
     return "\n".join([*lines, _FLAGS, _capabilities(), ""])
 
@@ -137,12 +139,11 @@ _COLUMNS = {
 
 
 def _rows(
-    layout: Layout, causality: str, groups: list[list[Variable]], prismatic: dict[str, str | None]
+    interface: Interface, causality: str, groups: list[list[Variable]], prismatic: dict[str, str | None]
 ) -> list[str]:
-    table: Interface = layout.table
     columns = _COLUMNS[causality]
     lines = ["| " + " | ".join(columns) + " |", "| --- " * len(columns) + "|"]
-    position = {v.name: i for i, v in enumerate(layout)}
+    position = {v.name: i for i, v in enumerate(interface.memory)}
     for group in groups:
         first, last = group[0], group[-1]
         unit = ", ".join(f"`{u}`" for u in dict.fromkeys(v.unit for v in group) if u)
@@ -151,11 +152,12 @@ def _rows(
             unit += f", prismatic `{other}`"
         references = [position[v.name] for v in (first, last)]
         outputs = group if causality == "output" else []
-        used = {table.variables[r].group: None for v in outputs for r in table.direct_dependencies(v)}
+        known = (interface.memory[i] for v in outputs for i in interface.step_dependencies(position[v.name]))
+        used = {v.group: None for v in known if v.causality == "input"}
         cells = {
             "name": f"`{first.name}`" + (f" .. `{last.name}`" if len(group) > 1 else ""),
             "value reference": str(references[0]) + (f" .. {references[1]}" if len(group) > 1 else ""),
-            "FMI 3.0": _array(layout.arrays[layout.owners[references[0]]], len(group)),
+            "FMI 3.0": _array(interface.arrays[interface.owners[references[0]]], len(group)),
             "variability": first.variability
             if first.type == "Real"
             else f"{first.variability}, {first.type}",
@@ -190,11 +192,11 @@ def _range(values: list[Any]) -> str:
 
 
 def _capabilities() -> str:
-    layout = Layout(interface("plant", load_robot("planar_2dof")))
+    plant = Interface(shipped_units()["plant"], load_robot("planar_2dof"))
     roots = (
-        ("Python, co-simulation", model_description(layout.table, "{}", "").find("CoSimulation")),
-        *_interfaces("2.0", native_model_description(layout, "{}", "", ())),
-        *_interfaces("3.0", model_description_3(layout, "{}", "")),
+        ("Python, co-simulation", model_description(plant, "{}", "").find("CoSimulation")),
+        *_interfaces("2.0", model_description(plant, "{}", "", ())),
+        *_interfaces("3.0", model_description_3(plant, "{}", "")),
     )
     flags: dict[str, None] = {}
     for _, element in roots:
@@ -221,8 +223,8 @@ hide: [toc]
 
 # FMU interface
 
-This page is made from the variable table, `vdfmu/fmu/table.py`, when the documentation is built. The same table
-gives the slaves, the C tables, the model descriptions, the connectors of the SSP and its parameter sets.
+This page is made from the declarations of the units, `vdfmu/units/`, when the documentation is built. The same
+declarations give the FMUs, the C tables, the model descriptions, the connectors of the SSP and its parameter sets.
 
 It shows the interface for the paper's arm, `manipulator_6dof`. Another robot has the same groups with its own number
 of joints. Names count from 1. Start values of the robot's parameters are those of its file. What is zero by

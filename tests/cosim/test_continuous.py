@@ -13,11 +13,12 @@ from scipy.integrate import solve_ivp
 import vdfmu
 from vdfmu.cosim import simulate
 from vdfmu.cosim.component import Slave
-from vdfmu.cosim.reference import reference
 from vdfmu.errors import CosimError, SspError, UsageError
 from vdfmu.model import load_scenario
+from vdfmu.ssp.description import SystemDescription
 from vdfmu.ssp.parameters import system_values
 from vdfmu.ssp.write import write_ssp
+from vdfmu.study.reference import reference
 from vdfmu.study.run import cached_fmus
 from vdfmu.study.summary import power_bond
 
@@ -391,13 +392,13 @@ def study(tmp_path_factory):
         scenario = load_scenario(name)
         values = system_values(scenario, {"plant.tolerance": "1e-10"})
         if name not in known:
-            known[name] = reference("continuous", scenario.robot, values, step=4e-3, stop=0.256)
+            known[name] = reference("continuous", SystemDescription(scenario, values), step=4e-3, stop=0.256)
         path = write_ssp(scenario, cached_fmus(scenario, folder, backend), folder / "arm.ssp", values)
         results = simulate(path, step=step, stop=0.256, algorithm=algorithm, **options)
         rows = slice(None, None, round(4e-3 / step))
         bond = power_bond(results, scenario.robot)["power_bond"]
         share = sum(bond["residual_energy_abs_j"]) / sum(bond["exchanged_energy_j"])
-        return np.abs(results.array("plant.q")[rows] - known[name].q).max(), share
+        return np.abs(results.array("plant.q")[rows] - known[name].array("plant.q")).max(), share
 
     return once
 

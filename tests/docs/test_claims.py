@@ -12,11 +12,14 @@ from vdfmu.equations.flexible_joint import rotor_transform
 from vdfmu.equations.mapping import joint_space_mass_matrix, velocity_mapping
 from vdfmu.equations.plant import equilibrium_torque
 from vdfmu.kernel.rodas import ALPHA, GAMMA, GAMMA_I
+from vdfmu.kernel.structure import values as parameter_values
 from vdfmu.model import load_scenario
 from vdfmu.scalar.elimination import factorize, solve
 from vdfmu.ssp.parameters import system_values
 from vdfmu.ssp.write import write_ssp
 from vdfmu.study.run import cached_fmus
+from vdfmu.unit.interface import Interface
+from vdfmu.units import shipped_units
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
@@ -46,7 +49,9 @@ def test_every_erratum_test_is_documented():
 def test_linked_files_exist(page):
     text = page.read_text(encoding="utf-8")
     for target in re.findall(r"\]\(([^)#]+)(?:#[^)]*)?\)", text):
-        if "://" not in target and not target.endswith("interface.md"):  # made when the pages are built
+        if "://" not in target and not target.endswith(
+            ("interface.md", "robot_file.md")
+        ):  # made when the pages are built
             assert (page.parent / target).exists(), target
 
 
@@ -65,16 +70,24 @@ def test_packages_import_only_those_before_them():
         assert package != "equations" or imported <= {"equations", "scalar"}
 
 
-def plant_jacobian(kernel, x):
-    function = kernel.function("plant_jacobian")
-    return function(x, np.zeros(N), np.zeros(6), kernel.p).reshape(4 * N, 4 * N, order="F").copy()
+def plant_jacobian(robot):
+    """Return the Jacobian (24, 24) of the plant's derivatives as a function of the state, without torques."""
+    call = Interface(shipped_units()["plant"], robot).functions.function("plant_jacobian")
+    call.args["p"][:] = parameter_values(robot)
+
+    def jacobian(x):
+        call.args["x"][:] = x
+        call.run()
+        return call.results["J"].reshape(4 * N, 4 * N, order="F").copy()
+
+    return jacobian
 
 
 @pytest.mark.parametrize("coupling", [False, True])
-def test_pivots_stay_positive(arm, kernel_of, coupling):
+def test_pivots_stay_positive(arm, coupling):
     # docs/solver.md: elimination in the solver's order, without row swaps, at 200 random states.
     arm = dataclasses.replace(arm, rotor_coupling=coupling)
-    kernel = kernel_of(arm)
+    jacobian = plant_jacobian(arm)
     random = np.random.default_rng(0)
     order = np.concatenate(np.arange(4 * N).reshape(4, N)[[0, 2, 3, 1]])
     share = {1e-6: 0.9, 1e-4: 0.9, 1e-3: 0.9, 1e-2: 0.5}
@@ -82,7 +95,7 @@ def test_pivots_stay_positive(arm, kernel_of, coupling):
         q = random.uniform(-np.pi, np.pi, N)
         v = random.uniform(-1.0, 1.0, N) * random.choice([1e-3, 1e-2, 0.1, 0.5])
         tau_s = equilibrium_torque(arm, q) + random.uniform(-10.0, 10.0, N)
-        J = plant_jacobian(kernel, np.concatenate([q, v, v + random.uniform(-0.02, 0.02, N), tau_s]))
+        J = jacobian(np.concatenate([q, v, v + random.uniform(-0.02, 0.02, N), tau_s]))
         M = joint_space_mass_matrix(arm, q)
         E = np.eye(4 * N)
         E[N : 2 * N, N : 2 * N] = M
@@ -110,13 +123,13 @@ def test_coefficients_of_time_on_the_page_are_those_of_the_step():
         assert f"| ${letter}$ | {cells} |" in page
 
 
-def elastic_modes(arm, kernel, gravity_holds, locked):
+def elastic_modes(arm, jacobian, gravity_holds, locked):
     """Return the lowest and highest elastic frequency [Hz] over the poses of (57), at rest, without friction."""
     found = []
     for s in np.linspace(0.0, 1.0, 101):
         q = s * np.radians([90.0, 60.0, 60.0, 90.0, 60.0, 90.0])
         tau_s = equilibrium_torque(arm, q) if gravity_holds else np.zeros(N)
-        J = plant_jacobian(kernel, np.concatenate([q, np.zeros(2 * N), tau_s]))
+        J = jacobian(np.concatenate([q, np.zeros(2 * N), tau_s]))
         if locked:
             keep = np.delete(np.arange(4 * N), np.s_[2 * N : 3 * N])
             J = J[np.ix_(keep, keep)]
@@ -127,16 +140,16 @@ def elastic_modes(arm, kernel, gravity_holds, locked):
     return [round(min(found)), round(max(found))]
 
 
-def test_elastic_frequencies_on_the_page_are_those_of_the_poses_of_the_motion(arm, kernel_of):
+def test_elastic_frequencies_on_the_page_are_those_of_the_poses_of_the_motion(arm):
     # docs/solver.md, in whole Hz
     bare = arm.with_parameters(f_c=0.0, f_s=0.0, f_v=0.0)
-    kernel = kernel_of(bare)
+    jacobian = plant_jacobian(bare)
     page = (ROOT / "docs/solver.md").read_text(encoding="utf-8")
     for row, gravity_holds in (("loaded by gravity", True), ("without load", False)):
-        free, locked = (elastic_modes(bare, kernel, gravity_holds, locked) for locked in (False, True))
+        free, locked = (elastic_modes(bare, jacobian, gravity_holds, locked) for locked in (False, True))
         assert f"| {row} | {free[0]} to {free[1]} | {locked[0]} to {locked[1]} |" in page
     # what the text above the table says of it
-    low, high = elastic_modes(bare, kernel, True, False)
+    low, high = elastic_modes(bare, jacobian, True, False)
     assert f"elastic modes at {low} to {high} Hz" in page
 
 
@@ -145,8 +158,8 @@ def test_stick_slip_amplifies_the_tolerance(tmp_path):
     # docs/solver.md: tracking without gravity, K_p = 100 and K_v = 5: below the falling branch of the friction
     scenario = load_scenario("tracking")
     scenario = dataclasses.replace(scenario, robot=scenario.robot.with_parameters(gravity=0.0))
-    values = system_values(scenario, {"controller.K_p": "100", "controller.K_v": "5"})
-    package = write_ssp(scenario, cached_fmus(scenario, tmp_path), tmp_path / "system.ssp", values)
+    settings = system_values(scenario, {"controller.K_p": "100", "controller.K_v": "5"})
+    package = write_ssp(scenario, cached_fmus(scenario, tmp_path), tmp_path / "system.ssp", settings)
     q = [
         vdfmu.simulate(
             package, stop=10.0, step=1e-3, algorithm="gauss-seidel", record=["plant.q[*]"],
@@ -162,27 +175,27 @@ def test_stick_slip_amplifies_the_tolerance(tmp_path):
     assert fine < 0.1 * usual
 
 
-def growth(arm, kernel, K_p, K_v, source):
+def growth(arm, jacobian, K_p, K_v, source):
     """Return the largest real part [1/s] of the closed loop at 0.5 rad/s along the poses of (57)."""
     velocity = slice(2 * N, 3 * N) if source == "kappa_dot" else slice(N, 2 * N)
     rotor = slice(2 * N, 3 * N)
     found = []
     for s in (0.0, 0.5, 1.0):
         q = s * np.radians([90.0, 60.0, 60.0, 90.0, 60.0, 90.0])
-        J = plant_jacobian(kernel, np.concatenate([q, np.full(2 * N, 0.5), equilibrium_torque(arm, q)]))
+        J = jacobian(np.concatenate([q, np.full(2 * N, 0.5), equilibrium_torque(arm, q)]))
         J[rotor, :N] -= np.diag(K_p / arm.ell / arm.I_m)
         J[rotor, velocity] -= np.diag(K_v / arm.ell / arm.I_m)
         found.append(np.linalg.eigvals(J).real.max())
     return found
 
 
-def test_derivative_on_the_link_is_unstable_and_on_the_rotor_stable(arm, kernel_of):
+def test_derivative_on_the_link_is_unstable_and_on_the_rotor_stable(arm):
     # docs/model.md
     gains = load_scenario("tracking").controller
-    kernel = kernel_of(arm)
-    assert max(growth(arm, kernel, gains.K_p, gains.K_v, "kappa_dot")) < 0.0
-    assert min(growth(arm, kernel, gains.K_p, gains.K_v, "q_dot")) > 100.0
-    assert min(growth(arm, kernel, 0.1 * gains.K_p, 0.1 * gains.K_v, "q_dot")) > 10.0
+    jacobian = plant_jacobian(arm)
+    assert max(growth(arm, jacobian, gains.K_p, gains.K_v, "kappa_dot")) < 0.0
+    assert min(growth(arm, jacobian, gains.K_p, gains.K_v, "q_dot")) > 100.0
+    assert min(growth(arm, jacobian, 0.1 * gains.K_p, 0.1 * gains.K_v, "q_dot")) > 10.0
 
 
 def test_stability_numbers_of_the_default_gains(arm):

@@ -9,10 +9,11 @@ import numpy as np
 import pytest
 
 import vdfmu.equations
-from vdfmu.fmu.interface import UNIT_NAMES, interface
 from vdfmu.model import Robot, load_robot
 from vdfmu.model.parameters import PARAMETERS
 from vdfmu.model.scenario import Controller, Feedforward, Scenario, Trajectory
+from vdfmu.unit.interface import Interface
+from vdfmu.units import shipped_units
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
 COLUMNS = ("symbol", "code", "fmi", "unit", "shape", "equation", "meaning")
@@ -47,8 +48,8 @@ def groups():
     found = {}
     for k, name in enumerate(("manipulator_6dof", "slider_3dof")):
         robot = with_everything(load_robot(name))
-        for unit in UNIT_NAMES:
-            for variable in interface(unit, robot):
+        for unit in shipped_units().values():
+            for variable in Interface(unit, robot):
                 found.setdefault(variable.group, ([], []))[k].append((robot, variable))
     return found
 

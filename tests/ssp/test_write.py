@@ -8,13 +8,14 @@ import pytest
 from vdfmu.cosim import check_system
 from vdfmu.errors import UsageError, VdfmuError
 from vdfmu.fmu import build_fmus
-from vdfmu.fmu.interface import interface
 from vdfmu.model import load_scenario
 from vdfmu.ssp import load_ssp
 from vdfmu.ssp.parameters import override, system_values
 from vdfmu.ssp.parse import parse_ssp_xml
 from vdfmu.ssp.system_file import units_of
 from vdfmu.ssp.write import write_ssp
+from vdfmu.unit.interface import Interface
+from vdfmu.units import shipped_units
 
 
 @pytest.fixture(scope="module")
@@ -53,7 +54,7 @@ def test_reading_back_gives_the_values_in_their_units(scenario, fmus, tmp_path):
     assert not system.problems
     written = system_values(scenario)
     for component in system.components:
-        table = interface(component.name, scenario.robot)
+        table = Interface(shipped_units()[component.name], scenario.robot)
         read = {p.name: p for p in component.parameters}
         assert set(read) == set(written[component.name])
         for name, parameter in read.items():
@@ -78,7 +79,7 @@ def test_every_signal_of_a_connected_group_is_connected(fmus, tmp_path):
     expected = {
         (unit, v.name)
         for unit in fmus
-        for v in interface(unit, scenario.robot)
+        for v in Interface(shipped_units()[unit], scenario.robot)
         if v.causality == "input" and v.group not in ("F_e", "F_e_d")
     }
     assert fed == expected

@@ -15,7 +15,6 @@ from pyssp_standard.ssv import SSV
 
 from vdfmu.errors import StorageError, UsageError
 from vdfmu.fmu import build_fmus
-from vdfmu.fmu.interface import interface
 from vdfmu.model import load_scenario
 from vdfmu.ssp.description import SystemDescription
 from vdfmu.ssp.documentation import system_page
@@ -27,6 +26,8 @@ from vdfmu.ssp.system_file import units_of
 from vdfmu.ssp.versions import fmi_of_format
 from vdfmu.ssp.write import write_osp, write_ssp
 from vdfmu.ssp.xml import to_bytes
+from vdfmu.unit.interface import Interface
+from vdfmu.units import shipped_units
 
 
 @pytest.fixture(scope="module")
@@ -160,7 +161,7 @@ def test_the_page_shows_the_system(scenario):
     cells = ["".join(cell.itertext()) for cell in root.iter("td")]
     for unit, values in system_values(scenario).items():
         for name, value in values.items():
-            if interface(unit, scenario.robot).find(name).type == "Real":
+            if Interface(shipped_units()[unit], scenario.robot).find(name).type == "Real":
                 assert repr(float(value)) in cells, (unit, name)
     assert "http://" not in page.replace("http://www.w3.org/2000/svg", "")  # needs no network
 
@@ -221,7 +222,7 @@ def test_libcosim_applies_the_values(scenario, fmus, tmp_path, kind):
             for name in [name for name in values[unit] if name.startswith(group)]:
                 del values[unit][name]
     names = [(unit, name) for unit in values for name in values[unit]]
-    tables = {unit: interface(unit, scenario.robot) for unit in values}
+    tables = {unit: Interface(shipped_units()[unit], scenario.robot) for unit in values}
     wanted = [(u, tables[u].reference[n], tables[u].find(n).type) for u, n in names]
     (tmp_path / "wanted.json").write_text(json.dumps(wanted))
     done = subprocess.run(

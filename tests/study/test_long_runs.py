@@ -9,16 +9,19 @@ import pytest
 
 import vdfmu
 from vdfmu.cosim import Results, Signal
-from vdfmu.cosim import reference as references
-from vdfmu.cosim.reference import BLOCK, Reference, reference, reference_blocks
-from vdfmu.ssp.parameters import system_values
+from vdfmu.ssp.description import SystemDescription
+from vdfmu.study import reference as references
 from vdfmu.study import run as study
 from vdfmu.study import summary
+from vdfmu.study.reference import BLOCK, Reference, reference, reference_blocks
 
 VARIABLES = (
     "trajectory.q_d", "plant.q", "controller.tau", "controller.tau_m", "plant.tau", "plant.kappa_dot",
     "controller.kappa_dot", "plant.tau_s", "estimator.tau_f_hat", "estimator.tau_s_hat",
 )  # fmt: skip
+SOURCES = {
+    "plant.q": "plant.q", "controller.tau": "controller.tau", "feedforward.tau_m": "controller.tau_m",
+}  # fmt: skip
 
 
 def told(results, robot, name="sampled-delayed"):
@@ -28,11 +31,11 @@ def told(results, robot, name="sampled-delayed"):
     def solution():
         for first in range(0, len(results), summary.BLOCK):
             rows = slice(first, first + summary.BLOCK)
-            q, tau, tau_m = (
-                1.125 * results[f"{name}[1]"][rows, None].repeat(n, axis=1)
-                for name in ("plant.q", "controller.tau", "controller.tau_m")
-            )
-            yield Reference(name, results.time[rows], np.hstack([q] * 4), tau, tau_m)
+            signals = {
+                signal: 1.125 * results[f"{source}[1]"][rows, None].repeat(n, axis=1)
+                for signal, source in SOURCES.items()
+            }
+            yield Reference(name, results.time[rows], signals)
 
     absolute, relative = summary.compare(results, solution(), robot)
     return {
@@ -107,14 +110,14 @@ def test_memory_of_the_summary_does_not_grow_with_the_rows(tmp_path):
 
 @pytest.mark.parametrize("name", ["sampled", "sampled-delayed", "continuous"])
 def test_a_reference_in_stretches_is_the_whole(monkeypatch, name):
-    scenario = vdfmu.load_scenario("planar_tracking")
-    values = system_values(scenario)
-    whole = reference(name, scenario.robot, values, step=1e-3, stop=0.05)
+    description = SystemDescription(vdfmu.load_scenario("planar_tracking"))
+    whole = reference(name, description, step=1e-3, stop=0.05)
     monkeypatch.setattr(references, "BLOCK", 20)
-    parts = list(reference_blocks(name, scenario.robot, values, step=1e-3, stop=0.05))
+    parts = list(reference_blocks(name, description, step=1e-3, stop=0.05))
     assert [len(part.t) for part in parts] == [20, 20, 11]
-    for i, array in enumerate(whole[1:], start=1):
-        np.testing.assert_array_equal(np.concatenate([part[i] for part in parts]), array)
+    np.testing.assert_array_equal(np.concatenate([part.t for part in parts]), whole.t)
+    for signal, array in whole.signals.items():
+        np.testing.assert_array_equal(np.concatenate([part.array(signal) for part in parts]), array)
 
 
 def test_a_run_holds_no_reference_as_a_whole(tmp_path, monkeypatch):

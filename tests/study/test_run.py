@@ -13,12 +13,12 @@ import pytest
 import vdfmu
 from vdfmu.cosim import Results
 from vdfmu.cosim.exchange import Exchange
-from vdfmu.cosim.reference import BLOCK, Reference
 from vdfmu.errors import CosimError, ModelError, UsageError
 from vdfmu.model import load_scenario
 from vdfmu.report.sheets import reference_sheet
 from vdfmu.report.tables import to_markdown
 from vdfmu.ssp.write import write_ssp
+from vdfmu.study.reference import BLOCK, Reference
 from vdfmu.study.run import cached_fmus
 
 
@@ -129,17 +129,17 @@ def test_jacobi_is_compared_with_the_delayed_reference(tmp_path):
 def with_references(monkeypatch, folder, change):
     """Put a co-simulation with other parameters in the place of scipy's references, which take minutes of split."""
 
-    def reference(name, robot, values, *, step, stop, progress):
-        scenario = dataclasses.replace(load_scenario("tracking_split"), robot=robot)
+    def reference(name, description, *, step, stop, progress):
+        scenario, values = description.scenario, description.values
         package = write_ssp(scenario, cached_fmus(scenario, folder), folder / "reference.ssp", values)
         parameters = {key: factor * values["plant"][key.partition(".")[2]] for key, factor in change.items()}
         r = vdfmu.simulate(
             package, start=0.0, stop=stop, step=step, algorithm="gauss-seidel", parameters=parameters
         )
-        x = np.hstack([r.array(f"plant.{key}") for key in ("q", "q_dot", "kappa_dot", "kappa_dot")])
-        whole = (r.time, x, r.array("controller.tau"), r.array("controller.tau_m"))
+        signals = {key: r.array(key) for key in ("plant.q", "controller.tau", "feedforward.tau_m")}
         for first in range(0, len(r), BLOCK):
-            yield Reference(name, *(array[first : first + BLOCK] for array in whole))
+            rows = slice(first, first + BLOCK)
+            yield Reference(name, r.time[rows], {key: array[rows] for key, array in signals.items()})
 
     monkeypatch.setattr(sys.modules[cached_fmus.__module__], "reference_blocks", reference)
 

@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import typer
 
 from vdfmu.cli.terminal import say
+
+if TYPE_CHECKING:
+    from vdfmu.kernel.cache import Entry
 
 app = typer.Typer(help="Show the cache of what was built, or clear it.")
 

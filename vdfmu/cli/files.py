@@ -26,7 +26,13 @@ from vdfmu.errors import StorageError
 
 
 def build(
-    scenario: ScenarioArgument = "tracking",
+    scenario: Annotated[
+        str,
+        typer.Argument(
+            metavar="SCENARIO|UNIT",
+            help="Name or file of a scenario, or a unit: my_unit.py or my_units.py:Name.",
+        ),
+    ] = "tracking",
     robot: RobotOption = None,
     out: Annotated[Path, typer.Option(help="Folder of the FMUs.")] = Path("fmus"),
     backend: BackendOption = None,
@@ -39,26 +45,34 @@ def build(
     ] = None,
     settings: SetOption = None,
 ) -> None:
-    """Build the FMUs of a scenario's system, with the scenario's values as start values."""
+    """Build the FMUs of a scenario's system, with the scenario's values as start values, or the FMU of a unit."""
     from vdfmu.fmu import build_fmus
     from vdfmu.fmu.build import build_notes
-    from vdfmu.model import load_scenario
+    from vdfmu.model import load_robot, load_scenario
     from vdfmu.model.check import model_notes
-    from vdfmu.ssp.parameters import system_values
-    from vdfmu.ssp.system_file import units_of
+    from vdfmu.ssp.parameters import start_values, system_values
+    from vdfmu.ssp.parts import build_parts
+    from vdfmu.unit.declaration import unit_name
+    from vdfmu.units import find_unit
 
-    chosen = load_scenario(scenario, robot)
-    say_notes([*model_notes(chosen), *build_notes(chosen.robot, backend)])
-    built = build_fmus(
-        chosen.robot,
-        out,
-        units=units_of(chosen),
-        start_values=system_values(chosen, parse_settings(settings)),
-        backend=backend,
-        fmi_version=fmi,
-        platforms=platform,
-    )
-    for path in built.values():
+    if scenario.partition(":")[0].endswith(".py"):
+        unit = find_unit(scenario)
+        fixed = load_robot(robot) if robot is not None else None
+        built = build_fmus(
+            fixed,
+            out,
+            units=[unit],
+            start_values={unit_name(unit): start_values(unit, fixed, parse_settings(settings))},
+            backend=backend,
+            fmi_version=fmi,
+            platforms=platform,
+        )
+    else:
+        chosen = load_scenario(scenario, robot)
+        say_notes([*model_notes(chosen), *build_notes(chosen.robot, backend)])
+        values = system_values(chosen, parse_settings(settings))
+        built = build_parts(chosen, out, values, backend=backend, fmi_version=fmi, platforms=platform)
+    for path in dict.fromkeys(built.values()):
         say(str(path))
 
 
@@ -74,8 +88,9 @@ def container(
     from vdfmu.fmu.build import build_notes
     from vdfmu.model.check import model_notes
     from vdfmu.ssp.parameters import system_values
+    from vdfmu.ssp.parts import cached_fmus
     from vdfmu.ssp.write import write_ssp
-    from vdfmu.study.run import cached_fmus, prepare
+    from vdfmu.study.run import prepare
     from vdfmu.temporary import temporary_folder
 
     chosen = prepare(scenario, robot=robot, step=step)
@@ -112,12 +127,11 @@ def ssp(
 
     The FMUs have the scenario's values as start values too, for importers that do not apply all parameter sets.
     """
-    from vdfmu.fmu import build_fmus
     from vdfmu.fmu.build import build_notes
     from vdfmu.model import load_scenario
     from vdfmu.model.check import model_notes
     from vdfmu.ssp.parameters import system_values
-    from vdfmu.ssp.system_file import units_of
+    from vdfmu.ssp.parts import build_parts
     from vdfmu.ssp.versions import fmi_of_format
     from vdfmu.ssp.write import write_osp, write_ssp
     from vdfmu.temporary import temporary_folder
@@ -127,10 +141,7 @@ def ssp(
     say_notes([*model_notes(chosen), *build_notes(chosen.robot, backend)])
     values = system_values(chosen, parse_settings(settings))
     with temporary_folder("vdfmu_") as folder:
-        units = units_of(chosen)
-        fmus = build_fmus(
-            chosen.robot, folder, units=units, start_values=values, backend=backend, fmi_version=fmi_version
-        )
+        fmus = build_parts(chosen, folder, values, backend=backend, fmi_version=fmi_version)
         if form == "osp":
             say(str(write_osp(chosen, fmus, out or Path(f"{chosen.name}_osp"), values)))
         else:

@@ -54,6 +54,13 @@ def run(
         bool, typer.Option("--container", help="Fold the units into one container FMU and run that.")
     ] = False,
     settings: SetOption = None,
+    unit: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="COMPONENT=UNIT",
+            help="Unit in place of a component's: my_unit.py, my_units.py:Name, or an FMU of any tool. Repeatable.",
+        ),
+    ] = None,
 ) -> None:
     """Run a scenario: build what is stale, co-simulate, solve the references, compare, write tables and figures."""
     from vdfmu.report import tables
@@ -76,14 +83,16 @@ def run(
             backend=backend,
             container=container,
             settings=parse_settings(settings),
+            units=parse_settings(unit),
             progress=bars.update,
             log=bars.log,
         )
     summary = results.summary
     console.print(tables.run_panel(summary))
-    console.print(
-        tables.contrast_table(summary) if summary["kind"] == "contrast" else tables.tracking_table(summary)
-    )
+    if summary["kind"] == "contrast":
+        console.print(tables.contrast_table(summary))
+    elif "rms_position_error_deg" in summary:
+        console.print(tables.tracking_table(summary))
     if "rms_spring_torque_nm" in summary:
         console.print(tables.estimation_table(summary))
     if "reference" in summary:

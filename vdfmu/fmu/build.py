@@ -76,8 +76,8 @@ def build_fmus(
     out_dir : path
         Folder, made if it does not exist.
     units : sequence of str, path or type of Unit, optional
-        Names of units of the package, files ``my_unit.py`` or ``my_units.py:Name``, or classes; default all units of the
-        package.
+        Names of units of the package, files ``my_unit.py`` or ``my_units.py:Name``, or classes; default all units of
+        the package.
     start_values : mapping of unit to mapping of variable to number, optional
         Start values in place of those of the declaration.
     backend : "python" or "native", optional
@@ -115,8 +115,8 @@ def build_fmus(
         if robot.n > _MOST_JOINTS:
             raise UsageError(
                 f"robot {robot.name}: expected at most {_MOST_JOINTS} joints for FMUs, got {robot.n}. Tracing and "
-                f"compiling would take some {_build_seconds(robot.n) / 60:.0f} minutes or more, and gigabytes of memory; "
-                "vdfmu.inverse_dynamics and forward_dynamics take more joints."
+                f"compiling would take some {_build_seconds(robot.n) / 60:.0f} minutes or more, and gigabytes of "
+                "memory; vdfmu.inverse_dynamics and forward_dynamics take more joints."
             )
     out = Path(out_dir)
     contents = {

@@ -145,13 +145,13 @@ def _use(content: Content) -> str:
         )
     if interface.is_sampled:
         lines.append(
-            "<p>Sampled states change every <code>period</code> from the start time on, by the inputs that are there at "
-            "the start of a communication step. Steps need not be multiples of the period.</p>"
+            "<p>Sampled states change every <code>period</code> from the start time on, by the inputs that are there "
+            "at the start of a communication step. Steps need not be multiples of the period.</p>"
         )
     elif not interface.has_states:
         lines.append(
-            "<p>The unit has no state: its outputs after a communication step are those of its inputs and of the end of "
-            f"the step. {held}.</p>"
+            "<p>The unit has no state: its outputs after a communication step are those of its inputs and of the end "
+            f"of the step. {held}.</p>"
         )
     return "\n".join(lines)
 

@@ -49,7 +49,6 @@ _EXPRESSIONS = {
     ca.OP_FABS: "fabs({0})",
     ca.OP_SIGN: "(double)(({0} > 0.0) - ({0} < 0.0))",
     ca.OP_COPYSIGN: "copysign({0}, {1})",
-    ca.OP_REMAINDER: "remainder({0}, {1})",
     ca.OP_FMIN: "fmin({0}, {1})",
     ca.OP_FMAX: "fmax({0}, {1})",
     ca.OP_LT: "(double)({0} < {1})",

@@ -15,7 +15,7 @@ from vdfmu.interrupt import listening
 from vdfmu.kernel.cache import cache_folder, load, store
 from vdfmu.kernel.derivatives import DIRECTIONS
 from vdfmu.kernel.structure import structure_key, values
-from vdfmu.kernel.trace import FUNCTIONS, trace
+from vdfmu.kernel.trace import FUNCTIONS
 from vdfmu.model import Robot
 
 __all__ = ["Functions", "Kernel", "KernelFunction"]
@@ -121,7 +121,7 @@ class Functions:
         return self._known[name]
 
     def _derivative(self, name: str) -> tuple[str, str] | None:
-        """Function and direction of the name of a derivative; None for any other name."""
+        """Return function and direction of the name of a derivative; None for any other name."""
         base, _, direction = name.rpartition("_")
         return (base, direction) if direction in DIRECTIONS and base in self.names() else None
 
@@ -179,7 +179,7 @@ class Kernel(Functions):
 
     def made(self, name: str) -> ca.Function:
         """Trace one of :meth:`names`."""
-        return trace(name, self.robot)
+        return FUNCTIONS[name](self.robot)
 
     def rows(
         self, name: str, arguments: Sequence[npt.ArrayLike], sizes: Sequence[int]

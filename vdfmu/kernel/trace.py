@@ -17,7 +17,7 @@ from vdfmu.kernel.structure import symbolic_robot
 from vdfmu.model import Robot
 from vdfmu.scalar.symbol import from_sx, to_sx
 
-__all__ = ["FUNCTIONS", "trace", "traced_function"]
+__all__ = ["FUNCTIONS", "traced_function"]
 
 Trace = Callable[[Robot], ca.Function]
 FUNCTIONS: dict[str, Trace] = {}
@@ -27,11 +27,6 @@ FUNCTIONS: dict[str, Trace] = {}
 def _traced(make: Trace) -> Trace:
     FUNCTIONS[make.__name__.removeprefix("_trace_")] = make
     return make
-
-
-def trace(name: str, robot: Robot) -> ca.Function:
-    """Trace one function of :data:`FUNCTIONS` for the structure of a robot."""
-    return FUNCTIONS[name](robot)
 
 
 def traced_function(name: str, inputs: dict[str, ca.SX], outputs: dict[str, ca.SX]) -> ca.Function:

@@ -15,8 +15,17 @@ from vdfmu.model.robot import Robot
 from vdfmu.model.robot_file import check_robot, robot_from_dict
 from vdfmu.model.scenario import Scenario
 from vdfmu.model.scenario_file import read_scenario
+from vdfmu.model.system_file import SystemFile, read_system_file
 
-__all__ = ["check_robot", "load_robot", "load_scenario", "robot_from_dict", "robot_names", "scenario_names"]
+__all__ = [
+    "check_robot",
+    "load_robot",
+    "load_scenario",
+    "load_system",
+    "robot_from_dict",
+    "robot_names",
+    "scenario_names",
+]
 
 _DEEPEST = 50
 """Levels of lists and tables in a file; a robot has 7."""
@@ -85,15 +94,61 @@ def load_scenario(path_or_name: str | os.PathLike[str], robot: Robot | str | Non
             robot_problems = [f"{path}: robot: {error}"]
     if robot is not None and robot.name != Path(str(written)).stem:
         data.pop("paper", None)
-    scenario = read_scenario(problems, data, used)
+    system: SystemFile | None = None
+    named = data.get("system", "system")
+    if isinstance(named, str) and named:
+        try:
+            system = load_system(named, path.parent)
+        except ModelError as error:
+            robot_problems += error.problems
+        except UsageError as error:
+            robot_problems.append(f"{path}: system: {error}")
+    scenario = read_scenario(problems, data, used, system)
     problems.lines.extend(robot_problems)
     problems.raise_any()
     assert scenario is not None  # else there are problems
     return scenario
 
 
-def _names(folder: str) -> list[str]:
-    return sorted(path.stem for path in (data_path("models") / folder).glob("*.toml"))
+def load_system(path_or_name: str | os.PathLike[str], start: Path | None = None) -> SystemFile:
+    """Load a system by the name of a shipped one or by the path of a TOML file.
+
+    Parameters
+    ----------
+    path_or_name : str or path
+        As for `load_robot`.
+    start : Path, optional
+        Folder at which a relative path starts.
+
+    Raises
+    ------
+    UsageError
+        If no shipped system has the name.
+    ModelError
+        If the file cannot be used; it lists every problem.
+    """
+    path = _locate(path_or_name, "systems", start)
+    data = _read(path)
+    problems = Problems(str(path))
+    base: SystemFile | None = None
+    if "extends" in data:
+        try:
+            base = load_system(str(data["extends"]), path.parent)
+        except RecursionError:
+            raise ModelError(f"{path}: extends: the files extend each other.") from None
+        except UsageError as error:
+            problems.lines.append(f"{path}: extends: {error}")
+    system = read_system_file(problems, data, path, base)
+    problems.raise_any()
+    return system
+
+
+def _folder(kind: str) -> Path:
+    return data_path("ssp") if kind == "systems" else data_path("models") / kind
+
+
+def _names(kind: str) -> list[str]:
+    return sorted(path.stem for path in _folder(kind).glob("*.toml"))
 
 
 def _locate(path_or_name: str | os.PathLike[str], folder: str, start: Path | None = None) -> Path:
@@ -104,7 +159,7 @@ def _locate(path_or_name: str | os.PathLike[str], folder: str, start: Path | Non
         return path
     if not isinstance(path_or_name, str):
         return path
-    shipped = data_path("models") / folder / f"{text}.toml"
+    shipped = _folder(folder) / f"{text}.toml"
     if text not in _names(folder):
         raise UsageError(
             f"no {folder[:-1]} '{printable(text)}': expected a name or the path of a TOML file. "

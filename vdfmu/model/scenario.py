@@ -10,6 +10,7 @@ import numpy as np
 
 from vdfmu.model.parameters import PARAMETERS, Array
 from vdfmu.model.robot import Robot
+from vdfmu.model.system_file import SystemFile
 
 KINDS = ("contrast", "cosimulation")
 MASTERS = ("gauss-seidel", "jacobi", "extrapolated", "iterative")
@@ -97,8 +98,8 @@ class Scenario:
     name, description : str
     kind : "contrast" or "cosimulation"
         Torques along the motion by two formulations, or the closed loop of the units.
-    system : str
-        File in ``ssp/`` that has the units and their connections.
+    system : SystemFile
+        The components and their connections.
     robot : Robot
         The nominal robot, which the feedforward knows, with the friction arrangement of the scenario if its file
         names one.
@@ -116,6 +117,8 @@ class Scenario:
     controller : Controller
     plant_factors : mapping of str to float or (n,) array
         Field of the robot to its factor: plant = nominal * factor.
+    sections : mapping of str to mapping
+        Component to the values of its variables that the file sets, but for those above.
     paper : mapping
         What the paper reports: `source` and lists that start at joint 1. Empty if it reports nothing.
     """
@@ -123,7 +126,7 @@ class Scenario:
     name: str
     description: str
     kind: str
-    system: str
+    system: SystemFile
     robot: Robot
     robot_name: str
     stop: float
@@ -135,6 +138,7 @@ class Scenario:
     feedforward: Feedforward
     controller: Controller
     plant_factors: Mapping[str, Array | float]
+    sections: Mapping[str, Mapping[str, Any]]
     paper: Mapping[str, Any]
 
     @property

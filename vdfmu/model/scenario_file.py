@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 
-from vdfmu.data import data_path
 from vdfmu.errors import ModelError
 from vdfmu.model.check import check_step
 from vdfmu.model.parameters import PARAMETERS, Array, read_only
@@ -29,6 +28,7 @@ from vdfmu.model.scenario import (
     Trajectory,
     apply_factors,
 )
+from vdfmu.model.system_file import SystemFile
 
 SCENARIO_KEYS = (
     "name",
@@ -56,7 +56,9 @@ PAPER_LISTS = (
 )
 
 
-def read_scenario(problems: Problems, data: object, robot: Robot | None) -> Scenario | None:
+def read_scenario(
+    problems: Problems, data: object, robot: Robot | None, system: SystemFile | None
+) -> Scenario | None:
     """Read a scenario file's content.
 
     Parameters
@@ -67,18 +69,29 @@ def read_scenario(problems: Problems, data: object, robot: Robot | None) -> Scen
         The content of the file.
     robot : Robot or None
         The nominal robot; None if it could not be loaded, which lets the rest be read all the same.
+    system : SystemFile or None
+        The same.
 
     Returns
     -------
     Scenario or None
         None if there are problems.
     """
-    file = Table(problems, data, "", SCENARIO_KEYS)
+    components = tuple(system.parts) if system is not None else ()
+    # the sections of these units are read here; those of any other unit, also of one in their place, by its variables
+    of_package = ("trajectory", "feedforward", "controller")
+    ours = [u for u in of_package if system is None or (u in components and system.parts[u].unit == u)]
+    file = Table(problems, data, "", (*SCENARIO_KEYS, *components))
     n = robot.n if robot is not None else None
     name = file.name("name")
     description = file.text("description", "")
     kind = file.text("kind", choices=KINDS)
-    system = file.text("system", "system", sorted(path.stem for path in data_path("ssp").glob("*.toml")))
+    file.text("system", "system")
+    sections = {
+        name: file.optional_table(name, list(file.data.get(name, {}))).data
+        for name in components
+        if name in file.data and (name not in SCENARIO_KEYS or name not in ours)
+    }
     robot_name = file.text("robot")
     if "friction" in file.data:
         friction = file.text("friction", choices=FRICTION_ARRANGEMENTS)
@@ -92,10 +105,12 @@ def read_scenario(problems: Problems, data: object, robot: Robot | None) -> Scen
     tolerance = file.number("tolerance", "", SOLVER_TOLERANCE, above=0, way_out=way_out)
     if tolerance >= 1:
         problems.add("tolerance", "a relative tolerance < 1", shown(tolerance), way_out)
-    trajectory = _trajectory(file.table("trajectory", ("q_start", "q_end", "T", "t_start")), n)
     open_loop = kind == "contrast"
-    feedforward = _feedforward(file, n, open_loop)
-    controller = _controller(file, n, open_loop)
+    trajectory = _trajectory(file, n, "trajectory" in ours or open_loop)
+    feedforward = _feedforward(
+        file, n, "feedforward" not in ours or open_loop and "feedforward" not in file.data
+    )
+    controller = _controller(file, n, "controller" not in ours or open_loop and "controller" not in file.data)
     factors = _factors(file.optional_table("plant_factors", FACTOR_FIELDS), n)
     paper = _paper(file.optional_table("paper", ("source", *PAPER_LISTS)), n)
     if robot is not None and robot.limits:
@@ -109,7 +124,7 @@ def read_scenario(problems: Problems, data: object, robot: Robot | None) -> Scen
             check_robot(apply_factors(robot, factors), f"{problems.where}: plant_factors: the plant")
         except ModelError as error:
             problems.lines.extend(error.problems)
-    if robot is None or problems.lines:
+    if robot is None or system is None or problems.lines:
         return None
     return Scenario(
         name=name,
@@ -127,6 +142,7 @@ def read_scenario(problems: Problems, data: object, robot: Robot | None) -> Scen
         feedforward=feedforward,
         controller=controller,
         plant_factors=factors,
+        sections=sections,
         paper=paper,
     )
 
@@ -148,7 +164,12 @@ def _adaptive(file: Table, master: str) -> float | None:
     return error
 
 
-def _trajectory(table: Table, n: int | None) -> Trajectory:
+def _trajectory(file: Table, n: int | None, present: bool) -> Trajectory:
+    """Read [trajectory]; without that unit nothing moves."""
+    if not present:
+        none = read_only(np.zeros(n or 1))
+        return Trajectory(none, none, 1.0, 0.0)
+    table = file.table("trajectory", ("q_start", "q_end", "T", "t_start"))
     return Trajectory(
         q_start=_per_joint(table, "q_start", n, "rad, or m", at_most=PARAMETERS["q_max"].largest),
         q_end=_per_joint(table, "q_end", n, "rad, or m", at_most=PARAMETERS["q_max"].largest),
@@ -157,9 +178,9 @@ def _trajectory(table: Table, n: int | None) -> Trajectory:
     )
 
 
-def _feedforward(file: Table, n: int | None, open_loop: bool) -> Feedforward:
-    """Read [feedforward]; without the closed loop it may be missing, and its gains are 0."""
-    if open_loop and "feedforward" not in file.data:
+def _feedforward(file: Table, n: int | None, absent: bool) -> Feedforward:
+    """Read [feedforward]; without the closed loop, or that unit, it may be missing, and its gains are 0."""
+    if absent:
         none = read_only(np.zeros(n or 1))
         return Feedforward("inverse", none, none, none, none)
     table = file.table("feedforward", ("mode", "Lambda", "K_V", "k_vq", "k_vkappa"))
@@ -172,9 +193,9 @@ def _feedforward(file: Table, n: int | None, open_loop: bool) -> Feedforward:
     )
 
 
-def _controller(file: Table, n: int | None, open_loop: bool) -> Controller:
-    """Read [controller]; without the closed loop it may be missing, and its gains are 0."""
-    if open_loop and "controller" not in file.data:
+def _controller(file: Table, n: int | None, absent: bool) -> Controller:
+    """Read [controller]; without the closed loop, or that unit, it may be missing, and its gains are 0."""
+    if absent:
         none = read_only(np.zeros(n or 1))
         return Controller(none, none, read_only(np.full(n or 1, math.inf)), "kappa_dot")
     table = file.table("controller", ("K_p", "K_v", "tau_max", "velocity"))

@@ -131,6 +131,12 @@ def reference_sheet(summary: Summary) -> Sheet:
     torque = "N.m or N" if "N" in _units(summary, "torque_units", n) else "N.m"
     compared: Summary = summary.get("reference") or {}
     separation: Summary | None = summary.get("separation")
+    if any("max_difference" in entry for entry in compared.values()):
+        return _signals_sheet(compared)
+    if "no_reference" in summary:
+        return Sheet(
+            "Difference to the references", ("Reference",), [], [f"None: {summary['no_reference']}."]
+        )
     headings = (f"Position\n[{position}]", f"Torque\n[{torque}]")
     keys, factor = ("max_position_difference_rad", "max_torque_difference_nm"), 1.0
     notes = ["Largest over all joints and communication points; torques link side."]
@@ -153,6 +159,20 @@ def reference_sheet(summary: Summary) -> Sheet:
         ("Reference", *headings),
         rows,
         notes if rows else ["No reference was solved."],
+    )
+
+
+def _signals_sheet(compared: Summary) -> Sheet:
+    """Largest difference of every output of a system that has not the signals of the paper's."""
+    order = [signal for entry in compared.values() for signal in entry["max_difference"]]
+    return Sheet(
+        "Difference to the references",
+        ("Signal", *(str(entry.get("name", key)) for key, entry in compared.items())),
+        [
+            (signal, *(number(entry["max_difference"][signal]) for entry in compared.values()))
+            for signal in dict.fromkeys(order)
+        ],
+        ["Largest over all elements and communication points, in the units of the signals."],
     )
 
 

@@ -13,11 +13,11 @@ import numpy as np
 from vdfmu.errors import SspError
 from vdfmu.kernel.structure import parameters
 from vdfmu.model import Scenario
+from vdfmu.model.system_file import Box, SystemFile
 from vdfmu.ssp.parameters import system_values
-from vdfmu.ssp.system_file import read_system
+from vdfmu.ssp.parts import Variables, tables_of
 from vdfmu.unit.interface import Interface, general_description
 from vdfmu.unit.variable import Variable
-from vdfmu.units import shipped_units
 
 __all__ = ["Binding", "Link", "ParameterSet", "Signal", "SystemDescription", "positions"]
 
@@ -118,21 +118,22 @@ class SystemDescription:
         self.scenario = scenario
         self.version = version
         self.values: Values = system_values(scenario) if values is None else values
-        content = read_system(scenario.system)
-        self.name: str = content["name"]
-        self.description: str = content["description"]
-        self.corners: dict[str, tuple[float, float, float, float]] = {
-            unit: tuple(corners) for unit, corners in content["units"].items()
-        }
-        self.groups: dict[str, list[str]] = content["connections"]
-        self._shared: dict[str, dict[str, str]] = content["shared"]
-        self.tables: dict[str, Interface] = {
-            unit: Interface(shipped_units()[unit], scenario.robot) for unit in self.corners
-        }
+        system = scenario.system
+        self.name, self.description = system.name, system.description
+        self.groups = system.connections
+        self._shared = system.shared
+        self.tables: dict[str, Variables] = tables_of(scenario)
+        self.corners = _corners(system)
         self._signals = {unit: self._signals_of(table) for unit, table in self.tables.items()}
 
-    def _signals_of(self, table: Interface) -> tuple[Signal, ...]:
-        if self.version == "1.0":
+    def fmu_name(self, component: str) -> str:
+        """File of a component's FMU in a package: components of one unit have the names of the components."""
+        model = self.tables[component].model_name
+        alone = [table.model_name for table in self.tables.values()].count(model) == 1
+        return f"{model}.fmu" if alone else f"{model}_{component}.fmu"
+
+    def _signals_of(self, table: Variables) -> tuple[Signal, ...]:
+        if self.version == "1.0" or not isinstance(table, Interface):
             return tuple(Signal(v.name, (v,), (), v.type) for v in table)
         found: list[Signal] = []
         for array in table.arrays:
@@ -153,8 +154,8 @@ class SystemDescription:
 
     @cached_property
     def tolerance(self) -> float:
-        """Relative tolerance of the plant's solver."""
-        return float(self.values["plant"]["tolerance"])
+        """Tolerance of the units' solvers."""
+        return float(self.values.get("plant", {}).get("tolerance", self.scenario.tolerance))
 
     @cached_property
     def links(self) -> tuple[Link, ...]:
@@ -188,11 +189,11 @@ class SystemDescription:
                         )
                     )
         if not links:
-            raise SspError(f"ssp/{self.scenario.system}.toml: {source} -> {target}: the two share no signal.")
+            raise SspError(f"{self.scenario.system.path}: {source} -> {target}: the two share no signal.")
         return links
 
     def element_links(self) -> Iterator[tuple[str, int, str, int]]:
-        """Yield every connection of single elements: unit and position of the output, unit and position of the input."""
+        """Yield every connection of single elements: unit and position of the output, the same of the input."""
         for source, targets in self.groups.items():
             for target in targets:
                 (start, start_group), (end, end_group) = source.split("."), target.split(".")
@@ -289,9 +290,20 @@ class SystemDescription:
         return found
 
 
-def _places(table: Interface, group: str) -> range:
-    where = table.groups[group]
-    return range(where.start, where.stop)
+def _places(table: Variables, group: str) -> list[int]:
+    return [i for i, v in enumerate(table.variables) if v.group == group]
+
+
+def _corners(system: SystemFile) -> dict[str, Box]:
+    """Corners of every component in the diagram; those without a place get a column each, behind the others."""
+    given = [part.box for part in system.parts.values() if part.box is not None]
+    x = max((box[2] for box in given), default=-60.0) + 60.0
+    bottom = min((box[1] for box in given), default=0.0)
+    corners: dict[str, Box] = {}
+    for name, part in system.parts.items():
+        corners[name] = part.box or (x, bottom, x + 70.0, bottom + 100.0)
+        x += 130.0 if part.box is None else 0.0
+    return corners
 
 
 def _key(entry: tuple[Signal, Sequence[Any]]) -> tuple[Any, ...]:

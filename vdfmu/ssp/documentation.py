@@ -99,7 +99,7 @@ def _components(description: SystemDescription) -> str:
     rows = [
         (
             unit,
-            f"resources/{description.tables[unit].model_name}.fmu",
+            f"resources/{description.fmu_name(unit)}",
             escape(table.description),
             "<br>".join(_binding(b.file, b.mapping) for b in description.bindings[unit]),
         )

@@ -70,7 +70,7 @@ def _add_component(
         name=unit,
         description=description.tables[unit].description,
         type="application/x-fmu-sharedlibrary",
-        source=f"resources/{description.tables[unit].model_name}.fmu",
+        source=f"resources/{description.fmu_name(unit)}",
         implementation="CoSimulation",
     )
     connectors = add(component, "ssd:Connectors")
@@ -86,8 +86,11 @@ def _add_component(
         iconSource=f"resources/icons/{unit}.svg",
         iconFixedAspectRatio="true",
     )  # fmt: skip
+    bound_sets = description.bindings[unit]
+    if not bound_sets:
+        return
     bindings = add(component, "ssd:ParameterBindings")
-    for bound in description.bindings[unit]:
+    for bound in bound_sets:
         binding = add(bindings, "ssd:ParameterBinding", source=f"resources/{bound.file}")
         if bound.mapping:
             add(binding, "ssd:ParameterMapping", source=f"resources/{mapping_name(unit, bound.file)}")

@@ -69,10 +69,7 @@ def write_ssp(
     description = SystemDescription(scenario, values, version)
     fmus = {unit: fmu for unit, fmu in fmus.items() if unit in description.tables}
     require_fmi(fmus, fmi_version, f"SSP {version}")
-    icons = {
-        f"resources/icons/{unit}.svg": (data_path("fmu_src") / "icons" / f"{unit}.svg").read_bytes()
-        for unit in description.tables
-    }
+    icons = {f"resources/icons/{name}.svg": _icon(table.name) for name, table in description.tables.items()}
     ssd = structure_file(description)
     members = {"SystemStructure.ssd": _checked(ssd, "ssd", "SystemStructure.ssd", version), **icons}
     for file, parameters in description.parameter_sets.items():
@@ -86,7 +83,7 @@ def write_ssp(
     members["documentation/index.html"] = system_page(description, ssd, icons, fmi_version)
     try:
         for unit, fmu in fmus.items():
-            members[f"resources/{description.tables[unit].model_name}.fmu"] = Path(fmu).read_bytes()
+            members[f"resources/{description.fmu_name(unit)}"] = Path(fmu).read_bytes()
         path.parent.mkdir(parents=True, exist_ok=True)
         pack_zip(path, members)
     except OSError as error:
@@ -94,6 +91,12 @@ def write_ssp(
             f"{path}: cannot be written: {error}. Choose another folder or free space."
         ) from error
     return path
+
+
+def _icon(unit: str) -> bytes:
+    icons = data_path("fmu_src") / "icons"
+    own = icons / f"{unit}.svg"
+    return (own if own.is_file() else icons / "unit.svg").read_bytes()
 
 
 def _checked(root: Any, kind: str, name: str, version: str) -> bytes:

@@ -6,7 +6,6 @@ import dataclasses
 import math
 import os
 from collections.abc import Callable, Mapping
-from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -17,19 +16,17 @@ from vdfmu.cosim import Interrupted, LogMessage, Results, simulate
 from vdfmu.cosim.container import simulate_container, write_container
 from vdfmu.cosim.master import check_coupling
 from vdfmu.errors import CosimError, UsageError
-from vdfmu.fmu import build_fmus
 from vdfmu.fmu.build import build_notes, choose_backend
-from vdfmu.fmu.content import Content
-from vdfmu.kernel.cache import cache_folder, load, store
 from vdfmu.model import Robot, Scenario, load_robot, load_scenario
 from vdfmu.model.check import check_step, model_notes
 from vdfmu.model.read import Problems
 from vdfmu.model.scenario import MASTERS
 from vdfmu.report.plots import contrast_figures, run_figures
+from vdfmu.report.signals import signals_figure
 from vdfmu.ssp.description import SystemDescription
 from vdfmu.ssp.parameters import system_values
+from vdfmu.ssp.parts import cached_fmus
 from vdfmu.ssp.read import load_ssp
-from vdfmu.ssp.system_file import units_of
 from vdfmu.ssp.write import write_ssp
 from vdfmu.study.contrast import contrast
 from vdfmu.study.folder import DRAWN, RUN_OUTPUTS, keep, replacing_results, write_summary
@@ -37,21 +34,23 @@ from vdfmu.study.reference import BLOCK, REFERENCE_OF, reference_blocks
 from vdfmu.study.summary import (
     compare,
     estimation_errors,
+    has_signals,
     implied_gains,
     power_bond,
     sampling_warnings,
     tracking_errors,
 )
 from vdfmu.temporary import temporary_folder
-from vdfmu.units import shipped_units
 
-__all__ = ["cached_fmus", "prepare", "run"]
+__all__ = ["prepare", "run"]
 
 Progress = Callable[[str, int, int], None]
 """Called with the stage, the number of finished steps and their total."""
 
 _VISIBLE = 1e-3
 """Share of the largest position error above which a difference to a reference shows in the tables of three digits."""
+_DRAWN = ("trajectory.q_d", "plant.q", "controller.tau", "controller.tau_m")
+"""Signals that the figures of a run show; a system without them gets a picture of its signals."""
 _NUDGE = 1e-9
 """Relative change of the rotor inertias that must not show; below every tolerance that a scenario has."""
 
@@ -64,6 +63,7 @@ def prepare(
     stop: float | None = None,
     master: str | None = None,
     adaptive: float | None = None,
+    units: Mapping[str, Any] | None = None,
 ) -> Scenario:
     """Load a scenario and replace what the options name, with the checks of a scenario file.
 
@@ -78,6 +78,8 @@ def prepare(
         scenario = load_scenario(scenario, robot)
     elif robot is not None:
         raise UsageError("robot: give it with the name or path of a scenario, not with a loaded one.")
+    if units:
+        scenario = dataclasses.replace(scenario, system=scenario.system.with_units(units))
     changes = {"step": step, "stop": stop, "master": master, "adaptive": adaptive}
     scenario = dataclasses.replace(scenario, **{k: v for k, v in changes.items() if v is not None})
     if scenario.master not in MASTERS:
@@ -87,29 +89,6 @@ def prepare(
     check_coupling(scenario.master, scenario.adaptive)
     check_options(scenario.stop, scenario.step)
     return scenario
-
-
-def cached_fmus(
-    scenario: Scenario, folder: str | os.PathLike[str], backend: str | None = None
-) -> dict[str, Path]:
-    """FMUs of a scenario's system in `folder`: those that the cache has, by their content, and the others built."""
-    robot, units, backend = scenario.robot, units_of(scenario), choose_backend(backend)
-    cached: dict[str, bytes | None] = {}
-    places = {
-        u: cache_folder() / "fmus" / Content(shipped_units()[u], robot, {}, backend).guid.strip("{}")
-        for u in units
-    }
-    for unit, place in places.items():
-        cached[unit] = content = load(place)
-        if content is not None:
-            with suppress(OSError):  # of which the build then says more
-                (Path(folder) / f"{shipped_units()[unit].__name__}.fmu").write_bytes(content)
-    fmus = build_fmus(robot, folder, units=units, backend=backend)
-    for unit, fmu in fmus.items():
-        content = fmu.read_bytes()
-        if content != cached[unit]:
-            store(places[unit], content)
-    return fmus
 
 
 def run(
@@ -126,6 +105,7 @@ def run(
     backend: str | None = None,
     container: bool = False,
     settings: Mapping[str, Any] | None = None,
+    units: Mapping[str, Any] | None = None,
     progress: Progress | None = None,
     log: Callable[[LogMessage], None] | None = None,
 ) -> Results:
@@ -157,6 +137,10 @@ def run(
     settings : mapping of str to value, optional
         Parameters and inputs that nothing feeds, ``{"controller.K_p[1]": 3000}``; without an index for all elements,
         one value or a list or array with one for each.
+    units : mapping of str to unit, optional
+        Component to the unit that takes its place: a class, ``my_unit.py``, ``my_units.py:Name``, the name of a unit
+        of the package, or an FMU of any tool, ``My.fmu``. Values of the scenario that it has no parameter for are left
+        out.
     progress : callable, optional
         Called with stage, done, total.
     log : callable, optional
@@ -174,7 +158,9 @@ def run(
     CosimError, vdfmu.cosim.Interrupted
         A unit failed, or the user stopped the run. The rows so far are in ``partial/results.csv`` of the folder.
     """
-    scenario = prepare(scenario, robot=robot, step=step, stop=stop, master=master, adaptive=adaptive)
+    scenario = prepare(
+        scenario, robot=robot, step=step, stop=stop, master=master, adaptive=adaptive, units=units
+    )
     folder = Path(out) if out is not None else Path("results") / scenario.name
     report = progress or (lambda stage, done, total: None)
     if scenario.kind == "contrast":
@@ -226,7 +212,7 @@ def run(
         summary |= results.summary | {"real_time_factor": scenario.stop / wall}
         summary |= tracking_errors(results, scenario.robot)
         summary |= power_bond(results, scenario.robot)
-        if "estimator" in units_of(scenario):
+        if has_signals(results, "plant.tau_s", "estimator.tau_s_hat", "estimator.tau_f_hat"):
             summary |= estimation_errors(results, scenario.master)
         summary["paper"] = dict(scenario.paper)
         summary |= implied_gains(scenario.paper, scenario.robot, values)
@@ -234,7 +220,10 @@ def run(
         write_summary(summary, partial)
         if reference:
             summary |= _references(scenario, package, values, results, report)
-        run_figures(results.thinned(DRAWN), scenario, partial)
+        if has_signals(results, *_DRAWN):
+            run_figures(results.thinned(DRAWN), scenario, partial)
+        else:
+            signals_figure(results.thinned(DRAWN), partial)
         write_summary(summary, partial)
         return results
 
@@ -296,12 +285,23 @@ def _references(
     """
     compared: dict[str, Any] = {}
     found: dict[str, Any] = {"reference": compared}
+    foreign = [name for name, part in scenario.system.parts.items() if part.fmu is not None]
+    if foreign:
+        return {
+            "no_reference": f"{', '.join(foreign)}: an FMU of another tool has no equations to solve here"
+        }
+    if not has_signals(results, "trajectory.q_d", "plant.q"):
+        for key, name in _wanted(scenario):
+            blocks = reference_blocks(
+                name, SystemDescription(scenario, values), step=scenario.step, stop=scenario.stop
+            )
+            compared[key] = compare(results, blocks, scenario.robot)[0]
+        return found
     visible = _VISIBLE * max(
         float(np.abs(part.array("trajectory.q_d") - part.array("plant.q")).max())
         for part in results.blocks(BLOCK)
     )
-    wanted = {"sampled": REFERENCE_OF.get(scenario.master), "continuous": "continuous"}
-    for key, name in ((key, name) for key, name in wanted.items() if name is not None):
+    for key, name in _wanted(scenario):
         stage = f"{name} reference"
         report(stage, 0, 1)
         solution = reference_blocks(
@@ -313,13 +313,19 @@ def _references(
         )
         compared[key], statistics = compare(results, solution, scenario.robot)
         report(stage, 1, 1)
-        if len(compared) == 1 and compared[key]["max_position_difference_rad"] > visible:
+        if len(compared) == 1 and compared[key].get("max_position_difference_rad", 0.0) > visible:
             separation = _separation(scenario, package, values, results)
             if separation > visible:
                 found["separation"] = {"change": _NUDGE, "max_position_difference_rad": separation}
         if "separation" in found:
             compared[key] |= statistics
     return found
+
+
+def _wanted(scenario: Scenario) -> list[tuple[str, str]]:
+    """Key of the summary and name of each reference that a run is compared with."""
+    sampled = REFERENCE_OF.get(scenario.master)
+    return [*([("sampled", sampled)] if sampled else []), ("continuous", "continuous")]
 
 
 def _separation(

@@ -13,7 +13,7 @@ from vdfmu.model import Robot
 from vdfmu.study.reference import BLOCK, REFERENCE_OF, Reference
 
 __all__ = [
-    "compare", "estimation_errors", "implied_gains", "power_bond", "sampling_warnings",
+    "compare", "estimation_errors", "has_signals", "implied_gains", "power_bond", "sampling_warnings",
     "tracking_errors",
 ]  # fmt: skip
 
@@ -21,12 +21,19 @@ _SAMPLING_LIMIT = 0.5
 _ESTIMATES = ("tau_f_hat", "tau_s_hat")
 
 
+def has_signals(results: Results, *groups: str) -> bool:
+    """Whether a run recorded the first element of groups ``component.signal``."""
+    return all(f"{group}[1]" in results for group in groups)
+
+
 def tracking_errors(results: Results, robot: Robot) -> dict[str, Any]:
     """Position errors in deg (mm for prismatic joints) and torque compensation errors link-side in N m (N).
 
     The compensation error is the control torque minus the feedforward torque that the controller added to, as the
-    paper's Fig. 11(b): ``ell (tau - tau_m)``.
+    paper's Fig. 11(b): ``ell (tau - tau_m)``. Empty for a system without these signals.
     """
+    if not has_signals(results, "trajectory.q_d", "plant.q", "controller.tau", "controller.tau_m"):
+        return {}
     revolute = np.array([t == "revolute" for t in robot.joint_types])
     scale = np.where(revolute, 180.0 / np.pi, 1e3)
     squares, largest = np.zeros((2, robot.n)), np.zeros(robot.n)
@@ -64,6 +71,8 @@ def implied_gains(
     )
     si = [np.pi / 180.0 if joint == "revolute" else 1e-3 for joint in robot.joint_types]
     joints = range(min(len(torque), len(position)))
+    if "K_p[1]" not in values.get("controller", {}):
+        return {}
     if not joints or not all(position[i] for i in joints):
         return {}
     return {
@@ -87,6 +96,10 @@ def compare(
         Largest relative differences of a joint between the RMS errors of the run and of the reference, for loops whose
         single solutions separate, see `vdfmu.study.run`. Errors as in :func:`tracking_errors`.
     """
+    if not has_signals(
+        results, "trajectory.q_d", "plant.q", "controller.tau", "controller.tau_m", "feedforward.tau_m"
+    ):
+        return _compare_all(results, reference), {}
     name, at, position, torque, before = "", 0.0, -1.0, 0.0, None
     squares = np.zeros((4, robot.n))  # of the errors of position and torque, ours and theirs
     for part, solution in zip(results.blocks(BLOCK), reference, strict=True):
@@ -115,6 +128,21 @@ def compare(
         "rms_position_difference": float(separate[0]),
         "rms_torque_difference": float(separate[1]),
     }
+
+
+def _compare_all(results: Results, reference: Iterable[Reference]) -> dict[str, Any]:
+    """Return the largest absolute difference of every output."""
+    found: dict[str, float] = {}
+    groups = {signal.partition("[")[0]: "[" in signal for signal in results.names}
+    name = ""
+    for part, solution in zip(results.blocks(BLOCK), reference, strict=True):
+        name = solution.name
+        for signal, rows in solution.signals.items():
+            if signal in groups:
+                seen = part.array(signal) if groups[signal] else part[signal]
+                values = seen.reshape(rows.shape)
+                found[signal] = max(found.get(signal, 0.0), float(np.abs(values - rows).max()))
+    return {"name": name, "max_difference": found}
 
 
 def estimation_errors(results: Results, master: str) -> dict[str, Any]:
@@ -169,16 +197,17 @@ def power_bond(results: Results, robot: Robot) -> dict[str, Any]:
 
 def sampling_warnings(values: Mapping[str, Mapping[str, Any]], robot: Robot, step: float | None) -> list[str]:
     """Warnings on gains that destabilise the sampled loop; `step` None: none does."""
-    controller, plant = values["controller"], values["plant"]
+    controller, plant = values.get("controller", {}), values.get("plant", {})
     warnings: list[str] = []
-    for i in range(1, robot.n + 1) if step is not None else ():
+    known = all(f"{key}[1]" in controller for key in ("K_v", "ell")) and "I_m[1]" in plant
+    for i in range(1, robot.n + 1) if step is not None and known else ():
         number = controller[f"K_v[{i}]"] * step / (controller[f"ell[{i}]"] * plant[f"I_m[{i}]"])
         if number > _SAMPLING_LIMIT:
             warnings.append(
                 f"Joint {i}: K_v*step/(ell*I_m) = {number:.2g} is above {_SAMPLING_LIMIT}: the sampled loop may be "
                 f"unstable. Lower controller.K_v[{i}] or the step."
             )
-    if controller["velocity"] == 1:
+    if controller.get("velocity") == 1:
         warnings.append(
             "controller.velocity = q_dot: the derivative acts across the spring (non-collocated) and is "
             "unstable at the usual gains. kappa_dot is the default."

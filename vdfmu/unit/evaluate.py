@@ -39,7 +39,11 @@ class Evaluation:
         self.x, self.x_dot = memory[interface.states], memory[interface.derivatives]
 
     def group(self, name: str) -> Floats:
-        """Values of a group, or of ``p``, ``x``, ``x_dot`` or ``t``, in place."""
+        """Values of a group, in place."""
+        return self.memory[self.interface.groups[name]]
+
+    def argument(self, name: str) -> Floats:
+        """Values of an argument of traced functions, in place."""
         return self.memory[self.interface.slice(name)]
 
     def start(self) -> None:
@@ -59,7 +63,7 @@ class Evaluation:
         raise NotImplementedError
 
     def rate(self, t: float, x: Floats) -> Floats:
-        """Derivatives at a time and a state, (n_x,), for a solver."""
+        """Return the derivatives at a time and a state, (n_x,), for a solver."""
         self.memory[-1] = t
         self.x[:] = x
         self.derivatives()
@@ -94,10 +98,12 @@ class Traced(Evaluation):
         names = (*function.name_in(), *function.name_out())
         new = [name for name in function.name_out() if call.group(name) != name]
         bound = functions.function(
-            call.function, **{name: self.group(call.group(name)) for name in names if name not in new}
+            call.function, **{name: self.argument(call.group(name)) for name in names if name not in new}
         )
-        copies = [(self.group(call.group(name)), bound.results[name]) for name in new]
-        conditions = [(self.group(argument_name(choice)), float(value)) for choice, value in call.when]
+        copies = [(self.argument(call.group(name)), bound.results[name]) for name in new]
+        conditions = [(self.argument(argument_name(choice)), float(value)) for choice, value in call.when]
+        if not conditions and not copies:
+            return lambda: bound.run()  # keeps `bound`, whose buffers it needs
 
         def run_chosen() -> None:
             if all(parameter[0] == value for parameter, value in conditions):
@@ -159,24 +165,21 @@ class Plain(Evaluation):
             start = self.interface.groups[declared.state.name].start - self.interface.states.start
             size = int(np.prod(declared.sizes(self._unit.n), dtype=int))
             return self.x_dot[start : start + size]
-        return self.memory[self.interface.groups[declared.name]]
+        return self.group(declared.name)
 
     def time(self) -> float:
         """Time [s]."""
         return float(self.memory[-1])
 
-    def _field(self, name: str) -> Floats:
-        return self.memory[self.interface.groups[name]]
-
     def robot(self, fields: tuple[str, ...]) -> Any:
         """Robot with the parameters in the memory."""
         robot = self.interface.robot
         assert isinstance(robot, Robot)
-        values = self.group("p") if not fields else np.concatenate([self._field(field) for field in fields])
+        values = self.argument("p") if not fields else np.concatenate([self.group(field) for field in fields])
         key = values.tobytes()
         if self._robot[0] != key:
             if fields:
-                made = robot.with_parameters(**{field: self._field(field) for field in fields})
+                made = robot.with_parameters(**{field: self.group(field) for field in fields})
             else:
                 made = set_parameters(robot, values)
             self._robot = key, made

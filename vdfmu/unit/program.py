@@ -2,7 +2,8 @@
 
 The Python slave runs the lists, the native FMU is generated from them, and the dependencies are read off them. The
 arguments and results of a function are names of groups of variables; further groups are ``p``, the robot's run-time
-parameters, ``x`` and ``x_dot``, the continuous states and their derivatives, and ``t``, the time.
+parameters, ``x`` and ``x_dot``, the continuous states and their derivatives, and ``t``, the time. A variable of such a
+name is ``own_x`` there.
 """
 
 from __future__ import annotations
@@ -18,7 +19,8 @@ import numpy as np
 
 from vdfmu.kernel.functions import Functions
 from vdfmu.kernel.rodas import rodas_step
-from vdfmu.kernel.structure import SOURCES, source_digest, structure_key
+from vdfmu.kernel.structure import SOURCES as KERNEL_SOURCES
+from vdfmu.kernel.structure import source_digest, structure_key
 from vdfmu.kernel.trace import traced_function
 from vdfmu.model import Robot
 from vdfmu.scalar.elimination import factorize, solve
@@ -26,9 +28,10 @@ from vdfmu.scalar.symbol import from_sx, to_sx
 from vdfmu.unit.declaration import PHASES, Unit, unit_name
 from vdfmu.unit.trace import Leaf, SymbolicWatch, argument_name, leaves, run, state_slices
 
-__all__ = ["Call", "Program", "UnitFunctions"]
+__all__ = ["SOURCES", "Call", "Program", "UnitFunctions"]
 
-_SOURCES = (*SOURCES, "unit", "units")
+SOURCES = (*KERNEL_SOURCES, "unit", "units")
+"""Packages that decide what a traced function of a unit computes."""
 
 
 @dataclass(frozen=True)
@@ -102,7 +105,7 @@ class UnitFunctions(Functions):
         instance = unit(robot)
         self._calls = {phase: self._listed(phase, leaves(instance, phase)) for phase in PHASES}
         self.shipped = unit.__module__.startswith("vdfmu.units.")
-        key = f"{structure_key(robot) if robot is not None else 'no-robot'}-{source_digest(*_SOURCES)[:16]}"
+        key = f"{structure_key(robot) if robot is not None else 'no-robot'}-{source_digest(*SOURCES)[:16]}"
         super().__init__(key, cache if self.shipped else None)
 
     def _listed(self, phase: str, found_leaves: list[Leaf]) -> list[Call]:
@@ -115,7 +118,7 @@ class UnitFunctions(Functions):
         return found
 
     def calls(self, phase: str) -> list[Call]:
-        """Calls of one method, one for each value of the choices that it reads."""
+        """Return the calls of one method, one for each value of the choices that it reads."""
         return self._calls[phase]
 
     def names(self) -> list[str]:
@@ -208,7 +211,8 @@ class _Stiff:
 
     def step(self, name: str) -> ca.Function:
         """One Rodas4 step, inputs linear in time, and its local error relative to the tolerance, by component."""
-        x, h, tolerance = self.x, ca.SX.sym("h"), ca.SX.sym("tolerance")
+        x, h = self.x, ca.SX.sym("h")
+        tolerance = self.inputs.get("tolerance", ca.SX.sym("tolerance"))  # also of a method that reads it
         f = ca.Function("f", list(self.inputs.values()), [self.x_dot])
 
         def at(x_i: ca.SX, time: ca.SX) -> ca.SX:

@@ -37,7 +37,7 @@ _TAKEN = re.compile(
     # keywords of C, and functions of math.h that traced functions call
     r"|auto|bool|case|char|const|default|do|double|enum|extern|false|float|goto|inline|int|long|register|restrict|short"
     r"|signed|sizeof|static|struct|switch|true|typedef|typeof|union|unsigned|void|volatile"
-    r"|a?(cos|sin|tan)h?|atan2|ceil|copysign|exp|expm1|fabs|floor|fmax|fmin|log|log1p|pow|remainder|sqrt"
+    r"|a?(cos|sin|tan)h?|atan2|ceil|copysign|exp|expm1|fabs|floor|fmax|fmin|log|log1p|pow|sqrt"
 )
 
 
@@ -181,6 +181,7 @@ class SymbolicWatch(_Watch):
         return self.symbols[name]
 
     def value(self, declared: Declared) -> Any:
+        """Symbols of a variable."""
         where = state_slices(self.unit)
         shape = declared.sizes(self.unit.n)
         size = int(np.prod(shape, dtype=int))
@@ -194,19 +195,22 @@ class SymbolicWatch(_Watch):
         return array.view(SymbolArray) if shape else array[()]
 
     def field(self, name: str) -> Any:
+        """Symbols of a field of the robot."""
         return from_sx(self.symbol(argument_name(name), self.unit.n)).view(SymbolArray)
 
     def time_value(self) -> Any:
+        """Symbol of the time."""
         return from_sx(self.symbol("t", 1))[0]
 
     def robot_value(self) -> Any:
+        """Robot whose run-time parameters are symbols."""
         if self._robot is None:
             assert self.unit.of_robot is not None
             self._robot, self.symbols["p"] = symbolic_robot(self.unit.of_robot)
         return self._robot
 
     def expressions(self) -> dict[str, ca.SX]:
-        """What the method has set, as columns; continuous states together as ``x``, derivatives as ``x_dot``."""
+        """Return what the method has set, as columns; continuous states as ``x``, derivatives as ``x_dot``."""
         found: dict[str, ca.SX] = {}
         together: dict[str, dict[str, ca.SX]] = {"x": {}, "x_dot": {}}
         where = state_slices(self.unit)
@@ -300,6 +304,7 @@ def run(unit: Unit, phase: str, watch: Any) -> Any:
         Naming file, line and reason.
     """
     unit.watch(watch)
+    symbols = isinstance(watch, SymbolicWatch)
     try:
         with np.errstate(all="ignore"):
             return getattr(unit, phase)()
@@ -308,14 +313,20 @@ def run(unit: Unit, phase: str, watch: Any) -> Any:
     except RecursionError as error:
         _fail(unit, phase, error, "it calls itself without end")
     except (KernelError, UnitError, UsageError) as error:
-        _fail(unit, phase, error, str(error).rstrip("."))
+        _fail(unit, phase, error, str(error).rstrip("."), symbols)
     except Exception as error:
-        _fail(unit, phase, error, f"{type(error).__name__}: {error}")
+        _fail(unit, phase, error, f"{type(error).__name__}: {error}".rstrip(".: "), symbols)
     finally:
         unit.watch(None)
 
 
-def _fail(unit: Unit, phase: str, error: Exception, reason: str) -> NoReturn:
+_WAY_OUT = (
+    " Write it with arithmetic, elementwise functions of numpy and those of vdfmu.unit; or write "
+    'backend = "python" in the class, and its FMU runs the method in Python.'
+)
+
+
+def _fail(unit: Unit, phase: str, error: Exception, reason: str, symbols: bool = False) -> NoReturn:
     file = _file(type(unit))
     lines = [
         frame.lineno
@@ -323,7 +334,10 @@ def _fail(unit: Unit, phase: str, error: Exception, reason: str) -> NoReturn:
         if frame.filename == inspect.getsourcefile(type(unit))
     ]
     where = f"{file}, line {lines[-1]}" if lines else file
-    raise UnitError(f"{where}: {phase}() of {type(unit).__name__} fails: {reason}.") from None
+    what = "cannot be traced" if symbols else "fails"
+    raise UnitError(
+        f"{where}: {phase}() of {type(unit).__name__} {what}: {reason}.{_WAY_OUT if symbols else ''}"
+    ) from None
 
 
 def _file(unit: type[Unit]) -> str:

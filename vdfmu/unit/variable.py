@@ -115,7 +115,7 @@ def scalar_variables(unit: type[Unit], robot: Robot | None) -> list[Variable]:
 
 
 def derivative_variables(unit: type[Unit], robot: Robot | None) -> list[Variable]:
-    """Derivatives of the continuous states of a unit, in the order of the states."""
+    """Return the derivatives of the continuous states of a unit, in the order of the states."""
     by_state = {d.state: d for d in unit.declared.values() if isinstance(d, Derivative)}
     states = [d for d in unit.declared.values() if type(d) is State]
     return [v for state in states for v in _scalars(by_state[state], robot)]
@@ -125,8 +125,7 @@ def _scalars(declared: Declared, robot: Robot | None) -> Iterator[Variable]:
     shape = declared.sizes(robot.n if robot is not None else 0)
     start: Any = None
     if declared.set_by is None:
-        start = declared.start(robot) if callable(declared.start) else declared.start
-        start = np.broadcast_to(np.asarray(start), shape)
+        start = declared.start_value(robot)
     for position, index in enumerate(np.ndindex(shape)):
         joint = (
             robot.joint_types[index[0]] if robot is not None and JOINTS in declared.shape[:1] else "revolute"
@@ -151,7 +150,7 @@ def _scalars(declared: Declared, robot: Robot | None) -> Iterator[Variable]:
 
 
 def _text(declared: Declared, position: int, index: tuple[int, ...]) -> str:
-    """Description of an element."""
+    """Return the description of an element."""
     if not isinstance(declared.text, str):
         return declared.text[position]
     text = declared.text

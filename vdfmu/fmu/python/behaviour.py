@@ -75,7 +75,9 @@ class Behaviour:
                 if self._solver is not None:
                     self._solver.advance(begin, end - begin)
                     if not np.isfinite(self._unit.x).all():
-                        raise KernelError(f"the states are not finite before t = {end:.9g} s. Check the parameters.")
+                        raise KernelError(
+                            f"the states are not finite before t = {end:.9g} s. Check the parameters."
+                        )
             self.outputs(t + duration)
         except (KernelError, UnitError) as error:
             self.memory[:] = before

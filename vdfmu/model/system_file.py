@@ -1,0 +1,170 @@
+"""System files: which components a system has, and what is connected to what."""
+
+from __future__ import annotations
+
+import dataclasses
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, cast
+
+from vdfmu.errors import UsageError
+from vdfmu.model.read import Problems, Table, nearest, shown
+
+__all__ = ["Box", "Part", "SystemFile", "read_system_file"]
+
+_KEYS = ("extends", "name", "description", "units", "shared", "connections")
+Box = tuple[float, float, float, float]
+
+
+@dataclass(frozen=True)
+class Part:
+    """A component of a system.
+
+    Attributes
+    ----------
+    unit : str or type
+        Name of a unit of the package, ``file.py`` or ``file.py:Name`` of one's own, a class, or ``file.fmu`` of any
+        tool.
+    box : (x1, y1, x2, y2) or None
+        Corners in a diagram [mm], lower left and upper right; None: a place is found.
+    """
+
+    unit: Any
+    box: Box | None = None
+
+    @property
+    def fmu(self) -> Path | None:
+        """The FMU of any tool; None for a unit."""
+        named = str(self.unit)
+        return Path(named) if not isinstance(self.unit, type) and named.lower().endswith(".fmu") else None
+
+
+@dataclass(frozen=True)
+class SystemFile:
+    """A system as its file has it.
+
+    Attributes
+    ----------
+    name, description : str
+    path : Path
+    parts : dict of str to Part
+        Components by name.
+    connections : dict of str to list of str
+        ``component.output`` to what it feeds, groups of signals: one connection for every index that both have.
+    shared : dict of str to dict of str to str
+        Values that components share under names of their own: name of the parameter set, to component to group.
+    """
+
+    name: str
+    description: str
+    path: Path
+    parts: Mapping[str, Part]
+    connections: Mapping[str, list[str]]
+    shared: Mapping[str, Mapping[str, str]]
+
+    def with_units(self, units: Mapping[str, Any]) -> SystemFile:
+        """Return the system with other units for some components.
+
+        Raises
+        ------
+        UsageError
+            For a name that is not that of a component.
+        """
+        parts = dict(self.parts)
+        for name, unit in units.items():
+            if name not in parts:
+                raise UsageError(
+                    f"units: the system {self.name} has no component {name!r}. There are: {', '.join(parts)}."
+                )
+            value = unit if isinstance(unit, type) else os.fspath(unit)
+            parts[name] = dataclasses.replace(parts[name], unit=value)
+        return dataclasses.replace(self, parts=parts)
+
+
+def read_system_file(
+    problems: Problems, data: Mapping[str, Any], path: Path, base: SystemFile | None
+) -> SystemFile:
+    """Read the content of a system file.
+
+    Parameters
+    ----------
+    problems : Problems
+        Where problems are noted.
+    data : mapping
+        Content of the file.
+    path : Path
+        The file, for what it names relative to its folder.
+    base : SystemFile or None
+        The one that it extends: its tables come before those of the file.
+    """
+    file = Table(problems, data, "", _KEYS)
+    name = file.name("name") if "name" in data or base is None else base.name
+    description = file.text("description", "" if base is None else base.description)
+    parts = dict(base.parts) if base is not None else {}
+    for key, value in file.optional_table("units", list(data.get("units", {}))).data.items():
+        parts[key] = _part(problems, key, value, path.parent)
+    if not parts:
+        problems.add("units", "a table with a line for each component", "none", 'Write plant = "plant".')
+    connections = {key: list(found) for key, found in (base.connections.items() if base is not None else ())}
+    listed = file.optional_table("connections", list(data.get("connections", {}))).data
+    for source, value in listed.items():
+        targets = [value] if isinstance(value, str) else value
+        if not isinstance(targets, list) or not all(
+            isinstance(one, str) for one in cast("list[object]", targets)
+        ):
+            problems.add(
+                f"connections.{source}", 'a list such as ["plant.tau"]', shown(value), "Name inputs."
+            )
+            continue
+        ends = cast("list[str]", targets)
+        for end in (source, *ends):
+            component = end.partition(".")[0]
+            if "." not in end or component not in parts:
+                problems.add(
+                    f"connections.{source}", "component.signal of components in [units]", shown(end),
+                    nearest(component, list(parts)),
+                )  # fmt: skip
+        connections.setdefault(source, []).extend(ends)
+    shared = dict(base.shared) if base is not None else {}
+    shared |= file.optional_table("shared", list(data.get("shared", {}))).data
+    return SystemFile(name, description, path, parts, connections, shared)
+
+
+def _part(problems: Problems, key: str, value: object, folder: Path) -> Part:
+    """Read one entry of [units]: a box, a unit, or a table of both."""
+    where = f"units.{key}"
+    if isinstance(value, str):
+        return Part(_located(value, folder))
+    if isinstance(value, list):
+        return Part(key, _box(problems, where, value))
+    if isinstance(value, dict):
+        table = Table(problems, value, where, ("unit", "box"))
+        unit = table.text("unit", key)
+        box = _box(problems, f"{where}.box", table.data["box"]) if "box" in table.data else None
+        return Part(_located(unit, folder), box)
+    problems.add(
+        where, 'a unit such as "plant" or "my_unit.py", or a table { unit = .., box = .. }', shown(value), ""
+    )
+    return Part(key)
+
+
+def _located(unit: str, folder: Path) -> str:
+    """Return a unit with its file found from the folder of the system file."""
+    file, colon, name = unit.partition(":") if ".py:" in unit else (unit, "", "")
+    if not file.lower().endswith((".py", ".fmu")):
+        return unit
+    return f"{folder / file}{colon}{name}"
+
+
+def _box(problems: Problems, where: str, value: object) -> Box | None:
+    numbers = cast("list[object]", value) if isinstance(value, list) else []
+    if len(numbers) == 4 and all(isinstance(one, (int, float)) for one in numbers):
+        x1, y1, x2, y2 = (float(cast("float", one)) for one in numbers)
+        if x1 < x2 and y1 < y2:
+            return x1, y1, x2, y2
+    problems.add(
+        where, "corners [x1, y1, x2, y2] in mm, x1 < x2 and y1 < y2", shown(value), "Or leave the box out."
+    )
+    return None

@@ -1,0 +1,94 @@
+"""FMUs of any tool as components of a system file: their variables, in place of a unit's."""
+
+from __future__ import annotations
+
+import re
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import fmpy
+
+from vdfmu.errors import UsageError
+from vdfmu.unit.variable import Variable
+
+__all__ = ["ForeignInterface"]
+
+_INDEXED = re.compile(r"(.+)\[(\d+(?:,\d+)*)\]")
+_CAST: dict[str, Any] = {"Real": float, "Integer": int, "Boolean": lambda text: text in ("true", "1")}
+
+
+class ForeignInterface:
+    """Variables of an FMU of FMI 2.0 for co-simulation; names ``q[1]`` are elements of the group ``q``.
+
+    Parameters
+    ----------
+    path : Path
+
+    Raises
+    ------
+    UsageError
+        For what is no such FMU.
+    """
+
+    robot = None
+
+    def __init__(self, path: Path) -> None:
+        if not path.is_file():
+            raise UsageError(f"{path}: there is no such FMU.")
+        try:
+            description: Any = fmpy.read_model_description(str(path), validate=False)
+        except Exception as error:
+            raise UsageError(f"{path}: the FMU cannot be read: {error}.") from None
+        if description.fmiVersion != "2.0" or description.coSimulation is None:
+            raise UsageError(
+                f"{path}: expected an FMU of FMI 2.0 for co-simulation, got FMI {description.fmiVersion}"
+                f"{'' if description.coSimulation else ' without co-simulation'}."
+            )
+        self.path = path
+        self.model_name: str = description.coSimulation.modelIdentifier
+        self.description: str = description.description or description.modelName
+        self.variables = tuple(
+            variable for variable in map(_variable, description.modelVariables) if variable is not None
+        )
+
+    @property
+    def name(self) -> str:
+        """What messages call it."""
+        return self.path.name
+
+    def __iter__(self) -> Any:
+        return iter(self.variables)
+
+    def __len__(self) -> int:
+        return len(self.variables)
+
+    @cached_property
+    def reference(self) -> dict[str, int]:
+        """Name to position in the variables."""
+        return {v.name: i for i, v in enumerate(self.variables)}
+
+    def find(self, name: str) -> Variable:
+        """Variable of a name; UsageError if there is none."""
+        if name in self.reference:
+            return self.variables[self.reference[name]]
+        groups = dict.fromkeys(v.group for v in self.variables)
+        raise UsageError(f"{self.name} has no variable {name!r}. There are: {', '.join(groups)}.")
+
+
+def _variable(found: Any) -> Variable | None:
+    """One variable that can be connected or set; None for others, such as strings."""
+    kinds = {"input": "input", "output": "output", "parameter": "parameter"}
+    if found.type not in _CAST or found.causality not in kinds:
+        return None
+    match = _INDEXED.fullmatch(found.name)
+    group = match[1] if match else found.name
+    index = tuple(int(i) - 1 for i in match[2].split(",")) if match else ()
+    cast = _CAST[found.type]
+    low, high = (None if text is None else float(text) for text in (found.min, found.max))
+    start = None if found.start is None or found.causality == "output" else cast(found.start)
+    unit = found.unit or getattr(found.declaredType, "unit", None)
+    return Variable(
+        group, index, found.type, found.causality, found.variability or "continuous", unit, start, low, high,
+        found.description or "",
+    )  # fmt: skip
