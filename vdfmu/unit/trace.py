@@ -291,10 +291,8 @@ def _check_complete(unit: Unit, phase: str, fixed: Fixed, sets: Mapping[str, Any
         ]
         with_choices = f" with {', '.join(choices)}" if choices else ""
         where = missing[0] if getattr(type(unit), phase) is getattr(Unit, phase) else phase
-        raise UnitError(
-            f"{place(type(unit), where)}: {phase}() of {type(unit).__name__} never sets "
-            f"{', '.join(missing)}{with_choices}."
-        )
+        what = f"{phase}() of {type(unit).__name__} never sets {', '.join(missing)}{with_choices}"
+        raise UnitError(f"{place(type(unit), where)}: {what}.")
 
 
 def run(unit: Unit, phase: str, watch: Any) -> Any:
