@@ -280,10 +280,9 @@ static Status start(Instance *I)
         text_free(&problems);
         return STATUS_ERROR;
     }
-    if (unit.n_x) {
-        unit.start(I->m);
+    unit.start(I->m);
+    if (unit.n_x)
         I->core->h = FIRST_STEP;
-    }
     I->core->stale = STALE_OUTPUTS | STALE_DERIVATIVES;
     return STATUS_OK;
 }

@@ -1,5 +1,7 @@
 """Units as a user writes them, for test_own_units.py."""
 
+# ruff: noqa: D102
+
 import numpy as np
 
 from vdfmu.unit import (
@@ -36,7 +38,7 @@ class LowPass(Unit):
 
 
 class Encoder(Unit):
-    """Encoder that rounds down to its increments and is late by one sample."""
+    """Encoder that rounds to its increments and is late by one sample."""
 
     q = Input("rad", 2, text="angle")
     increment = Parameter("rad", text="increment", start=0.01, minimum=1e-9)
@@ -45,11 +47,11 @@ class Encoder(Unit):
     y = Sampled("rad", 2, text="sample before the last")
 
     def start(self) -> None:
-        self.newest = self.y = self.increment * np.floor(self.q / self.increment)
+        self.newest = self.y = self.increment * np.round(self.q / self.increment)
 
     def update(self) -> None:
         self.y = self.newest
-        self.newest = self.increment * np.floor(self.q / self.increment)
+        self.newest = self.increment * np.round(self.q / self.increment)
 
 
 class Mixer(Unit):

@@ -23,7 +23,10 @@ GOOD = """    u = Input("N", 2, text="force")
 """
 
 CASES = {
-    "wrong shape": (GOOD.replace("self.u[0] + self.u[1]", "self.u"), r"line 8: outputs\(\) .*Bad\.y: expected shape \(\), got \(2,\)"),
+    "wrong shape": (
+        GOOD.replace("self.u[0] + self.u[1]", "self.u"),
+        r"line 8: outputs\(\) .*Bad\.y: expected shape \(\), got \(2,\)",
+    ),
     "start of another shape": (
         GOOD + '    g = Parameter("1", 2, start=[1.0, 2.0, 3.0])\n',
         r"line 9: Bad: g: start: expected numbers of shape \(2,\), got \[1\.0, 2\.0, 3\.0\]",
@@ -65,7 +68,10 @@ CASES = {
         GOOD + '    T = Parameter("s", minimum=1e-6)\n',
         r"line 9: Bad: T: start: expected at least 1e-06, the minimum, got 0",
     ),
-    "Python raises": (GOOD.replace("self.u[0]", "[1.0][3]"), r"line 8: outputs\(\) of Bad fails: IndexError: list index"),
+    "Python raises": (
+        GOOD.replace("self.u[0]", "[1.0][3]"),
+        r"line 8: outputs\(\) of Bad fails: IndexError: list index",
+    ),
     "raises in a helper": (
         GOOD.replace("self.u[0] +", "self._half(self.u[0]) +") + "    def _half(self, u):\n        return u / None\n",
         r"line 10: outputs\(\) of Bad fails: TypeError: unsupported operand",
@@ -98,10 +104,13 @@ CASES = {
         r"line 4: Bad: a variable cannot be called n, which every unit has already",
     ),
     "name of the time": (GOOD + '    time = Parameter("s")\n', r"line 9: Bad: a variable cannot be called time"),
-    "name that C cannot have": (GOOD + '    κ = Parameter("1")\n', r"line 9: Bad: a variable cannot be called κ: expected a letter"),
+    "name that C cannot have": (
+        GOOD + '    κ = Parameter("1")\n',
+        r"line 9: Bad: a variable cannot be called κ: expected a letter",
+    ),
     "field that the robot has not": (
         GOOD + '    robot = RobotParameters("weight")\n',
-        r"RobotParameters\('weight'\): expected a parameter with one number for each joint",
+        r"line 9: Bad: RobotParameters\('weight'\): expected parameters with one number for each joint: mass, ell, ",
     ),
     "one choice": (GOOD + '    way = Choice("a")\n', r"line 9: Bad: way: expected two or more different choices"),
 }  # fmt: skip

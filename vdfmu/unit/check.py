@@ -10,7 +10,18 @@ import numpy as np
 from vdfmu.errors import UnitError, UsageError
 from vdfmu.measure import unit_of
 from vdfmu.model import Robot
-from vdfmu.unit.declaration import Choice, Declared, Derivative, Parameter, Sampled, State, Switch, Unit
+from vdfmu.model.parameters import PARAMETERS
+from vdfmu.unit.declaration import (
+    Choice,
+    Declared,
+    Derivative,
+    Parameter,
+    RobotParameters,
+    Sampled,
+    State,
+    Switch,
+    Unit,
+)
 from vdfmu.unit.place import place
 
 __all__ = ["check_unit"]
@@ -62,6 +73,13 @@ def _of_unit(unit: type[Unit]) -> Iterator[tuple[str, str]]:
         elif needed and not (declared is not None and declared.minimum and declared.minimum > 0.0):
             yield name, f"{name}: expected a minimum above 0, {start}"
     for name in unit.robot_fields or ():
+        row = PARAMETERS.get(name)
+        if row is None or not row.per_joint or row.shape:
+            fitting = ", ".join(n for n, r in PARAMETERS.items() if r.per_joint and not r.shape)
+            yield (
+                next(n for c in unit.__mro__ for n, v in vars(c).items() if isinstance(v, RobotParameters)),
+                f"RobotParameters({name!r}): expected parameters with one number for each joint: {fitting}",
+            )
         if name in unit.declared:
             yield name, f"{name} is there twice: as a variable and in RobotParameters. Rename the variable"
 

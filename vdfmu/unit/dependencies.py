@@ -31,16 +31,17 @@ def patterns(interface: Interface) -> tuple[Pattern, Pattern]:
     Returns
     -------
     step : (N, N)
-        What outputs and derivatives depend on after initialization: inputs, states and time. A state depends
-        on itself.
+        What outputs and derivatives depend on after initialization: inputs, continuous states and time. Such a state
+        depends on itself.
     start : (N, N)
         What they depend on during initialization: inputs, parameters and time.
 
     A unit that cannot be traced may depend on everything, but for states that start at parameters.
     """
     if interface.unit.backend == "python":
-        states = _states(interface)
         step = np.ones((interface.size, interface.size), dtype=bool)
+        states = np.array([v.variability == "discrete" for v in interface.memory])
+        states[interface.states] = True
         step[states] = np.eye(interface.size, dtype=bool)[states]
         start = np.ones_like(step)
         if interface.unit.start is Unit.start:  # which reads parameters
@@ -53,22 +54,20 @@ def patterns(interface: Interface) -> tuple[Pattern, Pattern]:
 
 
 def _known(interface: Interface, step: Pattern, start: Pattern) -> tuple[Pattern, Pattern]:
-    """Return the patterns without the rows of what is given, and the columns of what is not known then."""
+    """Return the patterns without the rows of what is given, and the columns of what is not known then.
+
+    Sampled states are no knowns of FMI.
+    """
     causality = np.array([v.causality for v in interface.memory])
+    of_state = np.zeros(interface.size, dtype=bool)
+    of_state[interface.states] = True
     time = causality == "independent"
     inputs, given = causality == "input", np.isin(causality, ("input", "parameter"))
     calculated = np.isin(causality, ("output", "local"))
-    for found, known in ((step, inputs | _states(interface) | time), (start, given | time)):
+    for found, known in ((step, inputs | of_state | time), (start, given | time)):
         found[~calculated] = False
         found[:, ~known] = False
     return step, start
-
-
-def _states(interface: Interface) -> npt.NDArray[np.bool_]:
-    """Positions of continuous and sampled states."""
-    found = np.array([v.variability == "discrete" for v in interface.memory])
-    found[interface.states] = True
-    return found
 
 
 def _after(interface: Interface, calls: Sequence[Call]) -> Pattern:

@@ -12,7 +12,6 @@ from typing import Any
 
 import numpy as np
 
-from vdfmu.errors import UnitError
 from vdfmu.kernel.structure import parameters
 from vdfmu.measure import derivative_of, measure, unit_of
 from vdfmu.model import Robot
@@ -155,10 +154,12 @@ def _text(declared: Declared, position: int, index: tuple[int, ...]) -> str:
     if not isinstance(declared.text, str):
         return declared.text[position]
     text = declared.text
+    if not text and not isinstance(declared, Derivative):
+        return ""
     counted = tuple(i + 1 for i in index)
     joint = f"Joint {counted[0]}: " if declared.shape[:1] == (JOINTS,) else ""
     if isinstance(declared, Derivative):
-        text = f"derivative of the {text}"
+        text = f"derivative of the {text}" if text else f"derivative of {declared.state.name}"
     if joint:
         counted = counted[1:]
     else:
@@ -174,11 +175,6 @@ def _robot_parameters(robot: Robot, fields: tuple[str, ...]) -> Iterator[Variabl
         for p in parameters(robot):
             yield _of_robot(robot, p.field, p.index)
     for field in fields:
-        row = PARAMETERS.get(field)
-        if row is None or not row.per_joint or row.shape:
-            raise UnitError(
-                f"RobotParameters({field!r}): expected a parameter with one number for each joint."
-            )
         yield from (_of_robot(robot, field, (i,)) for i in range(robot.n))
 
 
