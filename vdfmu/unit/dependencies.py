@@ -13,6 +13,7 @@ import casadi as ca
 import numpy as np
 import numpy.typing as npt
 
+from vdfmu.unit.declaration import Unit
 from vdfmu.unit.program import Call
 
 if TYPE_CHECKING:
@@ -35,14 +36,17 @@ def patterns(interface: Interface) -> tuple[Pattern, Pattern]:
     start : (N, N)
         What they depend on during initialization: inputs, parameters and time.
 
-    A unit that cannot be traced may depend on everything.
+    A unit that cannot be traced may depend on everything, but for states that start at parameters.
     """
     if interface.unit.backend == "python":
         step = np.ones((interface.size, interface.size), dtype=bool)
         states = np.array([v.variability == "discrete" for v in interface.memory])
         states[interface.states] = True
         step[states] = np.eye(interface.size, dtype=bool)[states]
-        return _known(interface, step, np.ones_like(step))
+        start = np.ones_like(step)
+        if interface.unit.start is Unit.start:  # which reads parameters
+            start[states] = [v.causality == "parameter" for v in interface.memory]
+        return _known(interface, step, start)
     program = interface.program
     moving = (*program.outputs, *program.derivatives)
     step, start = _after(interface, moving), _after(interface, (*program.start, *moving))
