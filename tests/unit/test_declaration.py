@@ -258,7 +258,7 @@ def test_start_values_of_an_interface_are_checked_all_at_once(slider):
 def test_only_parameters_of_each_joint_can_be_taken_one_by_one(slider, field):
     unit = type("Bad", (Unit,), {"robot": RobotParameters(field)})
     with pytest.raises(
-        UnitError, match=rf"RobotParameters\('{field}'\): expected a parameter with one number"
+        UnitError, match=rf"RobotParameters\('{field}'\): expected parameters with one number for each"
     ):
         Interface(unit, slider)
 
