@@ -17,7 +17,9 @@ from vdfmu.kernel.functions import Functions
 __all__ = ["CompiledFunction", "write_library"]
 
 
-def write_library(functions: Functions, names: Sequence[str], folder: Path, flags: Sequence[str] = ()) -> Path:
+def write_library(
+    functions: Functions, names: Sequence[str], folder: Path, flags: Sequence[str] = ()
+) -> Path:
     """Compile traced functions into one shared library that exports them.
 
     Parameters

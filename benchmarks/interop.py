@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from vdfmu.ssp.system_file import units_of
 
 from benchmarks import importers
 from benchmarks.importers import ImporterError, ask, ask_rows
@@ -26,7 +27,6 @@ from vdfmu.model import Scenario, load_scenario
 from vdfmu.ssp.description import SystemDescription
 from vdfmu.ssp.parameters import system_values
 from vdfmu.ssp.read import load_ssp
-from vdfmu.ssp.system_file import units_of
 from vdfmu.ssp.write import write_osp, write_ssp
 from vdfmu.study.reference import reference
 from vdfmu.units import shipped_units
@@ -304,7 +304,8 @@ def drive(
         ask({
             "run": "fmpy-fmus", "step": step, "steps": round((tracking.stop if stop is None else stop) / step),
             "fmus": [{
-                "path": str(tracking.fmus(kind, fmi) / f"{shipped_units()[unit].__name__}.fmu"), "signals": outputs[unit],
+                "path": str(tracking.fmus(kind, fmi) / f"{shipped_units()[unit].__name__}.fmu"),
+                "signals": outputs[unit],
                 "inputs": str(folder / f"{unit}.npz"), "out": str(folder / f"{unit}.npy"),
             } for unit in UNITS],
         })  # fmt: skip

@@ -82,7 +82,13 @@ def test_reverse_is_the_transpose_of_forward(robot, functions_of, name):
 @pytest.mark.parametrize("part", [None, 37], ids=["whole", "in parts"])
 @pytest.mark.parametrize(
     "name",
-    ["plant_derivatives", "feedforward_outputs_vdc", "trajectory_outputs", "controller_outputs_mixed", "margins"],
+    [
+        "plant_derivatives",
+        "feedforward_outputs_vdc",
+        "trajectory_outputs",
+        "controller_outputs_mixed",
+        "margins",
+    ],
 )
 def test_c_text_computes_what_the_trace_computes(
     robot, kernel_of, functions_of, name, part, tmp_path, monkeypatch

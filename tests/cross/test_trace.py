@@ -199,7 +199,9 @@ WITHOUT_ROBOT = ("trajectory_outputs", "estimator_outputs", "plant_start_not_equ
 """Functions that do not take all of the robot's parameters."""
 
 
-@pytest.mark.parametrize("name", [n for n in NAMES if n not in WITHOUT_ROBOT and not n.startswith("controller")])
+@pytest.mark.parametrize(
+    "name", [n for n in NAMES if n not in WITHOUT_ROBOT and not n.startswith("controller")]
+)
 def test_parameters_at_run_time_equal_the_equations_of_the_changed_robot(
     traced_robot, draw, function_of, name
 ):

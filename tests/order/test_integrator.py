@@ -179,9 +179,7 @@ def test_the_state_that_fails_is_named_as_in_the_interface(planar, k):
     assert MINIMUM_STEP == 1e-12
 
 
-def test_a_call_that_takes_too_many_internal_steps_is_ended_and_changes_nothing(
-    planar, monkeypatch
-):
+def test_a_call_that_takes_too_many_internal_steps_is_ended_and_changes_nothing(planar, monkeypatch):
     """The limit counts rejected steps too; a call that needs just as many is made."""
     counted, limited = integrator_of(planar), integrator_of(planar)
     before = limited.x.copy(), limited.h

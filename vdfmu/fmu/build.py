@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping, Sequence
+from importlib import import_module
 from pathlib import Path
 
 from vdfmu.errors import StorageError, UsageError
@@ -42,11 +43,15 @@ def choose_backend(backend: str | None) -> str:
     ------
     UsageError
         For an unknown one.
+    ImportError
+        If the package is missing that Python FMUs need.
     """
     if backend is None:
         return "native" if native_available() else "python"
     if backend not in BACKENDS:
         raise UsageError(f"There is no backend {backend!r}. There are: {', '.join(BACKENDS)}.")
+    if backend == "python":
+        import_module("pythonfmu")  # an FMU that is built already would only say that it needs vdfmu
     return backend
 
 

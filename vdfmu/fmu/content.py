@@ -67,7 +67,7 @@ class Content:
     unit : type of Unit
     robot : Robot or None
     start_values : mapping of str to float
-        Start values that differ from those of the variable table.
+        Start values that differ from those of the declaration.
     backend : "python" or "native"
     fmi_version : "2.0" or "3.0"
     version, digest : str

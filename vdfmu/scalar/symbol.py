@@ -21,6 +21,22 @@ def _sx(value: Any) -> ca.SX:
     return value.sx if isinstance(value, Symbol) else ca.SX(float(value))
 
 
+def _rint(x: Any) -> Any:
+    low = ca.floor(x)
+    rest, odd = x - low, low - 2.0 * ca.floor(0.5 * low)
+    return low + ca.logic_or(rest > 0.5, ca.logic_and(rest >= 0.5, odd))
+
+
+def _remainder(a: Any, b: Any) -> Any:
+    """Remainder with the sign of `b`, as in Python; exact, unlike ``a - b floor(a / b)``."""
+    rest = ca.fmod(a, b)
+    return rest + b * (rest * b < 0.0)
+
+
+def _quotient(a: Any, b: Any) -> Any:
+    return _rint((a - _remainder(a, b)) / b)
+
+
 class Symbol:
     """One scalar expression. Arithmetic and the functions that numpy calls by name build larger ones."""
 
@@ -112,16 +128,16 @@ class Symbol:
         return Symbol(_sx(base) ** self.sx)
 
     def __floordiv__(self, other: Any) -> Any:
-        return NotImplemented if _foreign(other) else Symbol(ca.floor(self.sx / _sx(other)))
+        return NotImplemented if _foreign(other) else Symbol(_quotient(self.sx, _sx(other)))
 
     def __rfloordiv__(self, other: Any) -> Any:
-        return NotImplemented if _foreign(other) else Symbol(ca.floor(_sx(other) / self.sx))
+        return NotImplemented if _foreign(other) else Symbol(_quotient(_sx(other), self.sx))
 
     def __mod__(self, other: Any) -> Any:
-        return NotImplemented if _foreign(other) else self - other * (self // other)
+        return NotImplemented if _foreign(other) else Symbol(_remainder(self.sx, _sx(other)))
 
     def __rmod__(self, other: Any) -> Any:
-        return NotImplemented if _foreign(other) else other - self * (other // self)
+        return NotImplemented if _foreign(other) else Symbol(_remainder(_sx(other), self.sx))
 
     def __floor__(self) -> Symbol:
         return Symbol(ca.floor(self.sx))
@@ -191,9 +207,7 @@ class Symbol:
 
     def rint(self) -> Symbol:
         """Nearest integer, the even one of two."""
-        low = ca.floor(self.sx)
-        rest, odd = self.sx - low, low - 2.0 * ca.floor(0.5 * low)
-        return Symbol(low + ca.logic_or(rest > 0.5, ca.logic_and(rest >= 0.5, odd)))
+        return Symbol(_rint(self.sx))
 
     def sqrt(self) -> Symbol:
         """Square root."""

@@ -207,7 +207,7 @@ class _System:
             self.carry(starts, ends)
 
     def row(self) -> Floats:
-        """Values of the outputs of all units."""
+        """Return the outputs of all units."""
         return self.memory[self._row]
 
     def signals(self, rows: Sequence[Floats]) -> dict[str, Floats]:

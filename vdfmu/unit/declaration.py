@@ -299,15 +299,17 @@ class Unit:
 
     def __init_subclass__(cls, **kwargs: Any) -> None:
         super().__init_subclass__(**kwargs)
-        found = dict(cls.declared)
-        for name, value in list(vars(cls).items()):
-            if isinstance(value, (Declared, RobotParameters)) and name != "robot" and hasattr(Unit, name):
+        own = {key: v for key, v in vars(cls).items() if isinstance(v, (Declared, RobotParameters))}
+        for name in own:
+            if hasattr(Unit, name) or name in ("of_robot", "store"):
                 raise UnitError(
                     f"{cls.__name__}: a variable cannot be called {name}, which every unit has already."
                 )
+        found = dict(cls.declared)
+        for name, value in own.items():
             if isinstance(value, Declared):
                 found[name] = value
-            elif isinstance(value, RobotParameters):
+            else:
                 cls.robot_fields = value.fields
         states = [d for d in found.values() if isinstance(d, State)]
         if cls.start is Unit.start:
@@ -468,7 +470,7 @@ class Unit:
             return value
         sizes = declared.sizes(self.n)
         array = np.asarray(value)
-        if array.dtype.kind not in "biufO":
+        if array.dtype.kind not in "biuf" and not all(_is_number(v) for v in array.flat):
             raise UsageError(f"{where}: expected numbers, got {value!r}.")
         try:
             shaped = np.broadcast_to(array, sizes)
@@ -502,6 +504,11 @@ def unit_name(unit: type[Unit]) -> str:
     if package == "vdfmu.units":
         return module
     return re.sub(r"(?<=[a-z0-9])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])", "_", unit.__name__).lower()
+
+
+def _is_number(value: Any) -> bool:
+    """Whether a value is a number, or a symbol."""
+    return isinstance(value, (float, int, np.number)) or hasattr(value, "sx")
 
 
 def _added(name: str, parameter: Parameter, owner: type) -> Parameter:

@@ -217,7 +217,7 @@ class Interface:
 
     @cached_property
     def _arguments(self) -> dict[str, slice]:
-        return {argument_name(group): where for group, where in self.groups.items()} | self.groups
+        return {argument_name(group): where for group, where in self.groups.items()}
 
     def find(self, name: str) -> Variable:
         """Variable of a name.
@@ -299,4 +299,4 @@ class Interface:
 def general_description(description: str) -> str:
     """Return a description without what tells one variable of a group from the next."""
     text = re.sub(r"^Joint \d+: |,? axis [\d,]+$|, row \d+, column \d+$| [\d,]+$", "", description)
-    return text[0].upper() + text[1:]
+    return text[:1].upper() + text[1:]

@@ -211,8 +211,7 @@ class _Stiff:
 
     def step(self, name: str) -> ca.Function:
         """One Rodas4 step, inputs linear in time, and its local error relative to the tolerance, by component."""
-        x, h = self.x, ca.SX.sym("h")
-        tolerance = self.inputs.get("tolerance", ca.SX.sym("tolerance"))  # also of a method that reads it
+        x, h, tolerance = self.x, ca.SX.sym("h"), ca.SX.sym("tolerance")
         f = ca.Function("f", list(self.inputs.values()), [self.x_dot])
 
         def at(x_i: ca.SX, time: ca.SX) -> ca.SX:

@@ -15,6 +15,7 @@ from vdfmu.unit.evaluate import Evaluation, evaluation
 from vdfmu.unit.interface import Interface
 from vdfmu.unit.motion import Motion
 from vdfmu.unit.program import Call
+from vdfmu.unit.trace import argument_name
 
 __all__ = ["LinearModel", "Solution", "linearize", "simulate"]
 
@@ -116,8 +117,9 @@ def linearize(unit: Unit, *, x: npt.ArrayLike | None = None, t: float = 0.0) -> 
     names = [interface.variables[i].name for g in inputs for i in _range(interface.groups[g])]
     made = [interface.variables[i].name for g in outputs for i in _range(interface.groups[g])]
     states = tuple(v.name for v in interface.memory[interface.states])
-    A, B = _jacobians(run, interface.program.derivatives, ["x_dot"], inputs)
-    C, D = _jacobians(run, interface.program.outputs, outputs, inputs)
+    given, results = ([argument_name(group) for group in groups] for groups in (inputs, outputs))
+    A, B = _jacobians(run, interface.program.derivatives, ["x_dot"], given)
+    C, D = _jacobians(run, interface.program.outputs, results, given)
     return LinearModel(A, B, C, D, states, tuple(names), tuple(made))
 
 
@@ -154,14 +156,14 @@ def _jacobians(
 ) -> tuple[Floats, Floats]:
     """Return the derivatives of results of the calls whose choices hold, with respect to the states and to inputs."""
     interface = run.interface
-    widths = [interface.slice(g) for g in results]
+    widths = [interface.slice(name) for name in results]
     blocks: dict[tuple[str, str], Floats] = {}
     for call in calls:
-        if any(run.group(choice)[0] != value for choice, value in call.when):
+        if any(run.argument(argument_name(choice))[0] != value for choice, value in call.when):
             continue
         function = interface.functions.casadi_function(call.function)
         symbols = {name: ca.SX.sym(name, function.numel_in(name)) for name in function.name_in()}
-        values = [run.group(name) for name in function.name_in()]
+        values = [run.argument(name) for name in function.name_in()]
         made = dict(zip(function.name_out(), function.call(list(symbols.values())), strict=True))
         for result in set(results) & made.keys():
             for name in {"x", *inputs} & symbols.keys():

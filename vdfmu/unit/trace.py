@@ -31,19 +31,19 @@ _MAY_SET: dict[str, tuple[type[Declared], ...]] = {
 }
 
 
-_SUFFIX = "_variable"
 _TAKEN = re.compile(
-    r"p|x|x_dot|t|h|tolerance|norm|ratio|w\d*|null|jac|hess|(d|bar|rate)_.*|.*_(new|out|variable)"
+    r"p|x|x_dot|t|h|tolerance|norm|ratio|w\d*|null|jac|hess|(own|d|bar|rate)_.*|.*_(new|out)"
     # keywords of C, and functions of math.h that traced functions call
-    r"|auto|bool|case|char|const|default|do|double|enum|extern|false|float|goto|inline|int|long|register|restrict|short"
-    r"|signed|sizeof|static|struct|switch|true|typedef|typeof|union|unsigned|void|volatile"
-    r"|a?(cos|sin|tan)h?|atan2|ceil|copysign|exp|expm1|fabs|floor|fmax|fmin|log|log1p|pow|sqrt"
+    r"|auto|bool|break|case|char|const|continue|default|do|double|else|enum|extern|false|float|for|goto|if|inline|int"
+    r"|long|register|restrict|return|short|signed|sizeof|static|struct|switch|true|typedef|typeof|union|unsigned|void"
+    r"|volatile|while|a?(cos|sin|tan)h?|atan2|ceil|copysign|exp|expm1|fabs|floor|fmax|fmin|fmod|log|log1p|pow|sqrt"
+    r"|NAN|INFINITY"
 )
 
 
 def argument_name(name: str) -> str:
     """Name of a variable as an argument or result of traced functions, which have other uses for some names."""
-    return name + _SUFFIX if _TAKEN.fullmatch(name) else name
+    return f"own_{name}" if _TAKEN.fullmatch(name) else name
 
 
 class Leaf:

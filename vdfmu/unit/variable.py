@@ -154,10 +154,12 @@ def _text(declared: Declared, position: int, index: tuple[int, ...]) -> str:
     if not isinstance(declared.text, str):
         return declared.text[position]
     text = declared.text
+    if not text and not isinstance(declared, Derivative):
+        return ""
     counted = tuple(i + 1 for i in index)
     joint = f"Joint {counted[0]}: " if declared.shape[:1] == (JOINTS,) else ""
     if isinstance(declared, Derivative):
-        text = f"derivative of the {text}"
+        text = f"derivative of the {text}" if text else f"derivative of {declared.state.name}"
     if joint:
         counted = counted[1:]
     else:

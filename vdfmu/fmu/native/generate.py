@@ -15,6 +15,7 @@ from vdfmu.fmu.native.text import array, cell, comment, fields, integer, number,
 from vdfmu.kernel import Kernel
 from vdfmu.kernel.c_code import c_function, c_prototype
 from vdfmu.kernel.requirements import requirements
+from vdfmu.progress import counted
 from vdfmu.unit.interface import Interface
 from vdfmu.unit.program import Call
 from vdfmu.unit.trace import argument_name
@@ -50,7 +51,10 @@ class _Unit:
         differentiated = (*program.start, *program.outputs, *program.derivatives)
         names = [name for call in differentiated for name in _with_derivatives(call.function)]
         names += [call.function for call in (*program.update, *program.step)]
-        self.functions = {name: interface.functions.casadi_function(name) for name in names}
+        self.functions = {
+            name: interface.functions.casadi_function(name)
+            for name in counted(f"trace {interface.name}", names, len(names))
+        }
         robot = interface.robot if interface.has_robot else None
         self.requirements = requirements(robot) if robot is not None else []
         if robot is not None and self.requirements:

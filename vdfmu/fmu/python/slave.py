@@ -104,7 +104,7 @@ class UnitSlave(Fmi2Slave):
         self._last_write: tuple[str, list[int], tuple[Write, list[Variable], bool]] | None = None
 
     def to_xml(self, model_options: dict[str, str] | None = None) -> Element:
-        """Model description from the variable table, with units, dependencies and InitialUnknowns."""
+        """Model description of the unit, with units, dependencies and InitialUnknowns."""
         content = self._content
         return model_description(content.interface, content.guid, content.tool)
 
