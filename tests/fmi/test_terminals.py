@@ -9,12 +9,12 @@ from typing import Literal
 import fmpy
 import pytest
 from lxml import etree
-from vdfmu.ssp.system_file import read_system
 
 from vdfmu.data import data_path
 from vdfmu.fmu.description import document
 from vdfmu.fmu.terminals import icon_files, terminals_and_icons
 from vdfmu.model import Robot
+from vdfmu.model.load import load_system
 from vdfmu.unit.interface import Interface
 from vdfmu.units import find_unit, shipped_units
 
@@ -88,8 +88,8 @@ def test_joining_terminals_of_one_name_makes_the_connections_of_the_system(
         and causality[source, out] == "output"
         and causality[target, into] == "input"
     }
-    system = read_system("estimator")  # has all units
-    expected = {(start, end) for start, ends in system["connections"].items() for end in ends}
+    system = load_system("estimator")  # has all units
+    expected = {(start, end) for start, ends in system.connections.items() for end in ends}
     assert found == expected
 
 
