@@ -14,7 +14,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from vdfmu.ssp.system_file import units_of
 
 from benchmarks import importers
 from benchmarks.importers import ImporterError, ask, ask_rows
@@ -56,7 +55,7 @@ PACKAGES = importers.PACKAGES | {
 """Tool to the Python packages that install it."""
 
 SSP_OF_FMI = {"2.0": "1.0", "3.0": "2.0"}
-UNITS = units_of(load_scenario("tracking"))
+UNITS = tuple(load_scenario("tracking").system.parts)
 EXACT_STEP = 2.0**-10
 """A step [s] whose multiples and their differences have no rounding, about 1 ms."""
 

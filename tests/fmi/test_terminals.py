@@ -10,12 +10,13 @@ import fmpy
 import pytest
 from lxml import etree
 
+from vdfmu.data import data_path
 from vdfmu.fmu.description import document
 from vdfmu.fmu.terminals import icon_files, terminals_and_icons
 from vdfmu.model import Robot
-from vdfmu.ssp.system_file import read_system
+from vdfmu.model.load import load_system
 from vdfmu.unit.interface import Interface
-from vdfmu.units import shipped_units
+from vdfmu.units import find_unit, shipped_units
 
 SCHEMA = etree.XMLSchema(etree.parse(Path(fmpy.__file__).parent / "schema/fmi3/fmi3TerminalsAndIcons.xsd"))
 FMI = Literal[2, 3]
@@ -87,8 +88,8 @@ def test_joining_terminals_of_one_name_makes_the_connections_of_the_system(
         and causality[source, out] == "output"
         and causality[target, into] == "input"
     }
-    system = read_system("estimator")  # has all units
-    expected = {(start, end) for start, ends in system["connections"].items() for end in ends}
+    system = load_system("estimator")  # has all units
+    expected = {(start, end) for start, ends in system.connections.items() for end in ends}
     assert found == expected
 
 
@@ -111,3 +112,14 @@ def test_each_unit_has_its_own_icon(robots: dict[str, Robot]) -> None:
     robot = robots["planar_2dof"]
     files = [icon_files(Interface(shipped_units()[unit], robot), 3) for unit in shipped_units()]
     assert len({f["terminalsAndIcons/icon.png"] for f in files}) == len(shipped_units())
+
+
+def test_a_unit_without_a_picture_has_that_of_all_units() -> None:
+    """And no terminals, where it declares none."""
+    interface = Interface(find_unit(Path(__file__).parent / "own_units.py:LowPass"), None)
+    files = icon_files(interface, 2)
+    for kind in ("png", "svg"):
+        picture = (data_path("fmu_src") / "icons" / f"unit.{kind}").read_bytes()
+        assert files[f"terminalsAndIcons/icon.{kind}"] == picture
+    assert SCHEMA.validate(read(interface, 2)), SCHEMA.error_log
+    assert members(interface, 2) == {}

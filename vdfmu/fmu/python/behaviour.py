@@ -90,11 +90,11 @@ class Behaviour:
 
     def restore(self, state: Any) -> None:
         """Take a state of :meth:`state` back; raise and change nothing if it is none."""
-        start = float(state["start"])
-        if self._solver is not None:
-            h, tolerance = float(state["h"]), float(state["tolerance"])
-            self._solver.h, self._solver.tolerance = h, tolerance
-        self._start = start
+        solver = self._solver
+        h, tolerance = (float(state["h"]), float(state["tolerance"])) if solver else (0.0, 0.0)
+        self._start = float(state["start"])
+        if solver:
+            solver.h, solver.tolerance = h, tolerance
 
 
 def robot_problems(interface: Interface, memory: Floats) -> list[str]:
