@@ -100,7 +100,7 @@ def run_page(path):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("page", [*PAGES, ROOT / "docs" / "systems.md"], ids=lambda page: page.stem)
+@pytest.mark.parametrize("page", [*PAGES, ROOT / "docs" / "systems.md", ROOT / "docs" / "reference" / "units.md"], ids=lambda page: page.stem)
 def test_tutorial_runs_and_shows_its_output(page, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     assert run_page(page) >= 2  # blocks run or compared
@@ -188,8 +188,9 @@ def test_there_is_a_guide_for_each_tool():
     ]
 
 
-def test_there_are_five_tutorials():
-    assert [page.stem for page in PAGES] == ["dynamics", "fmpy", "native", "own_robot", "sweep"]
+def test_there_are_six_tutorials():
+    names = ["dynamics", "fmpy", "native", "own-controller", "own_robot", "sweep"]
+    assert [page.stem for page in PAGES] == names
 
 
 def test_outputs_compare_with_gaps():
