@@ -1,7 +1,7 @@
 """The code of the README and of the documentation, run as a reader would.
 
 Of the README each block runs by itself, in a fresh folder and process; of the other pages the blocks run in order, in
-one folder, the ``python`` blocks in the namespace of those before. A ``sh`` block runs whole in bash. A ``toml`` block
+one folder, the ``python`` blocks in the namespace of those before. A ``sh`` block runs whole in bash. A block
 with a title is written to that file. A ``text`` block right after a ``python`` or ``sh`` block is its output; a line
 ``...`` in it stands for any lines.
 """
@@ -80,7 +80,11 @@ def run_page(path):
     output, checked = None, 0
     blocks = read_blocks(path)
     for (kind, options, body, follows, skipped), after in zip(blocks, [*blocks[1:], None], strict=True):
+        title = re.search(r'title="([^"]+)"', options)
         if skipped:
+            output = None
+        elif title:
+            Path(title[1]).write_text(body, encoding="utf-8")
             output = None
         elif kind == "python":
             output = run_python(body, namespace)
@@ -88,11 +92,6 @@ def run_page(path):
         elif kind == "sh":
             output = run_shell(body, fails=after is not None and "error:" in after[2])
             checked += 1
-        elif kind == "toml":
-            title = re.search(r'title="([^"]+)"', options)
-            if title:
-                Path(title[1]).write_text(body, encoding="utf-8")
-            output = None
         elif kind == "text" and follows and output is not None:
             assert same(body, output), f"{path.name} shows\n{body}\nbut the code gives\n{output}"
             checked += 1
@@ -100,7 +99,11 @@ def run_page(path):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("page", [*PAGES, ROOT / "docs" / "systems.md"], ids=lambda page: page.stem)
+@pytest.mark.parametrize(
+    "page",
+    [*PAGES, ROOT / "docs" / "systems.md", ROOT / "docs" / "reference" / "units.md"],
+    ids=lambda page: page.stem,
+)
 def test_tutorial_runs_and_shows_its_output(page, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     assert run_page(page) >= 2  # blocks run or compared
@@ -188,8 +191,9 @@ def test_there_is_a_guide_for_each_tool():
     ]
 
 
-def test_there_are_five_tutorials():
-    assert [page.stem for page in PAGES] == ["dynamics", "fmpy", "native", "own_robot", "sweep"]
+def test_there_are_six_tutorials():
+    names = ["dynamics", "fmpy", "native", "own-controller", "own_robot", "sweep"]
+    assert [page.stem for page in PAGES] == names
 
 
 def test_outputs_compare_with_gaps():

@@ -1,4 +1,4 @@
-"""The command line: ``vdfmu run``, ``simulate``, ``build``, ``ssp``, ``container``, ``check``, ``models``, ``cache``.
+"""The command line: ``vdfmu run``, ``build``, ``ssp``, ``container``, ``check``, ``models``, ``cache``, ``unit`` ...
 
 Exit codes: 0 done, 1 a check or a unit failed, 2 wrong usage or input, 130 stopped with Ctrl-C, 143 by SIGTERM, 129 by
 SIGHUP.

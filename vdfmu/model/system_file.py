@@ -55,6 +55,8 @@ class SystemFile:
         ``component.output`` to what it feeds, groups of signals: one connection for every index that both have.
     shared : dict of str to dict of str to str
         Values that components share under names of their own: name of the parameter set, to component to group.
+    dropped : tuple of str
+        Connections, ``output -> input``, that were left out for units in place of those of the file.
     """
 
     name: str
@@ -63,6 +65,7 @@ class SystemFile:
     parts: Mapping[str, Part]
     connections: Mapping[str, list[str]]
     shared: Mapping[str, Mapping[str, str]]
+    dropped: tuple[str, ...] = ()
 
     def with_units(self, units: Mapping[str, Any]) -> SystemFile:
         """Return the system with other units for some components.

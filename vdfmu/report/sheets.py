@@ -133,10 +133,6 @@ def reference_sheet(summary: Summary) -> Sheet:
     separation: Summary | None = summary.get("separation")
     if any("max_difference" in entry for entry in compared.values()):
         return _signals_sheet(compared)
-    if "no_reference" in summary:
-        return Sheet(
-            "Difference to the references", ("Reference",), [], [f"None: {summary['no_reference']}."]
-        )
     headings = (f"Position\n[{position}]", f"Torque\n[{torque}]")
     keys, factor = ("max_position_difference_rad", "max_torque_difference_nm"), 1.0
     notes = ["Largest over all joints and communication points; torques link side."]
@@ -193,6 +189,7 @@ def facts(summary: Summary) -> list[tuple[str, str]]:
         "Steps": ("steps", "{}"),
         "Wall time": ("wall_s", "{:.3g} s"),
         "Real-time factor": ("real_time_factor", "{:.3g}"),
+        "No reference": ("no_reference", "{}"),
     }
     rigid = (
         ("friction", "master", "tolerance") if summary.get("kind") == "contrast" else ()

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from vdfmu.errors import UsageError
 from vdfmu.model import Robot, Scenario
@@ -36,10 +37,9 @@ def robot_parameters(component: str, table: Variables, scenario: Scenario) -> Va
 def scenario_parameters(component: str, table: Variables, scenario: Scenario) -> Values:
     """Values of a component that the scenario sets: motion, gains, modes, start position, tolerance.
 
-    An input of a unit that nothing feeds, such as the wrench at the end effector, has its start value.
+    An input of a unit that nothing feeds, such as the wrench at the end effector, has its start value. A value without
+    a place in the component, such as the name of a mode in an FMU, is left out.
     """
-    if not isinstance(table, Interface):
-        return {}
     motion, gains, feedback = scenario.trajectory, scenario.feedforward, scenario.controller
     known: dict[str, dict[str, Any]] = {
         "trajectory": {
@@ -59,11 +59,19 @@ def scenario_parameters(component: str, table: Variables, scenario: Scenario) ->
     }
     groups = known.get(component, {}) | {"tolerance": scenario.tolerance}
     free = {v.name: v.start for v in table if is_free(component, v, scenario)}
-    return free | {
+    return (free if isinstance(table, Interface) else {}) | {
         v.name: _cast(table, v.name, np.asarray(groups[v.group])[v.index])
         for v in table
-        if v.group in groups and v.causality == "parameter"
+        if v.group in groups and v.causality == "parameter" and _has_place(v, np.asarray(groups[v.group]))
     }
+
+
+def _has_place(variable: Variable, value: NDArray[Any]) -> bool:
+    """Whether an element of a value can be that of a variable."""
+    inside = all(i < size for i, size in zip(variable.index, value.shape, strict=False))
+    return (
+        len(variable.index) == value.ndim and inside and (value.dtype.kind != "U" or bool(variable.choices))
+    )
 
 
 def is_free(component: str, variable: Variable, scenario: Scenario) -> bool:

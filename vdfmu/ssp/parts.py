@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import dataclasses
 import os
 import shutil
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -20,7 +21,7 @@ from vdfmu.unit.declaration import Unit, unit_name
 from vdfmu.unit.interface import Interface
 from vdfmu.units import find_unit
 
-__all__ = ["Variables", "build_parts", "cached_fmus", "tables_of", "units_of"]
+__all__ = ["Variables", "build_parts", "cached_fmus", "tables_of", "units_of", "with_units"]
 
 Variables = Interface | ForeignInterface
 """The variables of a component."""
@@ -36,17 +37,51 @@ def units_of(scenario: Scenario) -> dict[str, type[Unit]]:
     }
 
 
-def tables_of(scenario: Scenario) -> dict[str, Variables]:
-    """Variables of the components of the scenario's system, by component."""
+def tables_of(scenario: Scenario, components: Collection[str] | None = None) -> dict[str, Variables]:
+    """Variables of the components of the scenario's system, or of some of them, by component."""
     units = units_of(scenario)
     found: dict[str, Variables] = {}
     for name, part in scenario.system.parts.items():
+        if components is not None and name not in components:
+            continue
         if part.fmu is not None:
             found[name] = ForeignInterface(part.fmu)
         else:
             robot = scenario.robot if units[name].needs_robot() else None
             found[name] = Interface(units[name], robot)
     return found
+
+
+def with_units(scenario: Scenario, units: Mapping[str, Any]) -> Scenario:
+    """Return the scenario with other units for some components, without connections to signals that these lack.
+
+    Raises
+    ------
+    UsageError, UnitError
+        For a name that is not that of a component, or what is no unit.
+    """
+    system = scenario.system.with_units(units)
+    tables = tables_of(dataclasses.replace(scenario, system=system), units)
+    has = {
+        name: {(v.group, v.causality) for v in table if v.causality in ("input", "output")}
+        for name, table in tables.items()
+    }
+
+    def lacks(signal: str, causality: str) -> bool:
+        component, _, group = signal.partition(".")
+        return component in has and (group, causality) not in has[component]
+
+    kept: dict[str, list[str]] = {}
+    dropped: list[str] = []
+    for source, targets in system.connections.items():
+        for target in targets:
+            if lacks(source, "output") or lacks(target, "input"):
+                dropped.append(f"{source} -> {target}")
+            else:
+                kept.setdefault(source, []).append(target)
+    return dataclasses.replace(
+        scenario, system=dataclasses.replace(system, connections=kept, dropped=tuple(dropped))
+    )
 
 
 def build_parts(

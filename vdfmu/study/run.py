@@ -26,7 +26,7 @@ from vdfmu.report.plots import contrast_figures, run_figures
 from vdfmu.report.signals import signals_figure
 from vdfmu.ssp.description import SystemDescription
 from vdfmu.ssp.parameters import system_values
-from vdfmu.ssp.parts import cached_fmus
+from vdfmu.ssp.parts import cached_fmus, with_units
 from vdfmu.ssp.read import load_ssp
 from vdfmu.ssp.write import write_ssp
 from vdfmu.study.contrast import contrast
@@ -49,6 +49,7 @@ _VISIBLE = 1e-3
 """Share of the largest position error above which a difference to a reference shows in the tables of three digits."""
 _DRAWN = ("trajectory.q_d", "plant.q", "controller.tau", "controller.tau_m")
 """Signals that the figures of a run show; a system without them gets a picture of its signals."""
+_LEFT_OUT = "left out, since the unit in place of the system's has no such signal"
 _NUDGE = 1e-9
 """Relative change of the rotor inertias that must not show; below every tolerance that a scenario has."""
 
@@ -77,7 +78,7 @@ def prepare(
     elif robot is not None:
         raise UsageError("robot: give it with the name or path of a scenario, not with a loaded one.")
     if units:
-        scenario = dataclasses.replace(scenario, system=scenario.system.with_units(units))
+        scenario = with_units(scenario, units)
     changes = {"step": step, "stop": stop, "master": master, "adaptive": adaptive}
     scenario = dataclasses.replace(scenario, **{k: v for k, v in changes.items() if v is not None})
     if scenario.master not in MASTERS:
@@ -138,7 +139,7 @@ def run(
     units : mapping of str to unit, optional
         Component to the unit that takes its place: a class, ``my_unit.py``, ``my_units.py:Name``, the name of a unit
         of the package, or an FMU of any tool, ``My.fmu``. Values of the scenario that it has no parameter for are left
-        out.
+        out, and connections to signals that it lacks, with a note in the log and ``left_out`` in the summary.
     progress : callable, optional
         Called with stage, done, total.
     log : callable, optional
@@ -185,6 +186,8 @@ def run(
     if log is not None:  # before the run, which may fail for what they say
         for warning in warnings:
             log(LogMessage("", 0.0, "warning", "", warning))
+        for connection in scenario.system.dropped:
+            log(LogMessage("", 0.0, "note", "", f"{connection}: {_LEFT_OUT}"))
         for note in (*model_notes(scenario), *build_notes(scenario.robot, backend)):
             log(LogMessage("", 0.0, "note", "", f"{scenario.robot.name}: {note}"))
     with replacing_results(folder, RUN_OUTPUTS, overwrite) as partial:
@@ -200,6 +203,7 @@ def run(
             "container": container,
             "settings": text_settings,
             "warnings": warnings,
+            "left_out": list(scenario.system.dropped),
         }
         try:
             results = _simulate(scenario, package, container, report, log)
@@ -285,9 +289,7 @@ def _references(
     found: dict[str, Any] = {"reference": compared}
     foreign = [name for name, part in scenario.system.parts.items() if part.fmu is not None]
     if foreign:
-        return {
-            "no_reference": f"{', '.join(foreign)}: an FMU of another tool has no equations to solve here"
-        }
+        return {"no_reference": f"{', '.join(foreign)}: an FMU has no equations to solve here"}
     if not has_signals(results, "trajectory.q_d", "plant.q"):
         for key, name in _wanted(scenario):
             blocks = reference_blocks(

@@ -6,6 +6,7 @@ import inspect
 import re
 import traceback
 from collections.abc import Iterator, Mapping
+from pathlib import Path
 from typing import Any, NoReturn
 
 import casadi as ca
@@ -341,4 +342,6 @@ def _fail(unit: Unit, phase: str, error: Exception, reason: str, symbols: bool =
 
 
 def _file(unit: type[Unit]) -> str:
-    return inspect.getsourcefile(unit) or unit.__name__
+    """Return the file of a unit, from the current folder where it lies in it."""
+    file = Path(inspect.getsourcefile(unit) or unit.__name__)
+    return str(file.relative_to(Path.cwd()) if file.is_relative_to(Path.cwd()) else file)

@@ -1,0 +1,30 @@
+"""``vdfmu unit new``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from vdfmu.cli.terminal import say
+
+app = typer.Typer(no_args_is_help=True, help="Units of your own.")
+
+
+@app.callback()
+def _group() -> None:
+    """Units of your own."""
+
+
+@app.command("new", epilog="Example: [bold]vdfmu unit new MyFilter[/bold]")
+def new(
+    name: Annotated[str, typer.Argument(help="Name of the unit, MyFilter or my_filter.")],
+    out: Annotated[Path | None, typer.Option(help="File to write; default my_filter.py.")] = None,
+) -> None:
+    """Write a first file of a unit, which builds, and a test beside it, which passes."""
+    from vdfmu.unit.new import new_unit
+
+    path, test = new_unit(name, out)
+    say(f"{path}: build it with 'vdfmu build {path}'")
+    say(f"{test}: run it with 'python -m pytest {test}'")
