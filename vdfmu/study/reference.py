@@ -22,6 +22,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.integrate import LSODA
 
+from vdfmu.cosim.inputs import Course, Table, read_inputs
 from vdfmu.errors import UsageError, VdfmuError
 from vdfmu.ssp.description import SystemDescription
 from vdfmu.unit.evaluate import Evaluation, evaluation
@@ -79,6 +80,9 @@ class _System:
                 unit.memory[interface.reference[variable]] = float(value)
         pairs = list(description.element_links())
         self.connected = {(unit, i) for _, _, unit, i in pairs}
+        self.fed: list[tuple[str, int, Course]] = []
+        for table in read_inputs(description.scenario.inputs, description.scenario.input_hold):
+            self._feed_from(table)
         self.links = [
             _Link(
                 start,
@@ -99,6 +103,33 @@ class _System:
         known = self.units[unit].interface.step_dependencies(position)
         return any((unit, i) in self.connected for i in known)
 
+    def _feed_from(self, table: Table) -> None:
+        """Let the columns of a table feed the inputs that they name."""
+        for name, values in zip(table.names, table.values.T, strict=True):
+            unit, _, variable = name.partition(".")
+            place = self.units[unit].interface.reference.get(variable) if unit in self.units else None
+            declared = None if place is None else self.units[unit].interface.variables[place]
+            if (
+                place is None
+                or declared is None
+                or declared.causality != "input"
+                or (unit, place) in self.connected
+            ):
+                if table.chosen:
+                    raise UsageError(
+                        f"{table.where}: {name}: expected an input that nothing is connected to."
+                    )
+                continue
+            held = table.held or declared.type != "Real" or declared.variability == "discrete"
+            self.fed.append((unit, place, Course(table.t, values[:, None], held)))
+        self.connected |= {(unit, place) for unit, place, _ in self.fed}
+
+    def feed(self, t: float, held: bool) -> None:
+        """Give the inputs that signals from outside feed their values at a time; `held`: also those that jump."""
+        for unit, place, course in self.fed:
+            if held or not course.held:
+                self.units[unit].memory[place] = course.at(t)[0]
+
     def carry(self, links: Sequence[_Link]) -> None:
         """Carry outputs over to inputs, all at once."""
         values = [self.units[link.start].memory[link.starts] for link in links]
@@ -118,6 +149,7 @@ class _System:
 
     def start(self) -> None:
         """Set the states and outputs of the start time; what feeds through needs as many passes as there are units."""
+        self.feed(0.0, held=True)
         for _ in range(len(self.units) + 1):
             for unit in self.units.values():
                 unit.memory[-1] = 0.0
@@ -127,6 +159,7 @@ class _System:
 
     def evaluate(self, t: float, order: Sequence[str]) -> None:
         """Calculate all outputs at a time, from the states."""
+        self.feed(t, held=False)
         for name in order:
             unit = self.units[name]
             unit.memory[-1] = t
@@ -210,6 +243,7 @@ def _sampled(system: _System, t: Floats, delayed: bool) -> Iterator[list[Floats]
     yield [values.copy() for values in system.row()]
     for k in range(len(t) - 1):
         system.carry(late)
+        system.feed(t[k], held=True)
         for name in order:
             system.carry(fresh[name])
             unit = system.units[name]
@@ -247,6 +281,7 @@ def _continuous(system: _System, t: Floats) -> Iterator[list[Floats]]:
     yield row(0.0, x)
     k = 1
     for begin, end in _parts(system, float(t[-1])):
+        system.feed(begin, held=True)
         system.evaluate(begin, order)
         for time, solution in _solved(rate, begin, end, x):
             last = len(t) if end == t[-1] else int(np.searchsorted(t, end + 1e-9 * (end - begin)))
@@ -274,11 +309,16 @@ def _solved(
 
 
 def _parts(system: _System, stop: float) -> Iterator[tuple[float, float]]:
-    """Yield the times between samples, after the units have been updated that have one at the begin."""
+    """Yield the times between samples, and between jumps and bends of signals from outside.
+
+    Units that have a sample at the begin are updated before.
+    """
     sampled = [unit for unit in system.units.values() if unit.interface.is_sampled]
     points = {0.0, stop}
     for unit in sampled:
         points |= {begin for begin, _, _ in samples(unit, 0.0, 0.0, stop)}
+    for *_, course in system.fed:
+        points |= {at for at in course.breaks.tolist() if course.tolerance < at < stop - course.tolerance}
     ordered = sorted(points)
     for begin, end in zip(ordered, ordered[1:], strict=False):
         for unit in sampled:
