@@ -4,8 +4,11 @@ import dataclasses
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
 import vdfmu
+from vdfmu.cli.commands import app
+from vdfmu.cosim import Results
 from vdfmu.data import data_path
 from vdfmu.errors import ModelError, UsageError
 from vdfmu.ssp.description import SystemDescription
@@ -95,3 +98,30 @@ def test_a_reference_refuses_a_signal_for_no_free_input():
     scenario = dataclasses.replace(scenario, inputs={"plant.tau[1]": ([0.0], [0.0])})
     with pytest.raises(UsageError, match=r"plant\.tau\[1\]: expected an input that nothing is connected to"):
         reference("sampled", SystemDescription(scenario), step=1e-3, stop=1e-3)
+
+
+def test_both_commands_take_files_and_say_what_is_wrong_with_them(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    wrench(tmp_path)
+    (tmp_path / "moment.csv").write_text("time,plant.F_e[6] [N.m]\n0,0.1\n0.05,0.3\n")
+    options = ["--stop", "0.05", "--input", "wrench.csv", "--input", "moment.csv", "--input-hold"]
+    for words in (
+        ["run", "planar_tracking", "--no-reference", "--out", "a"],
+        ["simulate", "a/system.ssp", "--out", "b"],
+    ):
+        done = CliRunner().invoke(app, [*words, *options])
+        assert done.exit_code == 0, done.output
+    a, b = (Results.from_csv(tmp_path / name / "results.csv") for name in "ab")
+    np.testing.assert_array_equal(a["plant.q[1]"], b["plant.q[1]"])
+    # held: until 21.3 ms the first row, then the second
+    assert a["plant.F_e[1]"].tolist() == [0.0] * 23 + [20.0] * 28
+    assert a["plant.F_e[6]"].tolist() == [0.1] * 51
+    (tmp_path / "wrench.csv").write_text("time,plant.F_e[1] [N.m],plant.tau[1]\n0,0,0\n")
+    for command in (["run", "planar_tracking", "--out", "a"], ["simulate", "a/system.ssp", "--out", "b"]):
+        done = CliRunner().invoke(app, [*command, "--stop", "0.05", "--input", "wrench.csv"])
+        assert isinstance(done.exception, UsageError)
+        assert "wrench.csv: plant.F_e[1]: unit mismatch, 'N.m'" in str(done.exception)
+        assert (
+            "plant.tau[1]: expected an input that nothing is connected to; controller.tau[1] feeds it"
+            in str(done.exception)
+        )
