@@ -96,7 +96,7 @@ def test_what_has_no_inputs_says_so(tmp_path):
 def test_a_reference_refuses_a_signal_for_no_free_input():
     scenario = vdfmu.load_scenario("planar_tracking")
     scenario = dataclasses.replace(scenario, inputs={"plant.tau[1]": ([0.0], [0.0])})
-    with pytest.raises(UsageError, match=r"plant\.tau\[1\]: expected an input that nothing is connected to"):
+    with pytest.raises(UsageError, match=r"plant\.tau\[1\]: expected inputs that nothing is connected to"):
         reference("sampled", SystemDescription(scenario), step=1e-3, stop=1e-3)
 
 
