@@ -11,13 +11,15 @@ import numpy as np
 
 from vdfmu.fmu.native.compile import compile_library
 from vdfmu.fmu.native.platforms import PLATFORMS, this_platform
-from vdfmu.kernel import Kernel
 from vdfmu.kernel.c_code import c_function
+from vdfmu.kernel.functions import Functions
 
 __all__ = ["CompiledFunction", "write_library"]
 
 
-def write_library(kernel: Kernel, names: Sequence[str], folder: Path, flags: Sequence[str] = ()) -> Path:
+def write_library(
+    functions: Functions, names: Sequence[str], folder: Path, flags: Sequence[str] = ()
+) -> Path:
     """Compile traced functions into one shared library that exports them.
 
     Parameters
@@ -31,7 +33,7 @@ def write_library(kernel: Kernel, names: Sequence[str], folder: Path, flags: Seq
         If the compiler is not installed.
     """
     sources = {
-        f"kernel_{name}.c": f"#include <math.h>\n\n{c_function(kernel.casadi_function(name))}".encode()
+        f"kernel_{name}.c": f"#include <math.h>\n\n{c_function(functions.casadi_function(name))}".encode()
         for name in names
     }
     platform = this_platform()
@@ -51,8 +53,8 @@ class CompiledFunction:
     pointers : list of pointers to the buffers, in the order of the function's arguments
     """
 
-    def __init__(self, library: Path, kernel: Kernel, name: str) -> None:
-        function = kernel.casadi_function(name)
+    def __init__(self, library: Path, functions: Functions, name: str) -> None:
+        function = functions.casadi_function(name)
         self.args = {key: np.zeros(function.numel_in(key)) for key in function.name_in()}
         self.results = {key: np.zeros(function.numel_out(key)) for key in function.name_out()}
         self.call: Any = getattr(ctypes.CDLL(str(library)), name)

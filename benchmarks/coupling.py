@@ -20,11 +20,11 @@ from benchmarks.report import COLOURS, Report, Table, new_figure, tidy
 from benchmarks.system import Clock, least, packed, quiet_run
 from vdfmu.cosim import Results
 from vdfmu.cosim.continuous import ContinuousStepper
-from vdfmu.cosim.reference import reference
 from vdfmu.cosim.results import Signal
 from vdfmu.fmu.native.compile import native_available
 from vdfmu.model import Robot, Scenario, load_scenario
-from vdfmu.ssp.parameters import system_values
+from vdfmu.ssp.description import SystemDescription
+from vdfmu.study.reference import reference
 from vdfmu.study.summary import power_bond
 
 __all__ = ["Coupling", "Point", "run", "study"]
@@ -164,7 +164,7 @@ def study(
 ) -> Coupling:
     """Run every algorithm at every step, and under error control at every allowed error, in turns."""
     say(f"continuous reference over {stop:g} s")
-    exact = reference("continuous", scenario.robot, system_values(scenario), step=GRID, stop=stop)
+    exact = reference("continuous", SystemDescription(scenario), step=GRID, stop=stop)
     found = Coupling(stop)
     found.points = [Point(a, None, h) for a, each in steps.items() for h in each]
     found.points += [Point(a, error, LONGEST) for a in CONTROLLED for error in errors]
@@ -179,7 +179,7 @@ def study(
                 results = _run(package, point, stop, clock)
                 before.append(clock)
                 if i == 0:
-                    _note(point, results, exact.q, scenario.robot)
+                    _note(point, results, exact.array("plant.q"), scenario.robot)
         for point, each in zip(found.points, clocks, strict=True):
             point.time = least([c.processor for c in each]) * each[0].marks[-1][0]
         found.chosen_error = errors[len(errors) // 2]

@@ -20,15 +20,15 @@ from benchmarks.importers import ImporterError, ask, ask_rows
 from benchmarks.report import Report, Table
 from vdfmu.cosim.container import write_container
 from vdfmu.cosim.master import simulate
-from vdfmu.cosim.reference import reference
 from vdfmu.errors import VdfmuError
 from vdfmu.fmu import build_fmus
-from vdfmu.fmu.interface import MODEL_NAMES
 from vdfmu.model import Scenario, load_scenario
+from vdfmu.ssp.description import SystemDescription
 from vdfmu.ssp.parameters import system_values
 from vdfmu.ssp.read import load_ssp
-from vdfmu.ssp.system_file import units_of
 from vdfmu.ssp.write import write_osp, write_ssp
+from vdfmu.study.reference import reference
+from vdfmu.units import shipped_units
 
 __all__ = [
     "CASES",
@@ -55,7 +55,7 @@ PACKAGES = importers.PACKAGES | {
 """Tool to the Python packages that install it."""
 
 SSP_OF_FMI = {"2.0": "1.0", "3.0": "2.0"}
-UNITS = units_of(load_scenario("tracking"))
+UNITS = tuple(load_scenario("tracking").system.parts)
 EXACT_STEP = 2.0**-10
 """A step [s] whose multiples and their differences have no rounding, about 1 ms."""
 
@@ -140,8 +140,8 @@ class Tracking:
                 write_osp(scenario, fmus, self.osp(kind))
         for step in (self.step, EXACT_STEP):
             stop = round(self.stop / step) * step
-            solved = reference("sampled-delayed", scenario.robot, values, step=step, stop=stop)
-            np.save(self._reference(step), solved.q)
+            solved = reference("sampled-delayed", SystemDescription(scenario, values), step=step, stop=stop)
+            np.save(self._reference(step), solved.array("plant.q"))
         for kind in ("python", "native"):
             for step in (self.step, EXACT_STEP):
                 steps = round(self.stop / step)
@@ -246,7 +246,7 @@ def _in_importer(tracking: Tracking, case: Case) -> Seen:
 
 def _alone(tracking: Tracking, case: Case) -> Seen:
     """Let the arm fall for half a second and compare the energy, a scalar, with that of the FMU of FMI 2.0 in fmpy."""
-    plant = MODEL_NAMES["plant"]
+    plant = shipped_units()["plant"].__name__
     request = {"step": tracking.step, "steps": 500}
     signals = ["E_pot", "q"]
     found = ask(request | {
@@ -303,7 +303,8 @@ def drive(
         ask({
             "run": "fmpy-fmus", "step": step, "steps": round((tracking.stop if stop is None else stop) / step),
             "fmus": [{
-                "path": str(tracking.fmus(kind, fmi) / f"{MODEL_NAMES[unit]}.fmu"), "signals": outputs[unit],
+                "path": str(tracking.fmus(kind, fmi) / f"{shipped_units()[unit].__name__}.fmu"),
+                "signals": outputs[unit],
                 "inputs": str(folder / f"{unit}.npz"), "out": str(folder / f"{unit}.npy"),
             } for unit in UNITS],
         })  # fmt: skip

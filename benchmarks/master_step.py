@@ -18,8 +18,12 @@ from vdfmu.cosim import Results
 from vdfmu.cosim.bank import Call
 from vdfmu.cosim.component import Slave
 from vdfmu.cosim.exchange import Exchange, SampledStepper
-from vdfmu.kernel import Integrator, Kernel, KernelFunction
+from vdfmu.kernel import KernelFunction
+from vdfmu.kernel.structure import values
 from vdfmu.model import Scenario, load_scenario
+from vdfmu.unit.integrator import Integrator
+from vdfmu.unit.interface import Interface
+from vdfmu.units import shipped_units
 
 __all__ = ["MasterStep", "instrumented", "kernel_cases", "run", "study"]
 
@@ -163,7 +167,7 @@ class _Watches:
         calls = {k: {u: part(self.calls.get((u, k)), 4) for u in UNITS} for k in ("set", "do_step", "get")}
         kernel = {unit: 0.0 for unit in UNITS}
         for name, watch in self.kernel.items():
-            unit = _UNIT_OF[name.split("_")[0]]
+            unit = name.split("_")[0]
             kernel[unit] += part(watch, 0)
             calls["do_step"][unit] -= cost(0, [watch])
         calls["do_step"]["plant"] -= cost(3, [self.advance])
@@ -193,11 +197,6 @@ class _Watches:
             "steps": steps / n,
             "rejected": rejected / n,
         }
-
-
-_UNIT_OF = {"trajectory": "trajectory", "feedforward": "feedforward", "pd": "controller", "plant": "plant",
-            "equilibrium": "plant"}  # fmt: skip
-"""First word of a traced function to the unit that calls it."""
 
 
 @contextmanager
@@ -245,20 +244,25 @@ def instrumented(watches: _Watches) -> Generator[None]:
 def kernel_cases(scenario: Scenario, results: Results) -> list[Case]:
     """Make the traced functions that a step calls, on values from the middle of a run, to be timed alone."""
     middle = len(results) // 2
-    nominal, plant = Kernel(scenario.robot), Kernel(scenario.plant_robot)
+    robots = dict.fromkeys(UNITS, scenario.robot) | {"plant": scenario.plant_robot}
+    functions = {unit: Interface(shipped_units()[unit], robots[unit]).functions for unit in UNITS}
     x = np.hstack([results.array(f"plant.{name}")[middle] for name in ("q", "q_dot", "kappa_dot", "tau_s")])
-    feedforward = nominal.function(f"feedforward_{scenario.feedforward.mode}", p=nominal.p.copy())
+    feedforward = functions["feedforward"].function(
+        f"feedforward_outputs_{scenario.feedforward.mode}", p=values(scenario.robot)
+    )
     for name in ("q_d", "q_d_dot", "q_d_ddot", "q_d_dddot", "q_d_ddddot"):
         feedforward.args[name][:] = results.array(f"trajectory.{name}")[middle]
-    trajectory, controller = nominal.function("trajectory"), nominal.function("pd_control")
+    trajectory = functions["trajectory"].function("trajectory_outputs")
+    controller = functions["controller"].function(f"controller_outputs_{scenario.controller.velocity}")
     trajectory.args["T"][0] = scenario.trajectory.T
     controller.args["ell"][:] = scenario.robot.ell
-    step = plant.function("plant_step", x=x, p=plant.p.copy())
+    plant = {"x": x, "p": values(scenario.plant_robot)}
+    step = functions["plant"].function("plant_step", **plant)
     step.args["tau"][:] = results.array("plant.tau")[middle]
     step.args["h"][0], step.args["tolerance"][0] = scenario.step, scenario.tolerance
-    outputs = plant.function("plant_outputs", x=x, p=plant.p.copy())
-    functions = (trajectory, feedforward, controller, step, outputs)
-    return [Case(function.function.name(), function.run, function) for function in functions]
+    outputs = functions["plant"].function("plant_outputs", **plant)
+    called = (trajectory, feedforward, controller, step, outputs)
+    return [Case(function.function.name(), function.run, function) for function in called]
 
 
 # ------------------------------------------------------------------ reporting

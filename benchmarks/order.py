@@ -12,10 +12,10 @@ from matplotlib.figure import Figure
 from benchmarks.fit import Exponent, fit_exponent
 from benchmarks.report import COLOURS, Report, Table, new_figure, tidy
 from benchmarks.system import packed, quiet_run
-from vdfmu.cosim.reference import reference
 from vdfmu.fmu.native.compile import native_available
 from vdfmu.model import Scenario, load_scenario
-from vdfmu.ssp.parameters import system_values
+from vdfmu.ssp.description import SystemDescription
+from vdfmu.study.reference import reference
 
 __all__ = ["EXPECTED", "Convergence", "converge", "run", "triangle"]
 
@@ -76,8 +76,7 @@ def converge(
     """
     coarse = max(h for each in steps.values() for h in each)
     say(f"continuous reference over {stop:g} s")
-    exact = reference("continuous", scenario.robot, system_values(scenario), step=coarse, stop=stop)
-    n = scenario.robot.n
+    exact = reference("continuous", SystemDescription(scenario), step=coarse, stop=stop)
     q: dict[str, list[float]] = {}
     tau_s: dict[str, list[float]] = {}
     with packed(scenario, "native" if native_available() else "python") as package:
@@ -90,9 +89,9 @@ def converge(
                     convergence=CONVERGENCE if algorithm == "iterative" else None,
                 )  # fmt: skip
                 stride = round(coarse / h)
-                q[algorithm].append(float(np.max(np.abs(results.array("plant.q")[::stride] - exact.q))))
-                torque = results.array("plant.tau_s")[::stride] - exact.x[:, 3 * n :]
-                tau_s[algorithm].append(float(np.max(np.abs(torque))))
+                for name, errors in (("plant.q", q), ("plant.tau_s", tau_s)):
+                    difference = results.array(name)[::stride] - exact.array(name)
+                    errors[algorithm].append(float(np.max(np.abs(difference))))
     return Convergence({a: list(each) for a, each in steps.items()}, q, tau_s)
 
 

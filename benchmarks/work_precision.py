@@ -24,8 +24,10 @@ from benchmarks.report import COLOURS, Report, Table, new_figure, tidy
 from benchmarks.timing import Case, measure
 from vdfmu.fmu import build_fmus
 from vdfmu.fmu.native.compile import native_available
-from vdfmu.kernel import Kernel
+from vdfmu.kernel.structure import values
 from vdfmu.model import Robot, load_robot
+from vdfmu.unit.interface import Interface
+from vdfmu.units.plant import Plant
 
 __all__ = ["METHODS", "WorkPrecision", "run", "study"]
 
@@ -273,12 +275,12 @@ class _Scipy:
     """scipy's solvers on the compiled right-hand side and Jacobian."""
 
     def __init__(self, robot: Robot, folder: Path, times: np.ndarray, start: np.ndarray) -> None:
-        kernel = Kernel(robot)
-        library = write_library(kernel, ("plant_derivative", "plant_jacobian"), folder)
-        self._f = CompiledFunction(library, kernel, "plant_derivative")
-        self._J = CompiledFunction(library, kernel, "plant_jacobian")
+        functions = Interface(Plant, robot).functions
+        library = write_library(functions, ("plant_derivatives", "plant_jacobian"), folder)
+        self._f = CompiledFunction(library, functions, "plant_derivatives")
+        self._J = CompiledFunction(library, functions, "plant_jacobian")
         for function in (self._f, self._J):
-            function.args["p"][:] = kernel.p
+            function.args["p"][:] = values(robot)
         self._start = start
         self.times = times
         self.n = robot.n

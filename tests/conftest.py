@@ -13,8 +13,14 @@ import pytest
 
 from vdfmu.kernel import Kernel
 from vdfmu.kernel.cache import cache_folder
+from vdfmu.kernel.structure import values
 from vdfmu.model import Robot, check_robot, load_robot
 from vdfmu.model.parameters import section
+from vdfmu.unit.evaluate import Traced
+from vdfmu.unit.integrator import Integrator
+from vdfmu.unit.interface import Interface
+from vdfmu.unit.program import UnitFunctions
+from vdfmu.units import shipped_units
 
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # as a shell starts what it runs in the background
     signal.signal(signal.SIGINT, signal.default_int_handler)
@@ -183,3 +189,35 @@ def kernel_of(kernel_cache: Path):
         return Kernel(robot, kernel_cache)
 
     return kernel
+
+
+@pytest.fixture(scope="session")
+def functions_of(kernel_cache: Path):
+    """Return the function ``functions_of(unit, robot)``: traced functions of a shipped unit."""
+
+    def functions(unit: str, robot: Robot) -> UnitFunctions:
+        return UnitFunctions(shipped_units()[unit], robot, kernel_cache)
+
+    return functions
+
+
+@pytest.fixture(scope="session")
+def plant_function(functions_of):
+    """Return ``plant_function(robot, "derivatives")``, traced, of (x, tau, F_e); ``"jacobian"`` gives a matrix."""
+
+    def bound(robot: Robot, name: str):
+        function, p = functions_of("plant", robot).function(f"plant_{name}"), values(robot)
+        shape = (4 * robot.n, 4 * robot.n) if name == "jacobian" else (4 * robot.n,)
+        return lambda x, tau, F_e: function(p, x, tau, F_e).reshape(shape, order="F")
+
+    return bound
+
+
+@pytest.fixture(scope="session")
+def plant_solver():
+    """Return ``plant_solver(robot)``: the solver of the plant; ``.unit.group("tau")`` are its inputs."""
+
+    def solver(robot: Robot) -> Integrator:
+        return Integrator(Traced(Interface(shipped_units()["plant"], robot)))
+
+    return solver

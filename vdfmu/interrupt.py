@@ -81,8 +81,8 @@ def command_ended() -> None:
 def _stop(number: int, frame: FrameType | None) -> None:
     """Raise `Stopped`, or let a guard do so, or come again.
 
-    CasADi calls Python to find the types of its arguments and drops what that raises: a signal that comes then would
-    be lost, and the command go on.
+    CasADi calls Python to find the types of its arguments and drops what that raises, as Python does of what the end of
+    a dropped `Stopped` raises: a signal that comes then would be lost, and the command go on.
     """
     global _last
     if _guards and not _guards[0].number:
@@ -90,7 +90,8 @@ def _stop(number: int, frame: FrameType | None) -> None:
             guard.number = number
         return
     while frame is not None:
-        if frame.f_globals.get("__name__", "").startswith("casadi"):
+        within = frame.f_globals.get("__name__", "")
+        if within.startswith("casadi") or frame.f_code is Stopped.__del__.__code__:
             _come_again(number)
             return
         frame = frame.f_back

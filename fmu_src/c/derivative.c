@@ -99,7 +99,7 @@ Status directional_derivative(Instance *I, const Direction *a)
     if (check(I, a, false) != STATUS_OK)
         return STATUS_ERROR;
     sow(I, a->knowns, a->n_knowns, a->seed);
-    if (unit.n_x && I->core->phase == INITIALIZATION)
+    if (I->core->phase == INITIALIZATION)
         unit.start_forward(I->m, I->d);
     unit.outputs_forward(I->m, I->d);
     if (unit.n_x)
@@ -116,7 +116,7 @@ Status adjoint_derivative(Instance *I, const Direction *a)
     if (unit.n_x)
         unit.derivatives_reverse(I->m, I->d);
     unit.outputs_reverse(I->m, I->d);
-    if (unit.n_x && I->core->phase == INITIALIZATION)
+    if (I->core->phase == INITIALIZATION)
         unit.start_reverse(I->m, I->d);
     reap(I, a->knowns, a->n_knowns, a->sensitivity);
     return STATUS_OK;

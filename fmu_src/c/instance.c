@@ -170,13 +170,14 @@ static bool allocate(Instance *I, const char *name)
     const size_t n = unit.n;
     I->name = room(strlen(name) + 1, 1);
     I->core = room(1, core_size());
+    I->kept = room(1, core_size());
     I->size_at = room(n, sizeof *I->size_at);
     I->quick_at = room(n, sizeof *I->quick_at);
     I->before = room(n, sizeof *I->before);
     I->d = room(n, sizeof *I->d);
     I->x_new = room(unit.n_x, sizeof *I->x_new);
     I->ratio = room(unit.n_x, sizeof *I->ratio);
-    if (!(I->name && I->core && I->size_at && I->quick_at && I->before && I->d && I->x_new && I->ratio))
+    if (!(I->name && I->core && I->kept && I->size_at && I->quick_at && I->before && I->d && I->x_new && I->ratio))
         return false;
     strcpy(I->name, name);
     I->m = I->core->values;
@@ -213,6 +214,8 @@ Instance *instance_new(const Host *host, const char *call, const char *name, con
         fail(I, "expected an instance for model exchange (0) or co-simulation (1), got another type.");
     else if (kind == MODEL_EXCHANGE && unit.n_x == 0)
         fail(I, "%s has no continuous states and is for co-simulation only.", unit.name);
+    else if (kind == MODEL_EXCHANGE && unit.period < unit.n)
+        fail(I, "%s has sampled states and is for co-simulation only.", unit.name);
     else
         return I;
     instance_free(I);
@@ -226,6 +229,7 @@ void instance_free(Instance *I)
     states_free(I);
     free(I->name);
     free(I->core);
+    free(I->kept);
     free(I->size_at);
     free(I->quick_at);
     free(I->before);
@@ -276,10 +280,9 @@ static Status start(Instance *I)
         text_free(&problems);
         return STATUS_ERROR;
     }
-    if (unit.n_x) {
-        unit.start(I->m);
+    unit.start(I->m);
+    if (unit.n_x)
         I->core->h = FIRST_STEP;
-    }
     I->core->stale = STALE_OUTPUTS | STALE_DERIVATIVES;
     return STATUS_OK;
 }

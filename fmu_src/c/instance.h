@@ -72,7 +72,7 @@ typedef struct {
     Kind kind;
     char *name;
     const char *call; /* FMI function under way */
-    Core *core;
+    Core *core, *kept; /* `kept`: a copy from the start of a step by samples */
     double *m, *rate, *held; /* parts of `core->values` */
     size_t *size_at;         /* (n) number of values of a value reference, 0 if there is none */
     unsigned char *quick_at; /* (n) what a value reference allows without a closer look, of the bits below */

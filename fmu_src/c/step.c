@@ -4,6 +4,7 @@
 #include <string.h>
 
 #include "solver.h"
+#include "state.h"
 
 /* ---------------------------------------------------------------- intermediate updates */
 
@@ -147,8 +148,8 @@ static Status step_to_end(Instance *I, Step *s)
 static Status step_by_samples(Instance *I, Step *s)
 {
     const double period = I->m[unit.period], start = I->core->start_time, end = s->end;
-    const double close = 1e-9 * period, h = I->core->h;
-    memcpy(I->d, I->m, unit.n * sizeof *I->m);
+    const double close = 1e-9 * period;
+    memcpy(I->kept, I->core, core_size());
     for (double from = s->point; from < end;) {
         const double k = ceil((from - start - close) / period);
         double next = start + k * period;
@@ -160,8 +161,7 @@ static Status step_by_samples(Instance *I, Step *s)
         const double to = next < end - close ? next : end;
         *s = (Step){.I = I, .point = from, .size = to - from, .end = to};
         if (step_to_end(I, s) != STATUS_OK) {
-            memcpy(I->m, I->d, unit.n * sizeof *I->m);
-            I->core->h = h;
+            memcpy(I->core, I->kept, core_size());
             return STATUS_ERROR;
         }
         if (s->early)

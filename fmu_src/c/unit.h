@@ -76,7 +76,7 @@ typedef struct {
     const Requirement *requirements;
     void (*margins)(const double *m, double *margin);  /* (n_requirements); a requirement holds where margin >= 0 */
 
-    /* The program of the unit, on its memory. Of a unit without states, only what is about outputs is called. */
+    /* The program of the unit, on its memory. */
     void (*start)(double *m);        /* parameters to states */
     void (*outputs)(double *m);      /* inputs, parameters, states, time to outputs */
     void (*derivatives)(double *m);  /* inputs, parameters, states to derivatives of the states */

@@ -1,7 +1,7 @@
 """A unit as a co-simulation slave: what it computes is in the installed package vdfmu."""
 
 try:
-    from vdfmu.fmu.python.slave import UnitSlave
+    from vdfmu.fmu.python.slave import slave_class
     from vdfmu.fmu.python.wrapper import hold_globals
 except ImportError as error:
     raise ImportError(
@@ -10,11 +10,7 @@ except ImportError as error:
     ) from error
 
 
-class ModelSlave(UnitSlave):
-    """Slave of Model."""
-
-    unit = "Model"
-
+ModelSlave = slave_class("Model")
 
 __all__ = ["ModelSlave"]
 

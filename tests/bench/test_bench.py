@@ -26,8 +26,10 @@ from vdfmu.cosim.continuous import ContinuousStepper
 from vdfmu.cosim.exchange import Exchange, SampledStepper
 from vdfmu.equations.rigid_body import net_force
 from vdfmu.fmu.native.compile import native_available
-from vdfmu.kernel import Integrator, Kernel, KernelFunction
-from vdfmu.model import check_robot, load_robot, load_scenario
+from vdfmu.kernel import KernelFunction
+from vdfmu.kernel.structure import values
+from vdfmu.model import Robot, check_robot, load_robot, load_scenario
+from vdfmu.unit.integrator import Integrator
 
 needs_compiler = pytest.mark.skipif(
     not native_available(), reason="the compiler of native FMUs is not installed"
@@ -310,16 +312,14 @@ def test_clock_divides_by_the_steps() -> None:
 
 
 @needs_compiler
-def test_compiled_function_is_the_traced_one(tmp_path: Path) -> None:
-    kernel = Kernel(load_robot("planar_2dof"))
-    compiled = CompiledFunction(
-        write_library(kernel, ["plant_derivative"], tmp_path), kernel, "plant_derivative"
-    )
-    traced = kernel.function("plant_derivative")
+def test_compiled_function_is_the_traced_one(tmp_path: Path, planar: Robot, functions_of) -> None:
+    functions, name = functions_of("plant", planar), "plant_derivatives"
+    compiled = CompiledFunction(write_library(functions, [name], tmp_path), functions, name)
+    traced = functions.function(name)
     random = np.random.default_rng(3)
-    for name, values in traced.args.items():
-        values[:] = kernel.p if name == "p" else random.uniform(-0.5, 0.5, len(values))
-        compiled.args[name][:] = values
+    for name, buffer in traced.args.items():
+        buffer[:] = values(planar) if name == "p" else random.uniform(-0.5, 0.5, len(buffer))
+        compiled.args[name][:] = buffer
     traced.run()
     compiled.run()
     # one rounding of the largest term apart at most: libraries differ in sin and cos

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gc
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -96,7 +97,7 @@ def fails(package: Path, way: str, **options) -> CosimError:
         (
             "hang",
             {"time_limit": 5.0},
-            r"no return within 5 s; a longer time_limit \(--time-limit\) gives it more",
+            r"no return within 5 s; a longer time_limit \(simulate --time-limit\) gives it more",
         ),
         ("eat", {"memory_limit": 400.0}, r"SIGSEGV\), of which the memory had reached \d+ MB of 400 MB"),
         ("strange", {}, r"the unit gave no reason \(status 17, not of FMI 2\.0\)"),
@@ -196,6 +197,20 @@ def test_check_of_a_package_names_the_component_that_ends_the_process(wild, pack
     (problem,) = check_run.run_apart(path, "SSP").problems
     assert f"unit: {call} at t = " in problem
     assert "ed the process (" in problem
+
+
+@pytest.mark.parametrize(("way", "call"), [("hang", "doStep"), ("hang_end", "terminate")])
+def test_check_of_a_package_names_the_component_that_does_not_return(wild, pack, xml, monkeypatch, way, call):
+    monkeypatch.setattr(
+        check_run, "SECONDS", check_run.NAMING + 8.0
+    )  # 8 s for the start of Python and the run
+    fmu = wild(way, 0.5e-3).read_bytes()
+    path = pack([xml.component("unit", "W", "y:output")], extra={"resources/W.fmu": fmu})
+    (problem,) = check_run.run_apart(path, "SSP").problems
+    # a second is the least time that a call has, also where a busy machine took longer to start
+    assert re.search(rf"unit: {call} at t = 0\.\d+ s failed: no return within [1-8](\.\d)? s; ", problem), (
+        problem
+    )
 
 
 # ---------------------------------------------------------------- processes of the components

@@ -13,25 +13,30 @@ from vdfmu.errors import KernelError, ModelError
 from vdfmu.kernel import c_code
 from vdfmu.kernel.c_code import c_function, c_prototype
 from vdfmu.kernel.requirements import margins, requirements
-from vdfmu.kernel.structure import parameters, set_parameters
+from vdfmu.kernel.structure import parameters, set_parameters, values
 from vdfmu.model import check_robot
 
 NAMES = (
-    "trajectory", "feedforward_inverse", "feedforward_vdc", "pd_control",
-    "equilibrium_torque", "plant_outputs", "plant_derivative",
+    "trajectory_outputs", "feedforward_outputs_inverse", "feedforward_outputs_vdc", "controller_outputs_kappa_dot",
+    "plant_start_equilibrium", "plant_outputs", "plant_derivatives",
 )  # fmt: skip
+
+
+def owner(name, robot, kernel_of, functions_of):
+    """Return what has the traced function: a unit, or the kernel."""
+    return kernel_of(robot) if name == "margins" else functions_of(name.split("_")[0], robot)
 
 
 def nominal(function, p, rng):
     """Return smooth arguments: time inside the motion, positive gains and wide limits, the robot's parameters."""
-    values = {name: rng.uniform(0.2, 0.9, function.size1_in(name)) for name in function.name_in()}
-    if "T" in values:
-        values |= {"t": np.array([3.0]), "T": np.array([10.0]), "t_start": np.array([0.0])}
-    if "tau_max" in values:
-        values["tau_max"] += 1e6
-    if "p" in values:
-        values["p"] = p
-    return list(values.values())
+    found = {name: rng.uniform(0.2, 0.9, function.size1_in(name)) for name in function.name_in()}
+    if "T" in found:
+        found |= {"t": np.array([3.0]), "T": np.array([10.0]), "t_start": np.array([0.0])}
+    if "tau_max" in found:
+        found["tau_max"] += 1e6
+    if "p" in found:
+        found["p"] = p
+    return list(found.values())
 
 
 def flat(columns):
@@ -41,12 +46,12 @@ def flat(columns):
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_forward_is_the_slope_along_the_direction(robot, kernel_of, name):
-    kernel, rng = kernel_of(robot), np.random.default_rng(75)
-    function, forward = kernel.casadi_function(name), kernel.casadi_function(f"{name}_forward")
+def test_forward_is_the_slope_along_the_direction(robot, functions_of, name):
+    functions, rng = owner(name, robot, None, functions_of), np.random.default_rng(75)
+    function, forward = functions.casadi_function(name), functions.casadi_function(f"{name}_forward")
     assert forward.name_in() == [*function.name_in(), *(f"d_{a}" for a in function.name_in())]
     assert forward.name_out() == [f"d_{r}" for r in function.name_out()]
-    start = nominal(function, kernel.p, rng)
+    start = nominal(function, values(robot), rng)
     direction = [rng.uniform(-1.0, 1.0, a.shape) * np.maximum(np.abs(a), 1e-3) for a in start]
     tangent = flat(forward(*start, *direction))
 
@@ -61,11 +66,11 @@ def test_forward_is_the_slope_along_the_direction(robot, kernel_of, name):
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_reverse_is_the_transpose_of_forward(robot, kernel_of, name):
-    kernel, rng = kernel_of(robot), np.random.default_rng(76)
-    function = kernel.casadi_function(name)
-    forward, reverse = (kernel.casadi_function(f"{name}_{end}") for end in ("forward", "reverse"))
-    start = nominal(function, kernel.p, rng)
+def test_reverse_is_the_transpose_of_forward(robot, functions_of, name):
+    functions, rng = owner(name, robot, None, functions_of), np.random.default_rng(76)
+    function = functions.casadi_function(name)
+    forward, reverse = (functions.casadi_function(f"{name}_{end}") for end in ("forward", "reverse"))
+    start = nominal(function, values(robot), rng)
     direction = [rng.uniform(-1.0, 1.0, a.shape) for a in start]
     weights = [rng.uniform(-1.0, 1.0, function.size1_out(i)) for i in range(function.n_out())]
     tangent, adjoint = flat(forward(*start, *direction)), flat(reverse(*start, *weights))
@@ -76,19 +81,28 @@ def test_reverse_is_the_transpose_of_forward(robot, kernel_of, name):
 
 @pytest.mark.parametrize("part", [None, 37], ids=["whole", "in parts"])
 @pytest.mark.parametrize(
-    "name", ["plant_derivative", "feedforward_vdc", "trajectory", "pd_control", "margins"]
+    "name",
+    [
+        "plant_derivatives",
+        "feedforward_outputs_vdc",
+        "trajectory_outputs",
+        "controller_outputs_mixed",
+        "margins",
+    ],
 )
-def test_c_text_computes_what_the_trace_computes(robot, kernel_of, name, part, tmp_path, monkeypatch):
+def test_c_text_computes_what_the_trace_computes(
+    robot, kernel_of, functions_of, name, part, tmp_path, monkeypatch
+):
     if part is not None:
         monkeypatch.setattr(c_code, "_WHOLE", part)
         monkeypatch.setattr(c_code, "_PART", part)
-    kernel, rng = kernel_of(robot), np.random.default_rng(77)
-    function = kernel.casadi_function(name)
+    functions, rng = owner(name, robot, kernel_of, functions_of), np.random.default_rng(77)
+    function = functions.casadi_function(name)
     source, library = tmp_path / "kernel.c", tmp_path / "kernel.so"
     source.write_text(f"#include <math.h>\n{c_prototype(function)};\n{c_function(function)}")
     warnings = ["-std=c11", "-Wall", "-Wextra", "-Wpedantic", "-Werror"]
     subprocess.run(["cc", *warnings, "-O1", "-shared", "-fPIC", "-o", library, source, "-lm"], check=True)
-    arguments = [np.ascontiguousarray(a) for a in nominal(function, kernel.p, rng)]
+    arguments = [np.ascontiguousarray(a) for a in nominal(function, values(robot), rng)]
     results = [np.full(function.size1_out(i), np.nan) for i in range(function.n_out())]
     pointers = [a.ctypes.data_as(ctypes.c_void_p) for a in (*arguments, *results)]
     ctypes.CDLL(str(library))[function.name()](*pointers)

@@ -79,12 +79,11 @@ def test_plant_agrees_with_rotors_as_bodies(chain, draw):
 
 
 @pytest.mark.parametrize("coupling", [True, False])
-def test_free_fall_is_that_of_rotors_as_bodies(arm, coupling, kernel_of):
+def test_free_fall_is_that_of_rotors_as_bodies(arm, coupling, plant_function):
     robot = dataclasses.replace(arm, rotor_coupling=coupling).with_parameters(f_c=0.0, f_s=0.0, f_v=0.0)
     bodies, n = RotorBodies(robot), robot.n
     zero, none = np.zeros(n), np.zeros(6)
-    kernel = kernel_of(robot)
-    ours = kernel.function("plant_derivative")
+    ours = plant_function(robot, "derivatives")
 
     def theirs(_, x):
         q, q_dot, kappa_dot, tau_s = np.split(x, 4)
@@ -97,7 +96,7 @@ def test_free_fall_is_that_of_rotors_as_bodies(arm, coupling, kernel_of):
     start = np.concatenate([np.zeros(3 * n), equilibrium_torque(robot, np.zeros(n))])
     ends = [
         solve_ivp(f, (0.0, 0.2), start, method="DOP853", rtol=1e-9, atol=1e-9).y[:n, -1]
-        for f in (theirs, lambda _, x: np.ravel(ours(x, zero, none, kernel.p)))
+        for f in (theirs, lambda _, x: ours(x, zero, none))
     ]
     distance = np.abs(ends[0] - ends[1]).max()
     # Two runs of one solver with a local error of 1e-9: 1e-7 after some 500 steps. Without the reaction joint 5 falls

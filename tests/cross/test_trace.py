@@ -24,6 +24,15 @@ from vdfmu.kernel.trace import FUNCTIONS
 from vdfmu.model import Robot, load_robot
 from vdfmu.model.parameters import PARAMETERS, SPRING_KEYS
 from vdfmu.scalar.jet import derivative, jets
+from vdfmu.unit.program import UnitFunctions
+from vdfmu.units import shipped_units
+
+PLANAR = load_robot("planar_2dof")
+NAMES = [
+    *FUNCTIONS,
+    *(name for unit in shipped_units().values() for name in UnitFunctions(unit, PLANAR, None).names()),
+]
+"""Traced functions of the kernel and of the units."""
 
 
 @pytest.fixture(
@@ -40,7 +49,7 @@ def traced_robot(request, general):
 
 def first_joint(robot: Robot) -> Robot:
     """Return the arm that ends after the first joint."""
-    arrays = {name: getattr(robot, name)[:1] for name in JOINT_FIELDS}
+    arrays = {name: getattr(robot, name)[:1] for name, row in PARAMETERS.items() if row.per_joint}
     return dataclasses.replace(robot, name="single", joint_types=robot.joint_types[:1], **arrays)
 
 
@@ -50,19 +59,19 @@ def plant_jacobian(robot, x, tau, F_e):
     return np.array(columns, dtype=float).T
 
 
-def plant_step(robot, x, tau, F_e, tau_dot, F_e_dot, h, tolerance):
+def plant_step(robot, x, tau, F_e, rate_tau, rate_F_e, h, tolerance):
     """Return one step of the plant by the stage equations of Hairer and Wanner, with numpy's solver."""
     J = plant_jacobian(robot, x, tau, F_e)
     W = np.eye(len(x)) / (h * GAMMA) - J
     # the right-hand side is affine in tau and F_e: a difference is the derivative but for rounding
     f = plant_derivative(robot, x, tau, F_e)
-    f_t = plant_derivative(robot, x, tau + tau_dot, F_e + F_e_dot) - f
+    f_t = plant_derivative(robot, x, tau + rate_tau, F_e + rate_F_e) - f
     u: list[np.ndarray] = []
     for a, c, alpha, gamma in zip(A, C, ALPHA, GAMMA_I, strict=True):
         x_i = x + sum((k * v for k, v in zip(a, u, strict=True)), np.zeros(len(x)))
         drift = sum((k * v for k, v in zip(c, u, strict=True)), np.zeros(len(x))) / h
         t = alpha * h
-        f_i = plant_derivative(robot, x_i, tau + t * tau_dot, F_e + t * F_e_dot)
+        f_i = plant_derivative(robot, x_i, tau + t * rate_tau, F_e + t * rate_F_e)
         u.append(np.linalg.solve(W, f_i + drift + gamma * h * f_t))
     x_new = x_i + u[-1]
     ratio = u[-1] / (tolerance * (1.0 + np.maximum(np.abs(x), np.abs(x_new))))
@@ -94,13 +103,13 @@ def case(name, robot, state):
             return dict(q=q), dict(J_q=jacobian(robot, q))
         case "mass_matrix":
             return dict(q=q), dict(M=joint_space_mass_matrix(robot, q))
-        case "plant_derivative":
+        case "plant_derivatives":
             return dict(x=x, tau=tau, F_e=F_e), dict(x_dot=plant_derivative(robot, x, tau, F_e))
         case "plant_jacobian":
             return dict(x=x, tau=tau, F_e=F_e), dict(J=plant_jacobian(robot, x, tau, F_e))
         case "plant_step":
             h, tolerance = 1e-4, 1e-6
-            inputs = dict(tau=tau, F_e=F_e, tau_dot=30.0 * tau, F_e_dot=-20.0 * F_e)
+            inputs = dict(tau=tau, F_e=F_e, rate_tau=30.0 * tau, rate_F_e=-20.0 * F_e)
             return dict(x=x, **inputs, h=h, tolerance=tolerance), plant_step(
                 robot, x, **inputs, h=h, tolerance=tolerance
             )
@@ -108,32 +117,35 @@ def case(name, robot, state):
             return dict(x=x), plant_outputs(robot, x)._asdict()
         case "margins":
             return {}, dict(margin=margins(robot, requirements(robot)))
-        case "equilibrium_torque":
-            return dict(q=q, F_e=F_e), dict(tau_s=equilibrium_torque(robot, q, F_e))
-        case "feedforward_inverse":
+        case "plant_start_equilibrium":
+            tau_s = equilibrium_torque(robot, q, F_e)
+            return dict(q_0=q, q_dot_0=q_dot, F_e=F_e), dict(x=np.concatenate([q, q_dot, q_dot, tau_s]))
+        case "plant_start_not_equilibrium":
+            parts = dict(q_0=q, q_dot_0=q_dot, kappa_dot_0=state.kappa_dot, tau_s_0=state.tau_s)
+            return parts, dict(x=np.concatenate(list(parts.values())))
+        case "feedforward_outputs_inverse":
             return desired | dict(F_e_d=F_e), feedforward_inverse(robot, motion, F_e)._asdict()
-        case "feedforward_vdc":
+        case "feedforward_outputs_vdc":
             measured = dict(q=q, q_dot=q_dot, kappa_dot=state.kappa_dot, F_e_d=F_e)
             torques = feedforward_vdc(robot, Gains(**gains), motion, **measured)
             return desired | measured | gains, torques._asdict()
-        case "trajectory":
+        case "trajectory_outputs":
             times = dict(t=3.0, T=10.0, t_start=0.5)
             ends = dict(q_start=q, q_end=q + 1.0)
             return times | ends, desired_motion(3.0, q, q + 1.0, 10.0, 0.5)._asdict()
-        case "pd_control":
+        case "controller_outputs_kappa_dot" | "controller_outputs_q_dot" | "controller_outputs_mixed":
+            pair = {
+                "kappa_dot": ("kappa_dot_d", "kappa_dot"), "q_dot": ("q_d_dot", "q_dot"),
+                "mixed": ("q_d_dot", "kappa_dot"),
+            }[name.removeprefix("controller_outputs_")]  # fmt: skip
             inputs = dict(
-                K_p=gains["Lambda"] * 100,
-                K_v=gains["K_V"],
-                ell=robot.ell,
-                tau_max=np.full(n, 1.0),
-                q_d=q + 0.1,
-                velocity_d=q_dot,
-                q=q,
-                velocity=state.kappa_dot,
+                K_p=gains["Lambda"] * 100, K_v=gains["K_V"], ell=robot.ell, tau_max=np.full(n, 1.0), q_d=q + 0.1, q=q,
                 tau_m=tau,
-            )
-            return inputs, pd_control(**inputs)._asdict()
-        case "torque_estimates":
+            )  # fmt: skip
+            velocities = dict(zip(pair, (q_dot, state.kappa_dot), strict=True))
+            command = pd_control(**inputs, velocity_d=q_dot, velocity=state.kappa_dot)
+            return inputs | velocities, command._asdict()
+        case "estimator_outputs":
             inputs = dict(
                 q=q, kappa=rotor_position(robot, q, state.tau_s), tau=tau, tau_hat_max=100.0 / robot.c_f
             )
@@ -153,13 +165,23 @@ def call(function, arguments, p):
     return {key: value.copy() for key, value in function.results.items()}
 
 
-@pytest.mark.parametrize("name", list(FUNCTIONS))
-def test_traced_function_equals_the_numpy_equations(traced_robot, draw, kernel_of, name):
-    kernel = kernel_of(traced_robot)
-    function = kernel.function(name)
+@pytest.fixture(scope="module")
+def function_of(kernel_of, functions_of):
+    """Return ``function_of(robot, name)``: a traced function of the kernel or of a unit."""
+
+    def function(robot, name):
+        owner = kernel_of(robot) if name in FUNCTIONS else functions_of(name.split("_")[0], robot)
+        return owner.function(name)
+
+    return function
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_traced_function_equals_the_numpy_equations(traced_robot, draw, function_of, name):
+    p, function = values(traced_robot), function_of(traced_robot, name)
     for state in draw(traced_robot, 3, seed=71):
         arguments, expected = case(name, traced_robot, state)
-        results = call(function, arguments, kernel.p)
+        results = call(function, arguments, p)
         assert set(results) == set(expected)
         # The same operations, in an order that CasADi may change: 1e-12 of the largest entry is some 5000
         # roundings. A step solves a linear system of condition up to 1e4 besides, and its error is a
@@ -173,19 +195,25 @@ def test_traced_function_equals_the_numpy_equations(traced_robot, draw, kernel_o
             np.testing.assert_allclose(results[key], value, rtol=0, atol=bound * scale, err_msg=key)
 
 
+WITHOUT_ROBOT = ("trajectory_outputs", "estimator_outputs", "plant_start_not_equilibrium")
+"""Functions that do not take all of the robot's parameters."""
+
+
 @pytest.mark.parametrize(
-    "name", [name for name in FUNCTIONS if name not in ("trajectory", "pd_control", "torque_estimates")]
+    "name", [n for n in NAMES if n not in WITHOUT_ROBOT and not n.startswith("controller")]
 )
-def test_parameters_at_run_time_equal_the_equations_of_the_changed_robot(traced_robot, draw, kernel_of, name):
-    kernel = kernel_of(traced_robot)
+def test_parameters_at_run_time_equal_the_equations_of_the_changed_robot(
+    traced_robot, draw, function_of, name
+):
     random = np.random.default_rng(72)
-    p = kernel.p * random.uniform(0.9, 1.1, len(kernel.p))
+    p = values(traced_robot)
+    p = p * random.uniform(0.9, 1.1, len(p))
     changed = set_parameters(traced_robot, p)
     np.testing.assert_array_equal(values(changed), p)
     assert structure_key(changed) == structure_key(traced_robot)
     state = draw(traced_robot, 1, seed=73)[0]
     arguments, expected = case(name, changed, state)
-    results = call(kernel.function(name), arguments, p)
+    results = call(function_of(traced_robot, name), arguments, p)
     _, before = case(name, traced_robot, state)
     moved = False
     for key, value in expected.items():
@@ -204,8 +232,8 @@ def test_parameters_at_run_time_equal_the_equations_of_the_changed_robot(traced_
 
 
 @pytest.mark.parametrize("t", [-1.0, 0.0, 0.25, 0.5, 3.0, 10.5, 11.0])
-def test_traced_trajectory_holds_before_and_after(planar, kernel_of, t):
-    function = kernel_of(planar).function("trajectory")
+def test_traced_trajectory_holds_before_and_after(planar, function_of, t):
+    function = function_of(planar, "trajectory_outputs")
     q_start, q_end = np.array([0.1, 0.2]), np.array([1.0, -1.0])
     results = call(function, dict(t=t, T=10.0, t_start=0.5, q_start=q_start, q_end=q_end), None)
     for key, value in desired_motion(t, q_start, q_end, 10.0, 0.5)._asdict().items():
@@ -214,37 +242,32 @@ def test_traced_trajectory_holds_before_and_after(planar, kernel_of, t):
 
 
 @pytest.mark.parametrize("infinite", [True, False])
-def test_traced_limit_of_the_motor_torque(planar, kernel_of, infinite):
-    function = kernel_of(planar).function("pd_control")
+def test_traced_limit_of_the_motor_torque(planar, function_of, infinite):
+    function = function_of(planar, "controller_outputs_kappa_dot")
     limit = np.inf if infinite else 0.5
     zero, one = np.zeros(2), np.ones(2)
     inputs = dict(
-        K_p=zero, K_v=zero, ell=one, tau_max=limit * one, q_d=zero, velocity_d=zero, q=zero, velocity=zero
+        K_p=zero, K_v=zero, ell=one, tau_max=limit * one, q_d=zero, kappa_dot_d=zero, q=zero, kappa_dot=zero
     )
     for torque in (-3.0, -0.4, 0.0, 0.4, 3.0):
         results = call(function, inputs | dict(tau_m=torque), None)
         np.testing.assert_array_equal(results["tau"], np.clip(torque, -limit, limit) * one)
 
 
-def test_plant_jacobian_agrees_with_central_differences(traced_robot, draw, kernel_of):
+def test_plant_jacobian_agrees_with_central_differences(traced_robot, draw, plant_function):
     robot = traced_robot.with_parameters(eps=0.5)  # a friction step as wide as the differences can resolve
-    kernel = kernel_of(robot)
-    derivative_of = kernel.function("plant_derivative")
+    derivative_of, jacobian_of = (plant_function(robot, name) for name in ("derivatives", "jacobian"))
     for state in draw(robot, 2, seed=74):
         m = 4 * robot.n
-        J = kernel.function("plant_jacobian")(state.x, state.tau, state.F_e, kernel.p).reshape(
-            m, m, order="F"
-        )
+        J = jacobian_of(state.x, state.tau, state.F_e)
         h = 1e-5
         for j in range(m):
             step = h * np.eye(m)[j]
-            high, low = (
-                derivative_of(state.x + s * step, state.tau, state.F_e, kernel.p).copy() for s in (1, -1)
-            )
+            high, low = (derivative_of(state.x + s * step, state.tau, state.F_e) for s in (1, -1))
             # Rounding 1e-16 / 1e-5 of the rates, truncation h^2/6 f''': third derivatives exceed the first by
             # at most 1 / v_s^2 = 1e3, and by (2 ell)^2 = 4e4 (1.4e6 for a slide) in the kinematic error's
             # phase. h^2 of that.
-            scale = 1e-10 * np.abs(derivative_of.results["x_dot"]).max() + 1e-4 * np.abs(J[:, j]).max()
+            scale = 1e-10 * np.abs(low).max() + 1e-4 * np.abs(J[:, j]).max()
             np.testing.assert_allclose(J[:, j], (high - low) / (2 * h), rtol=0, atol=scale)
 
 
@@ -287,5 +310,5 @@ def test_kernel_without_cache_traces_the_same(planar, draw):
     np.testing.assert_allclose(tau, expected, rtol=0, atol=1e-12 * np.abs(expected).max())
 
 
-def test_desired_fields_are_the_inputs_of_the_feedforward(planar, kernel_of):
-    assert tuple(kernel_of(planar).function("feedforward_inverse").args) == (*Desired._fields, "F_e_d", "p")
+def test_desired_fields_are_the_inputs_of_the_feedforward(planar, function_of):
+    assert set(function_of(planar, "feedforward_outputs_inverse").args) == {*Desired._fields, "F_e_d", "p"}

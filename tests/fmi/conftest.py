@@ -24,8 +24,9 @@ from fmpy.fmi2 import (
     fmi2CallbackLoggerTYPE,
 )
 
-from vdfmu.fmu import UNIT_NAMES, build_fmus
+from vdfmu.fmu import build_fmus
 from vdfmu.model import Robot, load_robot, robot_names
+from vdfmu.units import shipped_units
 
 
 class Lazy(dict[str, Any]):
@@ -225,7 +226,7 @@ def run_python() -> Callable[..., str]:
     return run
 
 
-@pytest.fixture(params=UNIT_NAMES)
+@pytest.fixture(params=shipped_units())
 def unit_name(request: pytest.FixtureRequest) -> str:
     """Each of the units."""
     return request.param

@@ -16,10 +16,12 @@ import pytest
 from lxml import html
 
 from vdfmu.errors import FmuError, ModelError, UsageError
-from vdfmu.fmu import UNIT_NAMES, build_fmus
+from vdfmu.fmu import build_fmus
 from vdfmu.fmu.content import Content
-from vdfmu.fmu.interface import interface
 from vdfmu.model import Robot
+from vdfmu.unit.interface import Interface, general_description
+from vdfmu.unit.variable import Variable
+from vdfmu.units import shipped_units
 
 BUILD = """
 import sys
@@ -57,7 +59,7 @@ def test_a_cold_cache_of_traced_functions_changes_no_byte(
 def test_an_fmu_that_is_up_to_date_is_left_alone(planar: Robot, tmp_path: Path) -> None:
     before = {unit: path.stat() for unit, path in build_fmus(planar, tmp_path, backend="python").items()}
     after = {unit: path.stat() for unit, path in build_fmus(planar, tmp_path, backend="python").items()}
-    for unit in UNIT_NAMES:
+    for unit in shipped_units():
         assert before[unit].st_mtime_ns == after[unit].st_mtime_ns
         assert before[unit].st_ino == after[unit].st_ino
 
@@ -84,16 +86,16 @@ def test_a_change_gives_another_guid_and_a_new_file(planar: Robot, tmp_path: Pat
 
 
 def test_the_guid_changes_with_sources_scripts_and_pythonfmu(planar: Robot) -> None:
-    first = Content("plant", planar, {})
+    first = Content(shipped_units()["plant"], planar, {})
     guids = {
         first.guid,
-        Content("plant", planar, {}, digest="another").guid,
-        Content("plant", planar, {}, version="9.9.9").guid,
-        Content("plant", planar, {}, tool="pythonfmu 9.9.9").guid,
-        Content("controller", planar, {}).guid,
+        Content(shipped_units()["plant"], planar, {}, digest="another").guid,
+        Content(shipped_units()["plant"], planar, {}, version="9.9.9").guid,
+        Content(shipped_units()["plant"], planar, {}, tool="pythonfmu 9.9.9").guid,
+        Content(shipped_units()["controller"], planar, {}).guid,
     }
     assert len(guids) == 5
-    assert Content("plant", planar, {}).guid == first.guid
+    assert Content(shipped_units()["plant"], planar, {}).guid == first.guid
 
 
 @pytest.mark.parametrize("damage", [b"", b"not a zip", None])
@@ -162,7 +164,19 @@ def test_the_page_inside_describes_every_variable(
     with zipfile.ZipFile(fmus["planar_2dof"][unit_name]) as archive:
         page = html.fromstring(archive.read("documentation/index.html").decode())
     rows = [[cell.text_content() for cell in row] for row in page.iter("tr")][1:]
-    assert rows == [[v.name, v.causality, v.unit or "", v.description] for v in interface(unit_name, planar)]
+    interface = Interface(shipped_units()[unit_name], planar)
+    described: list[Variable] = []
+    for name, references, _, unit, *_, text in rows:
+        first, *last = map(int, references.split(" .. "))
+        members = interface.variables[first : (last or [first])[0] + 1]
+        assert name == " .. ".join(dict.fromkeys((members[0].name, members[-1].name)))
+        assert {v.unit or "" for v in members} == {unit}
+        alike = {general_description(v.description) if last else v.description for v in members}
+        assert alike == {text}
+        described += members
+    assert described == list(interface.variables)
+    kinds = {row[2] for row in rows}
+    assert kinds <= {"input", "output", "fixed parameter", "tunable parameter"}
     assert "Robot: planar_2dof." in page.text_content()
 
 
@@ -241,18 +255,18 @@ def test_a_robot_that_is_not_physical_is_refused(planar: Robot, tmp_path: Path) 
 
 
 def test_unknown_units_and_folders_that_cannot_be_written_are_refused(planar: Robot, tmp_path: Path) -> None:
-    with pytest.raises(UsageError, match="There is no unit 'motor'. There are: trajectory"):
+    with pytest.raises(UsageError, match="There is no unit 'motor'. There are: controller"):
         build_fmus(planar, tmp_path, units=["motor"], backend="python")
-    with pytest.raises(UsageError, match="There is no unit 'motor'"):
+    with pytest.raises(UsageError, match="start_values: there is no unit 'motor'"):
         build_fmus(planar, tmp_path, start_values={"motor": {}}, backend="python")
     (tmp_path / "file").write_text("")
-    with pytest.raises(FmuError, match=r"file/Trajectory.fmu: cannot be written: .*Choose another folder"):
+    with pytest.raises(FmuError, match=r"file/PDController.fmu: cannot be written: .*Choose another folder"):
         build_fmus(planar, tmp_path / "file", backend="python")
 
 
 def test_the_content_file_reads_back(planar: Robot, tmp_path: Path) -> None:
-    content = Content("plant", planar, {"q_0[1]": 0.1, "equilibrium": False})
+    content = Content(shipped_units()["plant"], planar, {"q_0[1]": 0.1, "equilibrium": False})
     (tmp_path / "vdfmu.json").write_text(content.to_json(), encoding="utf-8")
-    again = Content.read(tmp_path, "plant")
+    again = Content.read(tmp_path, "Plant")
     assert again.guid == content.guid
     assert json.loads(again.to_json()) == json.loads(content.to_json())

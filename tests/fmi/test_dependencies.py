@@ -8,9 +8,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from vdfmu.fmu import Interface, Variable
-from vdfmu.fmu.interface import interface
 from vdfmu.model import Robot
+from vdfmu.unit.interface import Interface
+from vdfmu.unit.variable import Variable
+from vdfmu.units import shipped_units
 
 Opener = Callable[..., Any]
 
@@ -50,7 +51,7 @@ class Probe:
             if v.causality != "output" and v.type == "Real"
         }
         for group, value in choices.items():
-            if group in SWITCHES[table.unit]:
+            if group in SWITCHES[table.name]:
                 unit.set(**{group: value})
             else:
                 where = table.groups[group]
@@ -87,8 +88,8 @@ class Probe:
 
 
 def probes(open_unit: Opener, table: Interface) -> Iterator[Probe]:
-    for choices in POINTS[table.unit]:
-        unit = open_unit(table.unit, table.robot.name)
+    for choices in POINTS[table.name]:
+        unit = open_unit(table.name, table.robot.name)
         unit.setup()
         unit.fmu.enterInitializationMode()
         yield Probe(unit, table, **choices)
@@ -96,16 +97,20 @@ def probes(open_unit: Opener, table: Interface) -> Iterator[Probe]:
 
 @pytest.fixture
 def table(robots: dict[str, Robot], robot_name: str, unit_name: str) -> Interface:
-    return interface(unit_name, robots[robot_name])
+    return Interface(shipped_units()[unit_name], robots[robot_name])
 
 
 Pairs = set[tuple[str, str]]
 
 
-def declared(table: Interface, dependencies: Callable[[Variable], list[int]]) -> Pairs:
-    """Pairs of output and what it depends on."""
+def declared(table: Interface, dependencies: Callable[[int], list[int]]) -> Pairs:
+    """Pairs of output and the inputs and parameters that it depends on."""
     return {
-        (v.name, table.variables[k].name) for v in table if v.causality == "output" for k in dependencies(v)
+        (v.name, table.memory[k].name)
+        for i, v in enumerate(table)
+        if v.causality == "output"
+        for k in dependencies(i)
+        if table.memory[k].causality in ("input", "parameter")
     }
 
 
@@ -158,14 +163,14 @@ def test_initial_dependencies_are_exactly_what_outputs_change_with(
                     changed.add((table.variables[k].name, known))
                 if abs(new - old) > 4e-14 * (1.0 + abs(old)):
                     moved.add((table.variables[k].name, known))
-    for name, settings in SWITCHES[table.unit].items():
+    for name, settings in SWITCHES[table.name].items():
         probe = next(probes(open_unit, table))
         before, after = (probe.unit.set(**{name: s}) and probe.values() for s in settings)
         moved |= {(table.variables[probe.outputs[k]].name, name) for k in np.flatnonzero(before != after)}
-    expected = declared(table, table.initial_dependencies)
+    expected = declared(table, table.start_dependencies)
     assert changed <= expected
     hidden = {
-        (output, known) for output, known in expected if cancels(table.robot.name, table.unit, output, known)
+        (output, known) for output, known in expected if cancels(table.robot.name, table.name, output, known)
     }
     assert sorted(expected - hidden - moved) == []
     assert sorted(moved & hidden) == []
@@ -175,8 +180,8 @@ def test_direct_dependencies_are_exactly_what_outputs_change_with_at_a_step(
     open_unit: Opener, table: Interface
 ) -> None:
     """At a communication point: the outputs that doStep leaves, for inputs that were set just before it."""
-    if table.unit in ("plant", "trajectory"):  # a state decides, or time alone
-        assert declared(table, table.direct_dependencies) == set()
+    if table.name in ("plant", "trajectory"):  # a state decides, or time alone
+        assert declared(table, table.step_dependencies) == set()
         return
     changed: Pairs = set()
     for probe in probes(open_unit, table):
@@ -188,9 +193,9 @@ def test_direct_dependencies_are_exactly_what_outputs_change_with_at_a_step(
             probe.set({reference: probe.point[reference]})
             names = [table.variables[probe.outputs[k]].name for k in np.flatnonzero(before != after)]
             changed |= {(name, table.variables[reference].name) for name in names}
-    expected = declared(table, table.direct_dependencies)
+    expected = declared(table, table.step_dependencies)
     assert changed <= expected
-    assert {pair for pair in expected - changed if not cancels(table.robot.name, table.unit, *pair)} == set()
+    assert {pair for pair in expected - changed if not cancels(table.robot.name, table.name, *pair)} == set()
 
 
 def test_torques_set_at_a_communication_point_do_not_move_the_plant_before_its_step(
@@ -235,8 +240,8 @@ def test_the_plant_stays_at_rest_under_the_wrench_that_it_starts_with(
 
 def test_the_gravity_torque_of_a_joint_needs_only_the_links_that_it_carries(planar: Robot) -> None:
     """By hand for the planar arm: G2 = m2 b g cos(q1 + q2) (the robot's file), and x f_y + m_z of the wrench."""
-    table = interface("plant", planar)
-    names = {table.variables[i].name for i in table.initial_dependencies(table.find("tau_s[2]"))}
+    table = Interface(shipped_units()["plant"], planar)
+    names = {table.variables[i].name for i in table.start_dependencies(table.reference["tau_s[2]"])}
     assert names == {
         "q_0[1]", "q_0[2]", "equilibrium", "tau_s_0[2]", "gravity[3]", "centroid[2,1]", "mass[2]",
         "tool_offset[1]", "F_e[2]", "F_e[6]",
@@ -244,11 +249,11 @@ def test_the_gravity_torque_of_a_joint_needs_only_the_links_that_it_carries(plan
 
 
 def test_the_controller_keeps_its_joints_apart(robots: dict[str, Robot], robot_name: str) -> None:
-    table = interface("controller", robots[robot_name])
+    table = Interface(shipped_units()["controller"], robots[robot_name])
     for i in range(robots[robot_name].n):
         for group in ("tau", "tau_e"):
-            output = table.find(f"{group}[{i + 1}]")
-            found = {table.variables[k] for k in table.direct_dependencies(output)}
+            output = table.reference[f"{group}[{i + 1}]"]
+            found = {table.variables[k] for k in table.step_dependencies(output)}
             assert {v.index for v in found} == {(i,)}
             assert {v.group for v in found} == {
                 "q_d",

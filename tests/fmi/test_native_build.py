@@ -19,6 +19,7 @@ from vdfmu.fmu.native import PLATFORMS, compile, native_available, platforms, th
 from vdfmu.fmu.native.compile import Job, compile_library
 from vdfmu.fmu.native.package import fmi_headers, unit_sources
 from vdfmu.model import Robot
+from vdfmu.units import shipped_units
 
 SMALL = {"unit.c": b"double twice(double x) { return 2.0 * x; }\n"}
 FAST = ["trajectory", "controller"]
@@ -80,24 +81,24 @@ def test_a_library_depends_on_its_sources_alone(platform: str, cold: Path, tmp_p
 def test_the_compiler_says_nothing_about_any_file(planar: Robot, version: str) -> None:
     """With warnings as errors, those of the platforms that differ most: 32-bit long, and a C library of its own."""
     for unit in FAST:
-        content = Content(unit, planar, {}, "native", version)
+        content = Content(shipped_units()[unit], planar, {}, "native", version)
         sources = unit_sources(content) | fmi_headers(version)
         for platform in (this_platform(), "x86_64-windows"):
             compile_library(sources, platform, name=unit, flags=("-Werror",))
 
 
 def test_guids_tell_apart_what_differs_and_nothing_else(planar: Robot) -> None:
-    first = Content("plant", planar, {}, "native")
+    first = Content(shipped_units()["plant"], planar, {}, "native")
     others = [
-        Content("plant", planar, {}),
-        Content("plant", planar, {}, "native", "3.0"),
-        Content("plant", planar, {}, "native", tool="ziglang 0.0"),
-        Content("plant", planar, {}, "native", digest="0"),
-        Content("plant", planar, {"q_0[1]": 0.1}, "native"),
-        Content("controller", planar, {}, "native"),
+        Content(shipped_units()["plant"], planar, {}),
+        Content(shipped_units()["plant"], planar, {}, "native", "3.0"),
+        Content(shipped_units()["plant"], planar, {}, "native", tool="ziglang 0.0"),
+        Content(shipped_units()["plant"], planar, {}, "native", digest="0"),
+        Content(shipped_units()["plant"], planar, {"q_0[1]": 0.1}, "native"),
+        Content(shipped_units()["controller"], planar, {}, "native"),
     ]
     assert len({c.guid for c in (first, *others)}) == 7
-    assert Content("plant", planar, {}, "native").guid == first.guid
+    assert Content(shipped_units()["plant"], planar, {}, "native").guid == first.guid
 
 
 # ------------------------------------------------------------------ what is up to date

@@ -19,11 +19,11 @@ from fmpy.validation import validate_fmu
 from lxml import etree, html
 
 from vdfmu.fmu import build_fmus
-from vdfmu.fmu.interface import interface
-from vdfmu.fmu.layout import Layout
 from vdfmu.fmu.native import PLATFORMS, platforms
 from vdfmu.fmu.native.package import fmi_headers
 from vdfmu.model import Robot
+from vdfmu.unit.interface import Interface
+from vdfmu.units import shipped_units
 
 VERSIONS = ("2.0", "3.0")
 pytestmark = pytest.mark.heavy  # FMUs for all platforms
@@ -191,7 +191,7 @@ def test_the_page_shows_equations_and_every_variable_and_needs_nothing_else(
     assert not page.xpath("//script | //link | //img")
     assert all(not a.get("href").startswith("http") for a in page.iter("a"))
     names = [cell.text_content() for cell in page.xpath("//td[@class='name']")]
-    arrays = Layout(interface(unit_name, planar)).arrays
+    arrays = Interface(shipped_units()[unit_name], planar).arrays
     assert len(names) == len(arrays) - (version == "2.0")
     if unit_name == "plant":
         assert "no event indicators" in text

@@ -12,12 +12,11 @@ import numpy as np
 import pytest
 from fmpy.model_description import ModelDescription, ModelVariable
 
-from vdfmu.fmu import UNIT_NAMES
-from vdfmu.fmu.description import document, model_description, native_model_description
+from vdfmu.fmu.description import document, model_description
 from vdfmu.fmu.description3 import build_description, model_description_3
-from vdfmu.fmu.interface import interface
-from vdfmu.fmu.layout import Layout
 from vdfmu.model import Robot
+from vdfmu.unit.interface import Interface
+from vdfmu.units import shipped_units
 
 GUID, TOOL = "{01234567-89ab-cdef-0123-456789abcdef}", "vdfmu 0"
 SOURCES = ("unit.c", "solver.c")
@@ -25,10 +24,10 @@ VERSIONS = (2, 3)
 
 
 @cache
-def root_of(layout: Layout, version: int) -> Element:
+def root_of(interface: Interface, version: int) -> Element:
     if version == 2:
-        return native_model_description(layout, GUID, TOOL, SOURCES)
-    return model_description_3(layout, GUID, TOOL)
+        return model_description(interface, GUID, TOOL, SOURCES)
+    return model_description_3(interface, GUID, TOOL)
 
 
 def read(root: Element) -> ModelDescription:
@@ -43,23 +42,27 @@ def read(root: Element) -> ModelDescription:
 
 
 @pytest.fixture(scope="module")
-def layouts(robots: dict[str, Robot]) -> dict[tuple[str, str], Layout]:
-    return {(name, unit): Layout(interface(unit, robots[name])) for name in robots for unit in UNIT_NAMES}
+def interfaces(robots: dict[str, Robot]) -> dict[tuple[str, str], Interface]:
+    return {
+        (name, unit): Interface(shipped_units()[unit], robots[name])
+        for name in robots
+        for unit in shipped_units()
+    }
 
 
 @pytest.fixture
-def layout(layouts: dict[tuple[str, str], Layout], robot_name: str, unit_name: str) -> Layout:
-    return layouts[robot_name, unit_name]
+def interface(interfaces: dict[tuple[str, str], Interface], robot_name: str, unit_name: str) -> Interface:
+    return interfaces[robot_name, unit_name]
 
 
 @pytest.fixture
-def root2(layout: Layout) -> Element:
-    return root_of(layout, 2)
+def root2(interface: Interface) -> Element:
+    return root_of(interface, 2)
 
 
 @pytest.fixture
-def root3(layout: Layout) -> Element:
-    return root_of(layout, 3)
+def root3(interface: Interface) -> Element:
+    return root_of(interface, 3)
 
 
 def structure(root: Element, tag: str) -> list[Element]:
@@ -74,22 +77,22 @@ def numbers(text: str | None) -> list[int]:
 
 
 @pytest.mark.parametrize("version", VERSIONS)
-def test_fmpy_finds_no_problem(layout: Layout, version: int) -> None:
+def test_fmpy_finds_no_problem(interface: Interface, version: int) -> None:
     """Schema, names, units, start values, structure."""
-    description = read(root_of(layout, version))
+    description = read(root_of(interface, version))
     assert description.fmiVersion == f"{version}.0"
     assert description.guid == GUID
-    assert description.modelName == layout.table.model_name
+    assert description.modelName == interface.model_name
 
 
 @pytest.mark.parametrize("version", VERSIONS)
 def test_the_plant_has_model_exchange_and_all_have_co_simulation(
-    layout: Layout, unit_name: str, version: int
+    interface: Interface, unit_name: str, version: int
 ) -> None:
-    description = read(root_of(layout, version))
-    assert description.coSimulation.modelIdentifier == layout.table.model_name
+    description = read(root_of(interface, version))
+    assert description.coSimulation.modelIdentifier == interface.model_name
     assert (description.modelExchange is not None) == (unit_name == "plant")
-    n_x = layout.states.stop - layout.states.start
+    n_x = interface.states.stop - interface.states.start
     assert description.numberOfContinuousStates == n_x
     assert description.numberOfEventIndicators == 0
 
@@ -118,43 +121,43 @@ def test_capabilities_of_fmi_3(root3: Element, unit_name: str) -> None:
     assert {k for k, v in root3.find("CoSimulation").attrib.items() if v == "true"} == flags | simulation
 
 
-def test_variables_of_fmi_2_are_those_of_the_python_fmu(layout: Layout, root2: Element) -> None:
-    python = model_description(layout.table, GUID, TOOL)
+def test_variables_of_fmi_2_are_those_of_the_python_fmu(interface: Interface, root2: Element) -> None:
+    python = model_description(interface, GUID, TOOL)
     ours = [tostring(v) for v in root2.iterfind("ModelVariables/ScalarVariable")]
     theirs = [tostring(v) for v in python.iterfind("ModelVariables/ScalarVariable")]
     assert ours[: len(theirs)] == theirs
-    assert len(ours) == layout.time
+    assert len(ours) == interface.time
 
 
-def test_derivatives_of_fmi_2_name_their_states(layout: Layout, root2: Element) -> None:
+def test_derivatives_of_fmi_2_name_their_states(interface: Interface, root2: Element) -> None:
     description = read(root2)
     assert [u.variable.name for u in description.derivatives] == [
-        v.name for v in layout.variables[layout.derivatives]
+        v.name for v in interface.memory[interface.derivatives]
     ]
     assert [u.variable.derivative.name for u in description.derivatives] == [
-        v.name for v in layout.variables[layout.states]
+        v.name for v in interface.memory[interface.states]
     ]
 
 
-def test_structure_of_fmi_2_is_that_of_the_layout_without_time(layout: Layout, root2: Element) -> None:
-    outputs = [i for i, v in enumerate(layout) if v.causality == "output"]
-    derivatives = [i for i, v in enumerate(layout) if v.causality == "local"]
+def test_structure_of_fmi_2_is_that_of_the_layout_without_time(interface: Interface, root2: Element) -> None:
+    outputs = [i for i, v in enumerate(interface.memory) if v.causality == "output"]
+    derivatives = [i for i, v in enumerate(interface.memory) if v.causality == "local"]
     for tag, unknowns, dependencies in (
-        ("Outputs", outputs, layout.step_dependencies),
-        ("Derivatives", derivatives, layout.step_dependencies),
-        ("InitialUnknowns", outputs + derivatives, layout.start_dependencies),
+        ("Outputs", outputs, interface.step_dependencies),
+        ("Derivatives", derivatives, interface.step_dependencies),
+        ("InitialUnknowns", outputs + derivatives, interface.start_dependencies),
     ):
         found = structure(root2, f"{tag}/Unknown")
         assert [int(u.get("index", "")) - 1 for u in found] == unknowns
         for element, unknown in zip(found, unknowns, strict=True):
-            known = [i for i in dependencies(unknown) if i != layout.time]
+            known = [i for i in dependencies(unknown) if i != interface.time]
             assert [i - 1 for i in numbers(element.get("dependencies"))] == known
 
 
-def test_arrays_of_fmi_3_are_those_of_the_layout(layout: Layout, root3: Element) -> None:
+def test_arrays_of_fmi_3_are_those_of_the_layout(interface: Interface, root3: Element) -> None:
     elements = list(root3.find("ModelVariables"))
-    for array, element in zip(layout.arrays, elements, strict=True):
-        members = layout.variables[array.positions]
+    for array, element in zip(interface.arrays, elements, strict=True):
+        members = interface.memory[array.positions]
         first = members[0]
         assert element.tag == {"Real": "Float64", "Integer": "Int32", "Boolean": "Boolean"}[first.type]
         assert element.get("name") == array.name
@@ -179,28 +182,30 @@ def test_arrays_of_fmi_3_are_those_of_the_layout(layout: Layout, root3: Element)
         assert element.get("intermediateUpdate") == ("true" if continuous else None)
 
 
-def test_derivatives_of_fmi_3_name_their_states(layout: Layout, root3: Element) -> None:
+def test_derivatives_of_fmi_3_name_their_states(interface: Interface, root3: Element) -> None:
     description = read(root3)
     derivatives = [u.variable for u in description.derivatives]
     assert [v.name for v in derivatives] == [f"der({v.derivative.name})" for v in derivatives]
     assert [v.shape for v in derivatives] == [v.derivative.shape for v in derivatives]
     positions = [v.derivative.valueReference + k for v in derivatives for k in range(int(np.prod(v.shape)))]
-    assert positions == list(range(layout.states.start, layout.states.stop))
+    assert positions == list(range(interface.states.start, interface.states.stop))
 
 
-def test_structure_of_fmi_3_joins_the_dependencies_of_the_elements(layout: Layout, root3: Element) -> None:
+def test_structure_of_fmi_3_joins_the_dependencies_of_the_elements(
+    interface: Interface, root3: Element
+) -> None:
     of_position = {
-        i: array.first for array in layout.arrays for i in range(array.first, array.first + array.size)
+        i: array.first for array in interface.arrays for i in range(array.first, array.first + array.size)
     }
-    calculated = {i for i, v in enumerate(layout) if v.causality in ("output", "local")}
+    calculated = {i for i, v in enumerate(interface.memory) if v.causality in ("output", "local")}
     for tag, kinds, dependencies in (
-        ("Output", {"output"}, layout.step_dependencies),
-        ("ContinuousStateDerivative", {"local"}, layout.step_dependencies),
-        ("InitialUnknown", {"output", "local"}, layout.start_dependencies),
+        ("Output", {"output"}, interface.step_dependencies),
+        ("ContinuousStateDerivative", {"local"}, interface.step_dependencies),
+        ("InitialUnknown", {"output", "local"}, interface.start_dependencies),
     ):
         expected: dict[int, set[int]] = {}
         for i in sorted(calculated):
-            if layout.variables[i].causality in kinds:
+            if interface.memory[i].causality in kinds:
                 known = {of_position[k] for k in dependencies(i)}
                 expected[of_position[i]] = expected.get(of_position[i], set()) | known
         found = structure(root3, tag)
@@ -208,13 +213,13 @@ def test_structure_of_fmi_3_joins_the_dependencies_of_the_elements(layout: Layou
         assert [numbers(u.get("dependencies")) for u in found] == [sorted(k) for k in expected.values()]
 
 
-def test_time_is_the_one_independent_variable_of_fmi_3(layout: Layout, root3: Element) -> None:
+def test_time_is_the_one_independent_variable_of_fmi_3(interface: Interface, root3: Element) -> None:
     (time,) = (v for v in read(root3).modelVariables if v.causality == "independent")
-    assert (time.name, time.valueReference, time.unit, time.start) == ("time", layout.time, "s", None)
+    assert (time.name, time.valueReference, time.unit, time.start) == ("time", interface.time, "s", None)
 
 
 def test_start_values_of_arrays_are_the_robots_row_by_row(general: Robot) -> None:
-    found = {v.name: v for v in read(root_of(Layout(interface("plant", general)), 3)).modelVariables}
+    found = {v.name: v for v in read(root_of(Interface(shipped_units()["plant"], general), 3)).modelVariables}
 
     def start(variable: ModelVariable) -> np.ndarray:
         return np.array(variable.start.split(), dtype=float).reshape(variable.shape)
@@ -224,22 +229,22 @@ def test_start_values_of_arrays_are_the_robots_row_by_row(general: Robot) -> Non
 
 
 @pytest.mark.parametrize("version", VERSIONS)
-def test_every_unit_is_defined_once_and_used(layout: Layout, version: int) -> None:
-    root = root_of(layout, version)
+def test_every_unit_is_defined_once_and_used(interface: Interface, version: int) -> None:
+    root = root_of(interface, version)
     defined = [unit.get("name") for unit in root.iterfind("UnitDefinitions/Unit")]
     used = {v.get("unit") for v in root.iter() if v.tag in ("Real", "Float64")}
     assert sorted(map(str, defined)) == sorted(map(str, used))
 
 
 @pytest.mark.parametrize("version", VERSIONS)
-def test_log_categories_and_experiment(layout: Layout, version: int) -> None:
-    root = root_of(layout, version)
+def test_log_categories_and_experiment(interface: Interface, version: int) -> None:
+    root = root_of(interface, version)
     categories = {c.get("name"): c.get("description", "") for c in root.iterfind("LogCategories/Category")}
     assert {f"logStatus{status}" for status in ("Warning", "Discard", "Error", "Fatal")} < set(categories)
     assert all(f"fmi{5 - version}" not in text for text in categories.values())
     experiment = root.find("DefaultExperiment")
     assert experiment is not None
-    own = [str(v.start) for v in layout.table if v.name == "tolerance"]
+    own = [str(v.start) for v in interface if v.name == "tolerance"]
     assert set(experiment.attrib) == {"startTime", "stopTime", "stepSize", *(["tolerance"] if own else [])}
     assert [experiment.get("tolerance")] == (own or [None])
 
@@ -247,14 +252,14 @@ def test_log_categories_and_experiment(layout: Layout, version: int) -> None:
 @pytest.mark.parametrize("version", VERSIONS)
 def test_the_same_unit_has_the_same_bytes(robots: dict[str, Robot], version: int) -> None:
     robot = robots["planar_2dof"]
-    first, second = (document(root_of(Layout(interface("plant", robot)), version)) for _ in range(2))
+    first, second = (document(root_of(Interface(shipped_units()["plant"], robot), version)) for _ in range(2))
     assert first == second
 
 
-def test_fmpy_compiles_what_is_listed(layouts: dict[tuple[str, str], Layout]) -> None:
-    layout = layouts["planar_2dof", "plant"]
+def test_fmpy_compiles_what_is_listed(interfaces: dict[tuple[str, str], Interface]) -> None:
+    interface = interfaces["planar_2dof", "plant"]
     for version in VERSIONS:
-        (configuration,) = read(root_of(layout, version)).buildConfigurations
+        (configuration,) = read(root_of(interface, version)).buildConfigurations
         assert configuration.modelIdentifier == "Plant"
         (sources,) = configuration.sourceFileSets
         assert sources.sourceFiles == list(SOURCES)

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from vdfmu.fmu import UNIT_NAMES
+from vdfmu.units import shipped_units
 
 Opener = Callable[..., Any]
 
@@ -27,7 +27,9 @@ def stepped(unit: Any, seed: int, count: int = 15) -> list[np.ndarray]:
 
 def test_all_units_and_two_copies_of_each_run_as_if_each_were_alone(open_unit: Opener) -> None:
     """Steps of all instances interleave; each must give the bits that it gives alone."""
-    alone = {(name, copy): stepped(open_unit(name).start(), copy) for name in UNIT_NAMES for copy in (1, 2)}
+    alone = {
+        (name, copy): stepped(open_unit(name).start(), copy) for name in shipped_units() for copy in (1, 2)
+    }
     units = {key: open_unit(key[0], instance=f"{key[0]}{key[1]}").start() for key in alone}
     randoms = {key: np.random.default_rng(key[1]) for key in units}
     for k in range(15):
@@ -92,7 +94,7 @@ SWEEP = """
 import gc, sys
 import fmpy
 from fmpy.fmi2 import FMU2Slave
-from vdfmu.fmu.slave import UnitSlave
+from vdfmu.fmu.python.slave import UnitSlave
 
 folder = sys.argv[1]
 description = fmpy.read_model_description(folder)

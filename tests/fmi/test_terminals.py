@@ -10,13 +10,13 @@ import fmpy
 import pytest
 from lxml import etree
 
-from vdfmu.fmu import UNIT_NAMES
+from vdfmu.data import data_path
 from vdfmu.fmu.description import document
-from vdfmu.fmu.interface import interface
-from vdfmu.fmu.layout import Layout
 from vdfmu.fmu.terminals import icon_files, terminals_and_icons
 from vdfmu.model import Robot
-from vdfmu.ssp.system_file import read_system
+from vdfmu.model.load import load_system
+from vdfmu.unit.interface import Interface
+from vdfmu.units import find_unit, shipped_units
 
 SCHEMA = etree.XMLSchema(etree.parse(Path(fmpy.__file__).parent / "schema/fmi3/fmi3TerminalsAndIcons.xsd"))
 FMI = Literal[2, 3]
@@ -28,34 +28,34 @@ def fmi(request: pytest.FixtureRequest) -> FMI:
 
 
 @pytest.fixture
-def layout(robots: dict[str, Robot], robot_name: str, unit_name: str) -> Layout:
-    return Layout(interface(unit_name, robots[robot_name]))
+def interface(robots: dict[str, Robot], robot_name: str, unit_name: str) -> Interface:
+    return Interface(shipped_units()[unit_name], robots[robot_name])
 
 
-def read(layout: Layout, fmi: FMI) -> etree._Element:
-    return etree.fromstring(document(terminals_and_icons(layout, fmi)))
+def read(interface: Interface, fmi: FMI) -> etree._Element:
+    return etree.fromstring(document(terminals_and_icons(interface, fmi)))
 
 
-def members(layout: Layout, fmi: FMI) -> dict[str, dict[str, str]]:
+def members(interface: Interface, fmi: FMI) -> dict[str, dict[str, str]]:
     """Return terminal and member to the name of the variable."""
     return {
         terminal.get("name"): {
             m.get("memberName"): m.get("variableName") for m in terminal.findall("TerminalMemberVariable")
         }
-        for terminal in read(layout, fmi).findall("Terminals/Terminal")
+        for terminal in read(interface, fmi).findall("Terminals/Terminal")
     }
 
 
-def test_it_obeys_the_schema_of_the_standard(layout: Layout, fmi: FMI) -> None:
-    assert SCHEMA.validate(read(layout, fmi)), SCHEMA.error_log
+def test_it_obeys_the_schema_of_the_standard(interface: Interface, fmi: FMI) -> None:
+    assert SCHEMA.validate(read(interface, fmi)), SCHEMA.error_log
 
 
-def test_members_are_inputs_and_outputs_of_the_unit(layout: Layout, fmi: FMI) -> None:
+def test_members_are_inputs_and_outputs_of_the_unit(interface: Interface, fmi: FMI) -> None:
     if fmi == 2:
-        causality = {v.name: v.causality for v in layout.table}
+        causality = {v.name: v.causality for v in interface}
     else:
-        causality = {a.name: layout.variables[a.first].causality for a in layout.arrays}
-    named = [name for terminal in members(layout, fmi).values() for name in terminal.values()]
+        causality = {a.name: interface.memory[a.first].causality for a in interface.arrays}
+    named = [name for terminal in members(interface, fmi).values() for name in terminal.values()]
     assert len(set(named)) == len(named)
     assert {causality[name] for name in named} <= {"input", "output"}
     assert {name for name, kind in causality.items() if kind == "input"} <= set(named)
@@ -69,18 +69,18 @@ def test_joining_terminals_of_one_name_makes_the_connections_of_the_system(
     robots: dict[str, Robot], robot_name: str, fmi: FMI
 ) -> None:
     """Output to input, member by member; all elements of both."""
-    layouts = {unit: Layout(interface(unit, robots[robot_name])) for unit in UNIT_NAMES}
+    interfaces = {unit: Interface(shipped_units()[unit], robots[robot_name]) for unit in shipped_units()}
     causality = {
         (unit, name): v.causality
-        for unit, layout in layouts.items()
-        for v in layout.table
+        for unit, interface in interfaces.items()
+        for v in interface
         for name in (v.name, v.group)
     }
-    terminals = {unit: members(layout, fmi) for unit, layout in layouts.items()}
+    terminals = {unit: members(interface, fmi) for unit, interface in interfaces.items()}
     found = {
         (f"{source}.{out.split('[')[0]}", f"{target}.{into.split('[')[0]}")
-        for source in UNIT_NAMES
-        for target in UNIT_NAMES
+        for source in shipped_units()
+        for target in shipped_units()
         for terminal, ours in terminals[source].items()
         for member, out in ours.items()
         if (into := terminals[target].get(terminal, {}).get(member)) is not None
@@ -88,16 +88,16 @@ def test_joining_terminals_of_one_name_makes_the_connections_of_the_system(
         and causality[source, out] == "output"
         and causality[target, into] == "input"
     }
-    system = read_system("estimator")  # has all units
-    expected = {(start, end) for start, ends in system["connections"].items() for end in ends}
+    system = load_system("estimator")  # has all units
+    expected = {(start, end) for start, ends in system.connections.items() for end in ends}
     assert found == expected
 
 
-def test_all_pictures_are_there_and_small(layout: Layout, fmi: FMI) -> None:
-    files = icon_files(layout, fmi)
+def test_all_pictures_are_there_and_small(interface: Interface, fmi: FMI) -> None:
+    files = icon_files(interface, fmi)
     folder = "terminalsAndIcons/"
-    assert files[f"{folder}terminalsAndIcons.xml"] == document(terminals_and_icons(layout, fmi))
-    drawn = {t.get("iconBaseName") for t in read(layout, fmi).iter("TerminalGraphicalRepresentation")}
+    assert files[f"{folder}terminalsAndIcons.xml"] == document(terminals_and_icons(interface, fmi))
+    drawn = {t.get("iconBaseName") for t in read(interface, fmi).iter("TerminalGraphicalRepresentation")}
     for name in ("icon", *drawn):
         png, svg = files[f"{folder}{name}.png"], files[f"{folder}{name}.svg"]
         assert png[:8] == b"\x89PNG\r\n\x1a\n"
@@ -110,5 +110,16 @@ def test_all_pictures_are_there_and_small(layout: Layout, fmi: FMI) -> None:
 
 def test_each_unit_has_its_own_icon(robots: dict[str, Robot]) -> None:
     robot = robots["planar_2dof"]
-    files = [icon_files(Layout(interface(unit, robot)), 3) for unit in UNIT_NAMES]
-    assert len({f["terminalsAndIcons/icon.png"] for f in files}) == len(UNIT_NAMES)
+    files = [icon_files(Interface(shipped_units()[unit], robot), 3) for unit in shipped_units()]
+    assert len({f["terminalsAndIcons/icon.png"] for f in files}) == len(shipped_units())
+
+
+def test_a_unit_without_a_picture_has_that_of_all_units() -> None:
+    """And no terminals, where it declares none."""
+    interface = Interface(find_unit(Path(__file__).parent / "own_units.py:LowPass"), None)
+    files = icon_files(interface, 2)
+    for kind in ("png", "svg"):
+        picture = (data_path("fmu_src") / "icons" / f"unit.{kind}").read_bytes()
+        assert files[f"terminalsAndIcons/icon.{kind}"] == picture
+    assert SCHEMA.validate(read(interface, 2)), SCHEMA.error_log
+    assert members(interface, 2) == {}

@@ -71,21 +71,17 @@ def test_kinematic_error_trades_energy_with_the_rotor(general, draw):
 
 
 @pytest.mark.parametrize("friction", [True, False])
-def test_energy_balance_along_an_integrated_trajectory(robot, kernel_of, friction):
+def test_energy_balance_along_an_integrated_trajectory(robot, plant_function, friction):
     # Friction is widened to 0.05 rad/s, so that an explicit method can follow it through standstill.
     robot = robot.with_parameters(eps=0.05)
     if not friction:
         robot = robot.with_parameters(f_c=0.0, f_s=0.0, f_v=0.0)
     n = robot.n
-    right_hand_side = kernel_of(robot).function("plant_derivative")
-    right_hand_side.args["p"][:] = kernel_of(robot).p
+    right_hand_side = plant_function(robot, "derivatives")
     tau, F_e = np.full(n, 0.1), np.array([3.0, -2.0, 1.0, 0.3, 0.2, -0.1])
-    right_hand_side.args["tau"][:], right_hand_side.args["F_e"][:] = tau, F_e
 
     def rate(_, y):
-        right_hand_side.args["x"][:] = y[:-1]
-        right_hand_side.run()
-        return np.append(right_hand_side.results["x_dot"], power_in(robot, y[:-1], tau, F_e))
+        return np.append(right_hand_side(y[:-1], tau, F_e), power_in(robot, y[:-1], tau, F_e))
 
     x = np.concatenate([np.linspace(0.3, 0.9, n), np.full(n, 0.2), np.full(n, -0.1), np.full(n, 5.0)])
     solution = solve_ivp(rate, (0.0, 0.03), np.append(x, 0.0), method="DOP853", rtol=1e-9, atol=1e-9)

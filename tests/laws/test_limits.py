@@ -8,8 +8,7 @@ from vdfmu.equations.friction import joint_friction
 from vdfmu.equations.limits import motor_torque, stop_torque
 from vdfmu.equations.plant import plant_derivative, plant_outputs
 from vdfmu.errors import ModelError, UsageError
-from vdfmu.kernel import Integrator, Kernel, parameters
-from vdfmu.kernel.trace import FUNCTIONS
+from vdfmu.kernel import parameters
 from vdfmu.model import load_robot, load_scenario, robot_from_dict
 from vdfmu.scalar.jet import derivative, jets
 
@@ -97,15 +96,15 @@ def test_power_balance_beyond_stops_and_torque_line(draw):
     assert active > 3
 
 
-def test_traced_plant_has_the_limits_and_their_slopes(draw):
-    kernel = Kernel(ROBOT, None)
+def test_traced_plant_has_the_limits_and_their_slopes(draw, plant_function):
+    rate, jacobian = (plant_function(ROBOT, name) for name in ("derivatives", "jacobian"))
     m = 4 * ROBOT.n
     for state in draw(ROBOT, 3, seed=35):
         robot, F_e = ROBOT, np.zeros(6)
-        traced = kernel.function("plant_derivative")(state.x, state.tau, F_e, kernel.p)
+        traced = rate(state.x, state.tau, F_e)
         expected = plant_derivative(robot, state.x, state.tau, F_e)
         np.testing.assert_allclose(traced, expected, rtol=0, atol=1e-12 * np.abs(expected).max())
-        J = kernel.function("plant_jacobian")(state.x, state.tau, F_e, kernel.p).reshape(m, m, order="F")
+        J = jacobian(state.x, state.tau, F_e)
         for j in range(m):
             h = 1e-7 * np.eye(m)[j]
             high, low = (plant_derivative(robot, state.x + s * h, state.tau, F_e) for s in (1, -1))
@@ -114,10 +113,9 @@ def test_traced_plant_has_the_limits_and_their_slopes(draw):
             np.testing.assert_allclose(J[:, j], (high - low) / 2e-7, rtol=0, atol=atol)
 
 
-def test_the_solver_takes_the_arm_through_bounces():
+def test_the_solver_takes_the_arm_through_bounces(plant_solver):
     """Falling on both stops, against scipy; and the energy only falls."""
-    kernel = Kernel(ROBOT, None)
-    integrator = Integrator(kernel)
+    integrator = plant_solver(ROBOT)
     integrator.tolerance = 1e-9
     integrator.x[:4] = [0.0, 0.3, 0.0, 0.0]
     x_0 = integrator.x.copy()
@@ -141,15 +139,15 @@ def test_the_solver_takes_the_arm_through_bounces():
     assert 1e-4 < deepest < 0.1  # it got there, and no further than the fall of 10 J over 2e4 N m/rad lets it
 
 
-def test_without_limits_nothing_is_traced_of_them(planar):
+def test_without_limits_nothing_is_traced_of_them(planar, functions_of):
     names = {p.name.split("[")[0] for p in parameters(planar)}
     assert not names & set(LIMITS)
     with pytest.raises(UsageError, match=r"q_max: it has no limits\. .* \[joints\.limits\]"):
         planar.with_parameters(q_max=1.0)
     assert {p.name.split("[")[0] for p in parameters(ROBOT)} >= set(LIMITS)
     # with the limits the functions are longer
-    for name in ("plant_derivative", "plant_step", "plant_outputs"):
-        bare, bound = FUNCTIONS[name](planar), FUNCTIONS[name](ROBOT)
+    for name in ("plant_derivatives", "plant_step", "plant_outputs"):
+        bare, bound = (functions_of("plant", robot).made(name) for robot in (planar, ROBOT))
         assert bare.n_instructions() < bound.n_instructions()
 
 

@@ -16,7 +16,6 @@ from vdfmu.equations.kinematics import joint_transforms
 from vdfmu.equations.plant import equilibrium_torque, plant_derivative, plant_outputs, split_state
 from vdfmu.equations.rigid_body import mass_matrix
 from vdfmu.equations.trajectory import desired_motion
-from vdfmu.kernel import Integrator
 from vdfmu.model import load_robot
 
 EPS = np.finfo(float).eps
@@ -50,7 +49,7 @@ def test_the_first_rotor_stands_on_the_ground(coupled, draw):
         np.testing.assert_allclose(a[6:13], b[6:13], rtol=0, atol=1e-7)
 
 
-def test_free_fall_of_the_paper_s_arm_differs_by_0_3_degrees(coupled, arm, kernel_of):
+def test_free_fall_of_the_paper_s_arm_differs_by_0_3_degrees(coupled, arm, plant_solver):
     """The figures of docs/model.md: from q = 0 and static equilibrium, 0.5 s, joint 5."""
     for friction, degrees in ((1.0, 0.307), (0.0, 0.393)):
         ends = []
@@ -58,7 +57,7 @@ def test_free_fall_of_the_paper_s_arm_differs_by_0_3_degrees(coupled, arm, kerne
             robot = robot.with_parameters(
                 f_c=friction * robot.f_c, f_s=friction * robot.f_s, f_v=friction * robot.f_v
             )
-            integrator = Integrator(kernel_of(robot))
+            integrator = plant_solver(robot)
             integrator.tolerance = 1e-9
             integrator.x[:] = np.concatenate([np.zeros(18), equilibrium_torque(robot, np.zeros(6))])
             integrator.advance(0.0, 0.5)
@@ -107,14 +106,13 @@ def test_what_the_inverse_leaves_out_is_below_a_microradian(coupled):
 
 
 @pytest.mark.parametrize("rotor", [True, False])
-def test_angular_momentum_changes_by_the_torque_of_the_base_alone(coupled, kernel_of, rotor):
+def test_angular_momentum_changes_by_the_torque_of_the_base_alone(coupled, plant_function, rotor):
     """H about the base axis, with the rotors' spin: the ground turns link 1 by tau_s and rotor 1 by its own torque."""
     robot = coupled.with_parameters(f_c=0.0, f_s=0.0, f_v=0.0)
     if not rotor:
         robot = dataclasses.replace(robot, rotor_coupling=False)
     tau = np.array([0.05, -0.1, 0.1, 0.02, -0.02, 0.03])
-    kernel = kernel_of(robot)
-    derivative = kernel.function("plant_derivative")
+    derivative = plant_function(robot, "derivatives")
 
     def momentum(x):
         state = split_state(x)
@@ -131,7 +129,7 @@ def test_angular_momentum_changes_by_the_torque_of_the_base_alone(coupled, kerne
         return H
 
     def rate(_, y):
-        x_dot = np.ravel(derivative(y[:-1], tau, np.zeros(6), kernel.p))
+        x_dot = derivative(y[:-1], tau, np.zeros(6))
         tau_s = y[18]
         return np.append(x_dot, tau_s + (tau[0] - tau_s / robot.ell[0]))
 
@@ -144,17 +142,16 @@ def test_angular_momentum_changes_by_the_torque_of_the_base_alone(coupled, kerne
     assert error < 1e-7 if rotor else error > 1e-4
 
 
-def test_energy_is_conserved_in_free_fall(coupled, kernel_of):
+def test_energy_is_conserved_in_free_fall(coupled, plant_function):
     robot = coupled.with_parameters(f_c=0.0, f_s=0.0, f_v=0.0)
-    kernel = kernel_of(robot)
-    derivative = kernel.function("plant_derivative")
+    derivative = plant_function(robot, "derivatives")
 
     def energy(x):
         outputs = plant_outputs(robot, x)
         return float(outputs.E_kin + outputs.E_pot + outputs.E_spring)
 
     def rate(_, x):
-        return np.ravel(derivative(x, np.zeros(6), np.zeros(6), kernel.p))
+        return derivative(x, np.zeros(6), np.zeros(6))
 
     x = np.concatenate([np.linspace(0.3, 0.9, 6), np.full(6, 0.4), np.full(6, 0.2), np.full(6, 2.0)])
     solution = solve_ivp(rate, (0.0, 0.1), x, method="DOP853", rtol=1e-10, atol=1e-10)

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from vdfmu.kernel.integrator import MAXIMUM_STEPS
+from vdfmu.unit.integrator import MAXIMUM_STEPS
 
 from .binding import DISCARD, ERROR, OK, Instance, doubles, references, same_bits
 from .fmi_types import LOG_2, Callbacks

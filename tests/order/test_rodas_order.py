@@ -7,6 +7,7 @@ import pytest
 from vdfmu.equations.friction import joint_friction
 from vdfmu.equations.inverse_dynamics import inverse_dynamics
 from vdfmu.kernel.rodas import ORDER, rodas_step
+from vdfmu.kernel.structure import values
 
 
 def observed_orders(errors):
@@ -90,15 +91,14 @@ def integrate(function, x, tau, p, duration, steps):
     return np.array(states)
 
 
-def test_order_four_on_the_smooth_plant(robot, kernel_of):
-    kernel = kernel_of(robot)
-    function = kernel.function("plant_step")
+def test_order_four_on_the_smooth_plant(robot, functions_of):
+    function, p = functions_of("plant", robot).function("plant_step"), values(robot)
     x, tau = smooth_state(robot)
     duration, counts = 2e-2, [50, 100, 200]
-    exact = integrate(function, x, tau, kernel.p, duration, 1600)
+    exact = integrate(function, x, tau, p, duration, 1600)
     _, _, kappa_dot, tau_s = np.split(exact, 4, axis=1)
     assert (kappa_dot > 0.5).all() and (tau_s * x[-robot.n :] > 0.0).all()  # no friction step, no kink
-    results = [integrate(function, x, tau, kernel.p, duration, count)[-1] for count in counts]
+    results = [integrate(function, x, tau, p, duration, count)[-1] for count in counts]
     errors = [np.abs((r - exact[-1]) / (1.0 + np.abs(exact[-1]))).max() for r in results]
     # Steps of 400, 200 and 100 us. The fastest mode, 300 Hz = 1900 rad/s, has h w = 0.2 at the last, so the
     # next term of the error changes the last ratio by a few per cent: 0.1 in the order. The reference has

@@ -1,6 +1,6 @@
-"""Every equation (1)-(63), evaluated on the path that the plant or the feedforward takes.
+"""Every equation (1)-(63), evaluated on the path that the units take.
 
-Plant, feedforward and controller run once at random states while all calls into ``vdfmu.equations`` are recorded.
+Their methods run once at random states while all calls into ``vdfmu.equations`` are recorded.
 What an equation says is written here again as the paper prints it (with the errata of ``test_errata.py``), in numpy
 and without those functions, and held against the arguments and results of the calls. An equation that no path uses
 says why.
@@ -13,12 +13,15 @@ from collections import defaultdict
 import numpy as np
 import pytest
 
-from vdfmu.equations.feedforward import Gains, feedforward_inverse, feedforward_vdc
+from vdfmu.equations.feedforward import Gains
 from vdfmu.equations.mapping import extended_jacobian, jacobian, velocity_mapping
-from vdfmu.equations.pd import pd_control
-from vdfmu.equations.plant import plant_derivative, plant_outputs
-from vdfmu.equations.trajectory import desired_motion
+from vdfmu.equations.plant import plant_outputs
+from vdfmu.equations.trajectory import Desired
 from vdfmu.model import load_robot
+from vdfmu.units.controller import PDController
+from vdfmu.units.feedforward import Feedforward
+from vdfmu.units.plant import Plant
+from vdfmu.units.trajectory import Trajectory
 
 EPS = np.finfo(float).eps
 N = 6
@@ -30,7 +33,7 @@ UNUSED = {
     28: "counts the spring torque twice; the path uses tau of (27), see test_errata.py",
     33: "placements go as pairs of rotation and origin; the product of (33)s is end_effector_pose, held by tests/cross",
 }
-"""Equations that neither the plant nor the feedforward uses, and why."""
+"""Equations that no unit uses, and why."""
 
 
 class Calls:
@@ -67,7 +70,7 @@ class Calls:
 
 
 class Path:
-    """One state of the arm, what plant, feedforward and controller make of it, and the calls that made it."""
+    """One state of the arm, what the units make of it, and the calls that made it."""
 
     def __init__(self, robot):
         random = np.random.default_rng(90)
@@ -80,15 +83,23 @@ class Path:
         )
         self.x = np.concatenate([self.q, self.q_dot, self.kappa_dot, self.tau_s])
         self.plant, self.vdc, self.inverse, self.other = Calls(), Calls(), Calls(), Calls()
-        x_dot = self.plant.run(plant_derivative, robot, self.x, self.tau, self.F_e)
-        _, self.q_ddot, self.kappa_ddot, self.tau_s_dot = np.split(x_dot, 4)
-        self.outputs = self.other.run(plant_outputs, robot, self.x)
+        plant = Plant(robot, tau=self.tau, F_e=self.F_e)
+        plant.q, plant.q_dot, plant.kappa_dot, plant.tau_s = np.split(self.x, 4)
+        self.plant.run(plant.derivatives)
+        self.q_ddot, self.kappa_ddot, self.tau_s_dot = plant.der_q_dot, plant.der_kappa_dot, plant.der_tau_s
+        self.other.run(plant.outputs)
         self.q_end, self.T, self.t = np.linspace(0.5, 1.5, N), 10.0, 3.7
-        self.desired = self.other.run(desired_motion, self.t, np.zeros(N), self.q_end, self.T)
+        trajectory = Trajectory(robot, q_end=self.q_end, T=self.T)
+        trajectory.t = self.t
+        self.other.run(trajectory.outputs)
+        self.desired = Desired(*(getattr(trajectory, name) for name in Desired._fields))
         self.gains = Gains(*(random.uniform(0.5, 2.0, N) for _ in range(4)))
-        measured = (self.q, self.q_dot, self.kappa_dot)
-        self.tau_m = self.vdc.run(feedforward_vdc, robot, self.gains, self.desired, *measured, self.F_e).tau_m
-        self.inverse.run(feedforward_inverse, robot, self.desired)
+        measured = dict(q=self.q, q_dot=self.q_dot, kappa_dot=self.kappa_dot, F_e_d=self.F_e)
+        desired, gains = self.desired._asdict(), self.gains._asdict()
+        vdc = Feedforward(robot, mode="vdc", **gains, **desired, **measured)
+        self.vdc.run(vdc.outputs)
+        self.tau_m = vdc.tau_m
+        self.inverse.run(Feedforward(robot, mode="inverse", **desired).outputs)
 
 
 # --- the paper's own lines, without vdfmu.equations -----------------------------------------------------------------
@@ -408,9 +419,14 @@ def trajectory(path):
 def feedback(path):
     K_p, K_v = np.full(N, 2000.0), np.full(N, 20.0)
     d = path.desired
-    command = pd_control(
-        K_p, K_v, path.robot.ell, np.full(N, np.inf), d.q_d, d.q_d_dot, path.q, path.q_dot, path.tau_m
-    )
+    controller = PDController(
+        path.robot, velocity="q_dot", K_p=K_p, K_v=K_v, q_d=d.q_d, q_d_dot=d.q_d_dot, q=path.q, q_dot=path.q_dot,
+        tau_m=path.tau_m,
+    )  # fmt: skip
+    calls = Calls()
+    calls.run(controller.outputs)
+    _, command = calls["pd_control"][0]
+    np.testing.assert_array_equal(command.tau, controller.tau)
     tau_e = K_v * (d.q_d_dot - path.q_dot) + K_p * (d.q_d - path.q)
     close(command.tau_e, tau_e, 1e4)
     close(command.tau, path.tau_m + tau_e / path.robot.ell, 100.0)

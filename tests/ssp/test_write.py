@@ -4,6 +4,7 @@ import zipfile
 
 import numpy as np
 import pytest
+from vdfmu.ssp.system_file import units_of
 
 from vdfmu.cosim import check_system
 from vdfmu.errors import UsageError, VdfmuError
@@ -12,7 +13,6 @@ from vdfmu.model import load_scenario
 from vdfmu.ssp import load_ssp
 from vdfmu.ssp.parameters import override, system_values
 from vdfmu.ssp.parse import parse_ssp_xml
-from vdfmu.ssp.system_file import units_of
 from vdfmu.ssp.write import write_ssp
 from vdfmu.unit.interface import Interface
 from vdfmu.units import shipped_units

@@ -12,6 +12,7 @@ import pytest
 from pyssp_standard.ssd import SSD
 from pyssp_standard.ssm import SSM
 from pyssp_standard.ssv import SSV
+from vdfmu.ssp.system_file import units_of
 
 from vdfmu.errors import StorageError, UsageError
 from vdfmu.fmu import build_fmus
@@ -22,7 +23,6 @@ from vdfmu.ssp.drawing import draw_system
 from vdfmu.ssp.parameter_files import mapping_file, parameter_file
 from vdfmu.ssp.parameters import system_values
 from vdfmu.ssp.structure_file import structure_file
-from vdfmu.ssp.system_file import units_of
 from vdfmu.ssp.versions import fmi_of_format
 from vdfmu.ssp.write import write_osp, write_ssp
 from vdfmu.ssp.xml import to_bytes

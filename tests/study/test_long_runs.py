@@ -18,6 +18,7 @@ from vdfmu.study.reference import BLOCK, Reference, reference, reference_blocks
 VARIABLES = (
     "trajectory.q_d", "plant.q", "controller.tau", "controller.tau_m", "plant.tau", "plant.kappa_dot",
     "controller.kappa_dot", "plant.tau_s", "estimator.tau_f_hat", "estimator.tau_s_hat",
+    "feedforward.tau_m",
 )  # fmt: skip
 SOURCES = {
     "plant.q": "plant.q", "controller.tau": "controller.tau", "feedforward.tau_m": "controller.tau_m",

@@ -16,6 +16,7 @@ from vdfmu.cli.terminal import (
     ScenarioArgument,
     SetOption,
     UnpackOption,
+    building,
     errors,
     fail,
     parse_settings,
@@ -58,20 +59,23 @@ def build(
     if scenario.partition(":")[0].endswith(".py"):
         unit = find_unit(scenario)
         fixed = load_robot(robot) if robot is not None else None
-        built = build_fmus(
-            fixed,
-            out,
-            units=[unit],
-            start_values={unit_name(unit): start_values(unit, fixed, parse_settings(settings))},
-            backend=backend,
-            fmi_version=fmi,
-            platforms=platform,
-        )
+        values = start_values(unit, fixed, parse_settings(settings))
+        with building():
+            built = build_fmus(
+                fixed,
+                out,
+                units=[unit],
+                start_values={unit_name(unit): values},
+                backend=backend,
+                fmi_version=fmi,
+                platforms=platform,
+            )
     else:
         chosen = load_scenario(scenario, robot)
         say_notes([*model_notes(chosen), *build_notes(chosen.robot, backend)])
         values = system_values(chosen, parse_settings(settings))
-        built = build_parts(chosen, out, values, backend=backend, fmi_version=fmi, platforms=platform)
+        with building():
+            built = build_parts(chosen, out, values, backend=backend, fmi_version=fmi, platforms=platform)
     for path in dict.fromkeys(built.values()):
         say(str(path))
 
@@ -96,12 +100,13 @@ def container(
     chosen = prepare(scenario, robot=robot, step=step)
     say_notes([*model_notes(chosen), *build_notes(chosen.robot, "native")])
     values = system_values(chosen, parse_settings(settings))
-    with temporary_folder("vdfmu_") as folder:
+    path = out if out is not None else Path(f"{chosen.name}.fmu")
+    with building(), temporary_folder("vdfmu_") as folder:
         package = write_ssp(
             chosen, cached_fmus(chosen, folder, "native"), Path(folder) / "system.ssp", values
         )
-        path = out if out is not None else Path(f"{chosen.name}.fmu")
-        say(str(write_container(package, path, step=chosen.step)))
+        written = write_container(package, path, step=chosen.step)
+    say(str(written))
 
 
 def ssp(
@@ -141,7 +146,8 @@ def ssp(
     say_notes([*model_notes(chosen), *build_notes(chosen.robot, backend)])
     values = system_values(chosen, parse_settings(settings))
     with temporary_folder("vdfmu_") as folder:
-        fmus = build_parts(chosen, folder, values, backend=backend, fmi_version=fmi_version)
+        with building():
+            fmus = build_parts(chosen, folder, values, backend=backend, fmi_version=fmi_version)
         if form == "osp":
             say(str(write_osp(chosen, fmus, out or Path(f"{chosen.name}_osp"), values)))
         else:

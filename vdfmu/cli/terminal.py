@@ -4,24 +4,34 @@ from __future__ import annotations
 
 import re
 import sys
-from collections.abc import Iterable, Sequence
+from collections.abc import Generator, Iterable, Sequence
+from contextlib import contextmanager
 from typing import TYPE_CHECKING, Annotated, Any, NoReturn
 
 import typer
 from rich.console import Console, ConsoleOptions, RenderableType
 from rich.markup import escape
-from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    TaskID,
+    TextColumn,
+    TimeElapsedColumn,
+    TimeRemainingColumn,
+)
 from rich.segment import Segment
 
 from vdfmu.errors import UsageError
+from vdfmu.progress import showing
 from vdfmu.text import shown, told
 
 if TYPE_CHECKING:
     from vdfmu.cosim import LogMessage
 
 __all__ = [
-    "BackendOption", "Bars", "RobotOption", "ScenarioArgument", "SetOption", "UnpackOption", "console", "errors",
-    "fail", "parse_settings", "say", "say_notes",
+    "BackendOption", "Bars", "RobotOption", "ScenarioArgument", "SetOption", "UnpackOption", "building",
+    "console", "errors", "fail", "parse_settings", "say", "say_notes",
 ]  # fmt: skip
 
 
@@ -113,8 +123,8 @@ class Bars:
 
     def __init__(self) -> None:
         self._progress = Progress(
-            TextColumn("{task.description:20}"), BarColumn(), TextColumn("{task.percentage:3.0f} %"),
-            TimeElapsedColumn(), TimeRemainingColumn(), console=errors, transient=False,
+            TextColumn("{task.description:20}"), BarColumn(20), TextColumn("{task.percentage:3.0f} %"),
+            MofNCompleteColumn(), TimeElapsedColumn(), TimeRemainingColumn(), console=errors, transient=False,
             disable=not errors.is_terminal,
         )  # fmt: skip
         self._tasks: dict[str, TaskID] = {}
@@ -146,3 +156,10 @@ class Bars:
             self._notes.setdefault(what if colon else name, []).extend([name] if colon else [])
         elif message.status not in ("ok", "error", "fatal"):  # the error that ends the run quotes these
             self.say(str(message) if message.unit else f"{message.status}: {message.text}")
+
+
+@contextmanager
+def building() -> Generator[None]:
+    """Show how far tracing and compiling are."""
+    with Bars() as bars, showing(bars.update):
+        yield

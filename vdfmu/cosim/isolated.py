@@ -209,7 +209,7 @@ class Isolated:
         if position < 0:
             return CosimError("components", "start of their process", time, f"it ended with code {code}")
         if self._late:
-            why = f"no return within {self.limits.time:g} s; a longer time_limit (--time-limit) gives it more"
+            why = f"no return within {self.limits.time:g} s; a longer time_limit (simulate --time-limit) gives it more"
         elif code < 0:
             with suppress(ValueError):
                 code = signal.Signals(-code).name

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping, Sequence
+from importlib import import_module
 from pathlib import Path
 
 from vdfmu.errors import StorageError, UsageError
@@ -42,11 +43,15 @@ def choose_backend(backend: str | None) -> str:
     ------
     UsageError
         For an unknown one.
+    ImportError
+        If the package is missing that Python FMUs need.
     """
     if backend is None:
         return "native" if native_available() else "python"
     if backend not in BACKENDS:
         raise UsageError(f"There is no backend {backend!r}. There are: {', '.join(BACKENDS)}.")
+    if backend == "python":
+        import_module("pythonfmu")  # an FMU that is built already would only say that it needs vdfmu
     return backend
 
 
@@ -76,8 +81,8 @@ def build_fmus(
     out_dir : path
         Folder, made if it does not exist.
     units : sequence of str, path or type of Unit, optional
-        Names of units of the package, files ``my_unit.py`` or ``my_units.py:Name``, or classes; default all units of the
-        package.
+        Names of units of the package, files ``my_unit.py`` or ``my_units.py:Name``, or classes; default all units of
+        the package.
     start_values : mapping of unit to mapping of variable to number, optional
         Start values in place of those of the declaration.
     backend : "python" or "native", optional
@@ -115,8 +120,8 @@ def build_fmus(
         if robot.n > _MOST_JOINTS:
             raise UsageError(
                 f"robot {robot.name}: expected at most {_MOST_JOINTS} joints for FMUs, got {robot.n}. Tracing and "
-                f"compiling would take some {_build_seconds(robot.n) / 60:.0f} minutes or more, and gigabytes of memory; "
-                "vdfmu.inverse_dynamics and forward_dynamics take more joints."
+                f"compiling would take some {_build_seconds(robot.n) / 60:.0f} minutes or more, and gigabytes of "
+                "memory; vdfmu.inverse_dynamics and forward_dynamics take more joints."
             )
     out = Path(out_dir)
     contents = {

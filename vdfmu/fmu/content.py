@@ -67,7 +67,7 @@ class Content:
     unit : type of Unit
     robot : Robot or None
     start_values : mapping of str to float
-        Start values that differ from those of the variable table.
+        Start values that differ from those of the declaration.
     backend : "python" or "native"
     fmi_version : "2.0" or "3.0"
     version, digest : str
@@ -129,8 +129,8 @@ class Content:
         return json.dumps(data, indent=1, ensure_ascii=False) + "\n"
 
     @staticmethod
-    def read(resources: Path) -> Content:
-        """Content of an unpacked Python FMU from its folder ``resources``.
+    def read(resources: Path, model_name: str) -> Content:
+        """Content of the unpacked Python FMU of a model from its folder ``resources``.
 
         Raises
         ------
@@ -141,9 +141,11 @@ class Content:
         try:
             data = json.loads((resources / CONTENT_FILE).read_text(encoding="utf-8"))
             name, version, digest = str(data["unit"]), str(data["version"]), str(data["digest"])
-            _check_version(name, version, digest)
+            _check_version(f"{model_name}.fmu", version, digest)
             source = resources / UNIT_FILE
-            unit = load_units(source)[name] if source.is_file() else shipped_units()[name]
+            unit = (load_units(source) if source.is_file() else shipped_units()).get(name)
+            if unit is None or unit.__name__ != model_name:
+                raise FmuError(f"{file} belongs to unit {name!r}, expected that of {model_name}.")
             robot = None if data["robot"] is None else robot_from_dict(data["robot"], file)
             values, tool = dict(data["start_values"]), str(data["tool"])
             content = Content(unit, robot, values, version=version, digest=digest, tool=tool)

@@ -145,13 +145,13 @@ def _use(content: Content) -> str:
         )
     if interface.is_sampled:
         lines.append(
-            "<p>Sampled states change every <code>period</code> from the start time on, by the inputs that are there at "
-            "the start of a communication step. Steps need not be multiples of the period.</p>"
+            "<p>Sampled states change every <code>period</code> from the start time on, by the inputs that are there "
+            "at the start of a communication step. Steps need not be multiples of the period.</p>"
         )
     elif not interface.has_states:
         lines.append(
-            "<p>The unit has no state: its outputs after a communication step are those of its inputs and of the end of "
-            f"the step. {held}.</p>"
+            "<p>The unit has no state: its outputs after a communication step are those of its inputs and of the end "
+            f"of the step. {held}.</p>"
         )
     return "\n".join(lines)
 
@@ -178,7 +178,8 @@ def _limits(content: Content) -> str:
 
 def _interface(content: Content) -> str:
     interface = content.interface
-    arrays = [a for a in interface.arrays if content.fmi_version == "3.0" or a.first != interface.time]
+    end = len(interface) if content.backend == "python" else interface.time + (content.fmi_version == "3.0")
+    arrays = [a for a in interface.arrays if a.first < end]
     rows = "\n".join(_row(content, interface, array) for array in arrays)
     heads = ("variable", "value reference", "kind", "unit", "start", "limits", "description")
     head = "".join(f"<th>{text}</th>" for text in heads)

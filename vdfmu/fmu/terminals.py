@@ -40,6 +40,8 @@ def terminals_and_icons(interface: Interface, fmi: Literal[2, 3]) -> Element:
     extent = _extent(-100, -100, 100, 100)
     SubElement(picture, "CoordinateSystem", extent | {"suggestedScalingFactorTo_mm": "0.1"})
     SubElement(picture, "Icon", extent)
+    if not interface.unit.terminals:
+        return root
     terminals = SubElement(root, "Terminals")
     for terminal in interface.unit.terminals:
         element = SubElement(

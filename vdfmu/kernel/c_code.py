@@ -46,6 +46,7 @@ _EXPRESSIONS = {
     ca.OP_EXPM1: "expm1({0})",
     ca.OP_LOG: "log({0})",
     ca.OP_LOG1P: "log1p({0})",
+    ca.OP_FMOD: "fmod({0}, {1})",
     ca.OP_FABS: "fabs({0})",
     ca.OP_SIGN: "(double)(({0} > 0.0) - ({0} < 0.0))",
     ca.OP_COPYSIGN: "copysign({0}, {1})",

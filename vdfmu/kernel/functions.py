@@ -121,7 +121,7 @@ class Functions:
         return self._known[name]
 
     def _derivative(self, name: str) -> tuple[str, str] | None:
-        """Function and direction of the name of a derivative; None for any other name."""
+        """Return function and direction of the name of a derivative; None for any other name."""
         base, _, direction = name.rpartition("_")
         return (base, direction) if direction in DIRECTIONS and base in self.names() else None
 

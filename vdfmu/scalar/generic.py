@@ -24,7 +24,7 @@ def sgn(x: Any) -> Any:
 
 def clip(x: Any, low: Any, high: Any) -> Any:
     """Limit every element of `x` to [`low`, `high`]."""
-    x, low, high = np.broadcast_arrays(x, low, high)
+    x, low, high = np.broadcast_arrays(x, low, high, subok=True)
     if not any(a.dtype == object for a in (x, low, high)):
         return np.clip(x, low, high)
     return np.frompyfunc(_clip_one, 3, 1)(x, low, high)
@@ -37,7 +37,7 @@ def _clip_one(x: Any, low: Any, high: Any) -> Any:
 
 def where(condition: Any, a: Any, b: Any) -> Any:
     """Return elements of `a` where the condition holds, else of `b`."""
-    condition, a, b = np.broadcast_arrays(condition, a, b)
+    condition, a, b = np.broadcast_arrays(condition, a, b, subok=True)
     if condition.dtype != object:
         if not any(x.dtype == object for x in (a, b)):
             return np.where(condition, a, b)[()]

@@ -21,6 +21,22 @@ def _sx(value: Any) -> ca.SX:
     return value.sx if isinstance(value, Symbol) else ca.SX(float(value))
 
 
+def _rint(x: Any) -> Any:
+    low = ca.floor(x)
+    rest, odd = x - low, low - 2.0 * ca.floor(0.5 * low)
+    return low + ca.logic_or(rest > 0.5, ca.logic_and(rest >= 0.5, odd))
+
+
+def _remainder(a: Any, b: Any) -> Any:
+    """Remainder with the sign of `b`, as in Python; exact, unlike ``a - b floor(a / b)``."""
+    rest = ca.fmod(a, b)
+    return rest + b * (rest * b < 0.0)
+
+
+def _quotient(a: Any, b: Any) -> Any:
+    return _rint((a - _remainder(a, b)) / b)
+
+
 class Symbol:
     """One scalar expression. Arithmetic and the functions that numpy calls by name build larger ones."""
 
@@ -83,7 +99,7 @@ class Symbol:
         return NotImplemented if _foreign(other) else Symbol(_sx(other) / self.sx)
 
     def __pow__(self, exponent: Any) -> Symbol:
-        return Symbol(self.sx ** _sx(exponent))
+        return NotImplemented if _foreign(exponent) else Symbol(self.sx ** _sx(exponent))
 
     def __lt__(self, other: Any) -> Any:
         return NotImplemented if _foreign(other) else Symbol(self.sx < _sx(other))
@@ -111,9 +127,17 @@ class Symbol:
     def __rpow__(self, base: Any) -> Symbol:
         return Symbol(_sx(base) ** self.sx)
 
+    def __floordiv__(self, other: Any) -> Any:
+        return NotImplemented if _foreign(other) else Symbol(_quotient(self.sx, _sx(other)))
+
+    def __rfloordiv__(self, other: Any) -> Any:
+        return NotImplemented if _foreign(other) else Symbol(_quotient(_sx(other), self.sx))
+
     def __mod__(self, other: Any) -> Any:
-        divisor = _sx(other)
-        return Symbol(self.sx - divisor * ca.floor(self.sx / divisor))
+        return NotImplemented if _foreign(other) else Symbol(_remainder(self.sx, _sx(other)))
+
+    def __rmod__(self, other: Any) -> Any:
+        return NotImplemented if _foreign(other) else Symbol(_remainder(_sx(other), self.sx))
 
     def __floor__(self) -> Symbol:
         return Symbol(ca.floor(self.sx))
@@ -182,8 +206,8 @@ class Symbol:
         return Symbol(ca.log(self.sx))
 
     def rint(self) -> Symbol:
-        """Nearest integer, halves upward."""
-        return Symbol(ca.floor(self.sx + 0.5))
+        """Nearest integer, the even one of two."""
+        return Symbol(_rint(self.sx))
 
     def sqrt(self) -> Symbol:
         """Square root."""
@@ -218,6 +242,12 @@ class SymbolArray(np.ndarray):
     def __array_wrap__(self, array: Any, context: Any = None, return_scalar: bool = False) -> Any:
         # numpy leaves what has no axis an array of a subclass, where it is a scalar of an ordinary array
         return array[()] if array.ndim == 0 else array.view(SymbolArray)
+
+    def __array_function__(self, function: Any, types: Any, args: Any, kwargs: Any) -> Any:
+        result = super().__array_function__(
+            function, types, args, kwargs
+        )  # concatenate and the like drop the class
+        return result.view(SymbolArray) if type(result) is np.ndarray and result.dtype == object else result
 
     def __lt__(self, other: Any) -> Any:
         return np.less(self, other, dtype=object)

@@ -193,7 +193,7 @@ class SystemDescription:
         return links
 
     def element_links(self) -> Iterator[tuple[str, int, str, int]]:
-        """Yield every connection of single elements: unit and position of the output, unit and position of the input."""
+        """Yield every connection of single elements: unit and position of the output, the same of the input."""
         for source, targets in self.groups.items():
             for target in targets:
                 (start, start_group), (end, end_group) = source.split("."), target.split(".")

@@ -23,10 +23,9 @@ Values = dict[str, Any]
 
 
 def robot_parameters(component: str, table: Variables, scenario: Scenario) -> Values:
-    """Return the parameters of a component that describe the robot: the scenario's plant for the plant, else nominal."""
+    """Return a component's parameters that describe the robot: the scenario's plant for ``plant``, else nominal."""
     robot = scenario.plant_robot if component == "plant" else scenario.robot
-    fields = table.unit.robot_fields if isinstance(table, Interface) else None
-    if fields is None:
+    if not isinstance(table, Interface) or table.unit.robot_fields is None:
         return {}
     return {
         v.name: float(getattr(robot, v.group)[v.index])
@@ -108,7 +107,7 @@ def _check_start(plant: Values, n: int) -> None:
     """Raise UsageError for a start beyond the end stops, which would throw the link out of them."""
     for i in range(1, n + 1):
         q, low, high = (plant.get(f"{name}[{i}]") for name in ("q_0", "q_min", "q_max"))
-        if None not in (q, low, high) and not low <= q <= high:
+        if q is not None and low is not None and high is not None and not low <= q <= high:
             raise UsageError(
                 f"plant.q_0[{i}]: expected a start between the end stops, {low:g} and {high:g}, got {q:g}."
             )

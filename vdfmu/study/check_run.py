@@ -12,6 +12,7 @@ import tempfile
 from collections.abc import Callable, Sequence
 from dataclasses import asdict
 from pathlib import Path
+from time import monotonic
 from typing import Any
 
 import fmpy
@@ -35,6 +36,8 @@ __all__ = ["master_of", "run_apart"]
 STEPS = 10
 SECONDS = 60.0
 """Time that the short run may take, with the start of Python and the preparation of the unit."""
+NAMING = 10.0
+"""Part of it [s] before whose begin a call of a package's component must end, so that the component can be named."""
 MEMORY = 4 * 2**30
 """Address space that the process may have [byte], on Linux; Python and fmpy take 0.3 GiB of it."""
 FILE_SIZE = 2**30
@@ -79,6 +82,7 @@ def run_apart(path: Path, kind: str = "FMU") -> Findings:
                     "vdfmu.study.check_run",
                     kind,
                     str(path.resolve()),
+                    str(monotonic() + SECONDS - NAMING),
                     folder,
                     str(unpack_limit()),
                 ]
@@ -248,8 +252,8 @@ def master_of(system: System) -> str:
     return system.experiment.algorithm or "jacobi"
 
 
-def _run_system(path: Path) -> Findings:
-    """Make ten steps of a system."""
+def _run_system(path: Path, deadline: float) -> Findings:
+    """Make ten steps of a system; at `deadline`, of `monotonic`, a call that began with the run is ended."""
     system = load_ssp(path)
     experiment = system.experiment
     start = experiment.start or 0.0
@@ -261,6 +265,7 @@ def _run_system(path: Path) -> Findings:
             simulate(
                 system, start=start, stop=start + STEPS * step, step=step, algorithm=master_of(system),
                 ignore_unmatched=True, log=lambda message: None, isolate=True,
+                time_limit=max(1.0, round(deadline - monotonic(), 1)),
             )  # fmt: skip
     except (VdfmuError, OSError) as error:
         if isinstance(error, OSError) and error.errno in _FULL:
@@ -269,7 +274,7 @@ def _run_system(path: Path) -> Findings:
     return Findings()
 
 
-def _main(kind: str, path: str, folder: str, unpacked: str) -> None:
+def _main(kind: str, path: str, deadline: str, folder: str, unpacked: str) -> None:
     tempfile.tempdir = folder  # what a crash leaves there goes with the folder
 
     def phase(what: str) -> None:
@@ -280,7 +285,9 @@ def _main(kind: str, path: str, folder: str, unpacked: str) -> None:
         _refuse_negative_statuses()
         phase(f"a run of {STEPS} steps")
         with package_limit(int(unpacked)):
-            findings = _run_system(Path(path)) if kind == "SSP" else _run_unit(Path(path), phase)
+            findings = (
+                _run_system(Path(path), float(deadline)) if kind == "SSP" else _run_unit(Path(path), phase)
+            )
         Path(folder, _ANSWER).write_text(json.dumps(asdict(findings)), encoding="utf-8")
     except OSError as error:
         if error.errno not in _FULL:

@@ -13,9 +13,9 @@ the tests hold against plain numpy, or plain numpy where a unit cannot be traced
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from graphlib import CycleError, TopologicalSorter
-from itertools import islice
+from itertools import islice, pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -25,11 +25,16 @@ from scipy.integrate import LSODA
 from vdfmu.errors import UsageError, VdfmuError
 from vdfmu.ssp.description import SystemDescription
 from vdfmu.unit.evaluate import Evaluation, evaluation
+from vdfmu.unit.interface import Interface
 from vdfmu.unit.motion import Motion, samples
 
 __all__ = ["BLOCK", "REFERENCE_OF", "Reference", "reference", "reference_blocks"]
 
 Floats = npt.NDArray[np.float64]
+Places = npt.NDArray[np.intp]
+Dependencies = Callable[[Interface, int], list[int]]
+_Node = tuple[str, int]
+"""A unit and the position of one of its variables."""
 
 REFERENCE_OF = {"gauss-seidel": "sampled", "jacobi": "sampled-delayed"}
 """Master algorithm to the reference that it must match."""
@@ -38,6 +43,8 @@ BLOCK = 1024
 """Rows of a stretch: what is held in memory of a long run."""
 _RTOL, _ATOL = 1e-11, 1e-12
 """Tolerances of scipy: four orders below the 1e-7 rad that a co-simulation may differ by."""
+_CLOSE = 1e-9
+"""Part of a period within which two times are the same."""
 _LONGEST = 0.05
 """Longest step of the continuous reference [s]: a motion that begins late must not be stepped over."""
 
@@ -57,101 +64,157 @@ class Reference(NamedTuple):
         return self.signals[name]
 
 
-class _Link(NamedTuple):
-    """Elements of an output that feed those of an input, as positions in the memories of their units."""
+class _Pass(NamedTuple):
+    """A unit whose outputs are calculated, and carried over from `starts` to `ends`, inputs of all units."""
 
-    start: str
-    starts: npt.NDArray[np.intp]
-    end: str
-    ends: npt.NDArray[np.intp]
-    direct: bool
-    """Whether the output depends on a connected input."""
+    unit: Evaluation
+    starts: Places
+    ends: Places
 
 
 class _System:
-    """The units of a system on their memories, joined by links."""
+    """The units of a system in one memory, joined by links."""
 
     def __init__(self, description: SystemDescription) -> None:
-        self.units: dict[str, Evaluation] = {}
-        for name, interface in description.tables.items():
-            unit = self.units[name] = evaluation(interface)
-            for variable, value in description.values[name].items():
-                unit.memory[interface.reference[variable]] = float(value)
-        pairs = list(description.element_links())
-        self.connected = {(unit, i) for _, _, unit, i in pairs}
-        self.links = [
-            _Link(
-                start,
-                np.array(
-                    [i for s, i, e, _ in pairs if (s, e) == (start, end) and self._direct(s, i) == direct]
-                ),
-                end,
-                np.array(
-                    [j for s, i, e, j in pairs if (s, e) == (start, end) and self._direct(s, i) == direct]
-                ),
-                direct,
+        interfaces = {
+            name: table for name, table in description.tables.items() if isinstance(table, Interface)
+        }
+        foreign = [name for name in description.tables if name not in interfaces]
+        if foreign:
+            raise UsageError(
+                f"there is no reference: {', '.join(foreign)} is an FMU of another tool, whose equations are unknown."
             )
-            for start, end, direct in dict.fromkeys((s, e, self._direct(s, i)) for s, i, e, _ in pairs)
+        begins = np.cumsum([0, *(interface.size for interface in interfaces.values())]).tolist()
+        self.memory = np.zeros(begins[-1])
+        self._first = dict(zip(interfaces, begins, strict=False))
+        self.units: dict[str, Evaluation] = {}
+        for (name, interface), begin in zip(interfaces.items(), begins, strict=False):
+            memory = self.memory[begin : begin + interface.size]
+            memory[: len(interface)] = interface.start_values()
+            for variable, value in description.values[name].items():
+                memory[interface.reference[variable]] = float(value)
+            self.units[name] = evaluation(interface, memory)
+        self._source = {(end, j): (start, i) for start, i, end, j in description.element_links()}
+        self._feeds: set[_Node] = {
+            node for node in self._source.values() if self._before(*node, Interface.step_dependencies)
+        }
+        self._starting = self._passes(Interface.start_dependencies, list(self._outputs()), " at the start")
+        self._moving = self._passes(
+            Interface.step_dependencies,
+            [node for node in dict.fromkeys(self._source.values()) if not self._is_state(*node)],
+        )
+        self._held = self._links(lambda source, _: self._is_state(*source))
+        self._times = self._places((name, interface.time) for name, interface in interfaces.items())
+        self.x, self.x_dot = (
+            self._places(
+                (name, i)
+                for name, unit in interfaces.items()
+                for i in range(*getattr(unit, part).indices(unit.size))
+            )
+            for part in ("states", "derivatives")
+        )
+        self._shown: dict[str, int] = {}
+        for name, position in self._outputs():
+            group = f"{name}.{interfaces[name].variables[position].group}"
+            self._shown[group] = self._shown.get(group, 0) + 1
+        self._row = self._places(self._outputs())
+
+    def _places(self, nodes: Iterable[_Node]) -> Places:
+        return np.array([self._first[name] + position for name, position in nodes], dtype=np.intp)
+
+    def _outputs(self) -> Iterator[_Node]:
+        for name, unit in self.units.items():
+            yield from ((name, i) for i, v in enumerate(unit.interface) if v.causality == "output")
+
+    def _is_state(self, name: str, position: int) -> bool:
+        interface = self.units[name].interface
+        sampled = interface.variables[position].variability == "discrete"
+        return sampled or interface.states.start <= position < interface.states.stop
+
+    def _before(self, name: str, position: int, dependencies: Dependencies) -> set[_Node]:
+        """Return the outputs that an output depends on by one link each."""
+        known = dependencies(self.units[name].interface, position)
+        return {self._source[name, i] for i in known if (name, i) in self._source}
+
+    def _passes(self, dependencies: Dependencies, wanted: Sequence[_Node], when: str = "") -> list[_Pass]:
+        """Units in an order in which the wanted outputs can be calculated, some of them more than once."""
+        graph: dict[_Node, set[_Node]] = {}
+        left = list(wanted)
+        while left:
+            node = left.pop()
+            if node not in graph:
+                graph[node] = self._before(*node, dependencies)
+                left += graph[node]
+        try:
+            ordered = list(TopologicalSorter(graph).static_order())
+        except CycleError as error:
+            names = (f"{name}.{self.units[name].interface.variables[i].name}" for name, i in error.args[1])
+            raise UsageError(f"there is no reference: algebraic loop{when}: {' -> '.join(names)}.") from None
+        level: dict[_Node, int] = {}  # the number of links on the longest way to an output
+        for node in ordered:
+            level[node] = max((level[other] + 1 for other in graph[node]), default=0)
+        places = {(depth, name): None for name in self.units for (n, _), depth in level.items() if n == name}
+        return [
+            _Pass(self.units[name], *self._links(lambda source, _, name=name: source[0] == name))
+            for _, name in sorted(places, key=lambda at: at[0])
         ]
-        self.motions = {name: Motion(unit, 0.0, _ATOL, "DOP853") for name, unit in self.units.items()}
 
-    def _direct(self, unit: str, position: int) -> bool:
-        known = self.units[unit].interface.step_dependencies(position)
-        return any((unit, i) in self.connected for i in known)
+    def _links(self, chosen: Callable[[_Node, _Node], bool]) -> tuple[Places, Places]:
+        """Places of the outputs and inputs of some links."""
+        found = {target: source for target, source in self._source.items() if chosen(source, target)}
+        return self._places(found.values()), self._places(found)
 
-    def carry(self, links: Sequence[_Link]) -> None:
-        """Carry outputs over to inputs, all at once."""
-        values = [self.units[link.start].memory[link.starts] for link in links]
-        for link, value in zip(links, values, strict=True):
-            self.units[link.end].memory[link.ends] = value
+    def late(self, delayed: bool) -> tuple[Places, Places]:
+        """Links whose inputs get values at the start of a step: those from outputs without feed-through, or all."""
+        return self._links(lambda source, _: delayed or source not in self._feeds)
+
+    def fresh(self, name: str) -> tuple[Places, Places]:
+        """Links to a unit from outputs with feed-through, whose values are of the same step."""
+        return self._links(lambda source, target: target[0] == name and source in self._feeds)
 
     def order(self) -> list[str]:
-        """Units in the order of a step: each after those whose direct outputs it reads."""
+        """Units in the order of a step: each after those whose outputs with feed-through it reads."""
         graph: dict[str, set[str]] = {name: set() for name in self.units}
-        for link in self.links:
-            if link.direct:
-                graph[link.end].add(link.start)
+        for (end, _), source in self._source.items():
+            if source in self._feeds:
+                graph[end].add(source[0])
         try:
             return list(TopologicalSorter(graph).static_order())
         except CycleError as error:
-            raise UsageError(f"there is no reference: algebraic loop {' -> '.join(error.args[1])}.") from None
+            raise UsageError(
+                f"there is no sampled reference: each of {' -> '.join(error.args[1])} has to step before the next."
+            ) from None
+
+    def carry(self, starts: Places, ends: Places) -> None:
+        """Carry outputs over to inputs, all at once."""
+        self.memory[ends] = self.memory[starts]
 
     def start(self) -> None:
-        """Set the states and outputs of the start time; what feeds through needs as many passes as there are units."""
-        for _ in range(len(self.units) + 1):
-            for unit in self.units.values():
-                unit.memory[-1] = 0.0
-                unit.start()
-                unit.outputs()
-            self.carry(self.links)
-
-    def evaluate(self, t: float, order: Sequence[str]) -> None:
-        """Calculate all outputs at a time, from the states."""
-        for name in order:
-            unit = self.units[name]
-            unit.memory[-1] = t
-            self.carry([link for link in self.links if link.end == name])
+        """Set the states and outputs of the start time."""
+        self.memory[self._times] = 0.0
+        for unit, starts, ends in self._starting:
+            unit.start()
             unit.outputs()
-        self.carry(self.links)
+            self.carry(starts, ends)
 
-    def row(self) -> list[Floats]:
-        """Outputs of all units."""
-        return [
-            unit.memory[where]
-            for unit in self.units.values()
-            for where in unit.interface.groups.values()
-            if unit.interface.variables[where.start].causality == "output"
-        ]
+    def evaluate(self, t: float, x: Floats) -> None:
+        """Calculate all inputs at a time, from the states."""
+        self.memory[self._times] = t
+        self.memory[self.x] = x
+        self.carry(*self._held)
+        for unit, starts, ends in self._moving:
+            unit.outputs()
+            self.carry(starts, ends)
 
-    def signals(self, rows: Sequence[Sequence[Floats]]) -> dict[str, Floats]:
+    def row(self) -> Floats:
+        """Return the outputs of all units."""
+        return self.memory[self._row]
+
+    def signals(self, rows: Sequence[Floats]) -> dict[str, Floats]:
         """Rows by signal."""
-        names = [
-            f"{name}.{group}"
-            for name, unit in self.units.items()
-            for group, where in unit.interface.groups.items()
-            if unit.interface.variables[where.start].causality == "output"
-        ]
-        return {name: np.array([row[i] for row in rows]) for i, name in enumerate(names)}
+        ends = np.cumsum(list(self._shown.values()))[:-1]
+        parts = np.split(np.array(rows), ends, axis=1)
+        return dict(zip(self._shown, parts, strict=True))
 
 
 def reference_blocks(
@@ -176,7 +239,7 @@ def reference_blocks(
     Raises
     ------
     UsageError
-        For an unknown name, or a system with an algebraic loop.
+        For an unknown name, or a system with an algebraic loop or an FMU of another tool.
     VdfmuError
         If scipy finds no solution.
     """
@@ -199,63 +262,56 @@ def reference(name: str, description: SystemDescription, *, step: float, stop: f
     return Reference(name, np.concatenate([block.t for block in blocks]), signals)
 
 
-def _sampled(system: _System, t: Floats, delayed: bool) -> Iterator[list[Floats]]:
+def _sampled(system: _System, t: Floats, delayed: bool) -> Iterator[Floats]:
     """Yield the rows of a sampled reference."""
     order = list(system.units) if delayed else system.order()
-    late = [link for link in system.links if delayed or not link.direct]
-    fresh = {
-        name: [k for k in system.links if k.end == name and not (delayed or not k.direct)] for name in order
-    }
+    late = system.late(delayed)
+    motions = {name: Motion(system.units[name], 0.0, _ATOL, "DOP853", _RTOL) for name in order}
+    fresh = {name: system.fresh(name) for name in order if not delayed}
     system.start()
-    yield [values.copy() for values in system.row()]
-    for k in range(len(t) - 1):
-        system.carry(late)
-        for name in order:
-            system.carry(fresh[name])
-            unit = system.units[name]
-            system.motions[name].move(t[k], t[k + 1])
-            unit.outputs()
-            if not np.isfinite(unit.x).all():
-                raise VdfmuError(f"The reference failed: {name} has no finite state after t = {t[k]:.9g} s.")
-        yield [values.copy() for values in system.row()]
+    yield system.row()
+    for begin, end in pairwise(t.tolist()):
+        system.carry(*late)
+        for name, motion in motions.items():
+            if name in fresh:
+                system.carry(*fresh[name])
+            motion.move(begin, end)
+            motion.unit.outputs()
+            if not np.isfinite(motion.unit.x).all():
+                raise VdfmuError(f"The reference failed: {name} has no finite state after t = {begin:.9g} s.")
+        yield system.row()
 
 
-def _continuous(system: _System, t: Floats) -> Iterator[list[Floats]]:
+def _continuous(system: _System, t: Floats) -> Iterator[Floats]:
     """Yield the rows of the continuous reference; sampled states change at their own samples."""
-    system.start()
-    order = _passes(system)
-    states = [unit for unit in system.units.values() if unit.x.size]
-    ends = np.cumsum([0, *(unit.x.size for unit in states)])
-
-    def set_states(x: Floats) -> None:
-        for unit, begin, end in zip(states, ends, ends[1:], strict=False):
-            unit.x[:] = x[begin:end]
 
     def rate(time: float, x: Floats) -> Floats:
-        set_states(x)
-        system.evaluate(time, order)
-        for unit in states:
+        system.evaluate(time, x)
+        for unit in moving:
             unit.derivatives()
-        return np.concatenate([unit.x_dot for unit in states])
+        return system.memory[system.x_dot]
 
-    def row(time: float, x: Floats) -> list[Floats]:
-        set_states(x)
-        system.evaluate(time, order)
-        return [values.copy() for values in system.row()]
+    def row(time: float, x: Floats) -> Floats:
+        system.evaluate(time, x)
+        for unit in system.units.values():
+            unit.outputs()
+        return system.row()
 
-    x = np.concatenate([unit.x for unit in states]) if states else np.zeros(0)
+    moving = [unit for unit in system.units.values() if unit.x.size]
+    system.start()
+    x = system.memory[system.x]
     yield row(0.0, x)
     k = 1
-    for begin, end in _parts(system, float(t[-1])):
-        system.evaluate(begin, order)
+    for begin, end, sampled in _parts(system, float(t[-1])):
+        system.evaluate(begin, x)
+        for unit in sampled:
+            unit.update()
         for time, solution in _solved(rate, begin, end, x):
-            last = len(t) if end == t[-1] else int(np.searchsorted(t, end + 1e-9 * (end - begin)))
-            stop = min(int(np.searchsorted(t, time, side="right")), last)
+            last = len(t) if end == t[-1] else int(np.searchsorted(t, end + _CLOSE * (end - begin)))
+            stop = last if time >= end else int(np.searchsorted(t, time, side="right"))
             for point in t[k:stop].tolist():
                 yield row(point, solution(point))
             k, x = max(k, stop), solution(time)
-        set_states(x)
-        system.evaluate(end, order)
 
 
 def _solved(
@@ -273,52 +329,21 @@ def _solved(
         yield solver.t, solver.dense_output()
 
 
-def _parts(system: _System, stop: float) -> Iterator[tuple[float, float]]:
-    """Yield the times between samples, after the units have been updated that have one at the begin."""
-    sampled = [unit for unit in system.units.values() if unit.interface.is_sampled]
-    points = {0.0, stop}
-    for unit in sampled:
-        points |= {begin for begin, _, _ in samples(unit, 0.0, 0.0, stop)}
-    ordered = sorted(points)
-    for begin, end in zip(ordered, ordered[1:], strict=False):
-        for unit in sampled:
-            period = float(unit.group("period")[0])
-            if abs(begin / period - round(begin / period)) < 1e-9:
-                unit.memory[-1] = begin
-                unit.update()
-        yield begin, end
-
-
-def _passes(system: _System) -> list[str]:
-    """Units in an order in which their outputs can be calculated, some of them more than once.
-
-    An order of the single outputs in which each comes after those that it depends on, by unit.
-    """
-    graph: dict[tuple[str, int], set[tuple[str, int]]] = {}
-    sources = {
-        (link.end, int(j)): (link.start, int(i))
-        for link in system.links
-        for i, j in zip(link.starts, link.ends, strict=True)
-    }
-    for name, unit in system.units.items():
-        for position, variable in enumerate(unit.interface.variables):
-            if variable.causality == "output":
-                known = unit.interface.step_dependencies(position)
-                graph[name, position] = {sources[name, i] for i in known if (name, i) in sources}
-    try:
-        nodes = list(TopologicalSorter(graph).static_order())
-    except CycleError as error:
-        loop = " -> ".join(
-            f"{name}.{system.units[name].interface.variables[i].name}" for name, i in error.args[1]
-        )
-        raise UsageError(f"there is no continuous reference: algebraic loop {loop}.") from None
-    order: list[str] = []
-    level: dict[tuple[str, int], int] = {}
-    for node in nodes:  # the level of an output: how many units it comes after
-        level[node] = max((level[other] + (other[0] != node[0]) for other in graph[node]), default=0)
-    for depth in range(max(level.values(), default=0) + 1):
-        units = [
-            name for name in system.units if any(n == name and at == depth for (n, _), at in level.items())
-        ]
-        order += units
-    return order
+def _parts(system: _System, stop: float) -> Iterator[tuple[float, float, list[Evaluation]]]:
+    """Yield the times between samples, begin and end, and the units that have a sample at the begin."""
+    found: list[tuple[float, Evaluation]] = [
+        (begin, unit)
+        for unit in system.units.values()
+        for begin, _, sampled in samples(unit, 0.0, 0.0, stop)
+        if sampled
+    ]
+    found.sort(key=lambda sample: sample[0])
+    begin, units = 0.0, []
+    for time, unit in found:
+        if time - begin > _CLOSE * float(
+            unit.group("period")[0]
+        ):  # else it is the sample of another unit as well
+            yield begin, time, units
+            begin, units = time, []
+        units.append(unit)
+    yield begin, stop, units

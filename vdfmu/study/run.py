@@ -21,6 +21,7 @@ from vdfmu.model import Robot, Scenario, load_robot, load_scenario
 from vdfmu.model.check import check_step, model_notes
 from vdfmu.model.read import Problems
 from vdfmu.model.scenario import MASTERS
+from vdfmu.progress import Progress, showing
 from vdfmu.report.plots import contrast_figures, run_figures
 from vdfmu.report.signals import signals_figure
 from vdfmu.ssp.description import SystemDescription
@@ -43,9 +44,6 @@ from vdfmu.study.summary import (
 from vdfmu.temporary import temporary_folder
 
 __all__ = ["prepare", "run"]
-
-Progress = Callable[[str, int, int], None]
-"""Called with the stage, the number of finished steps and their total."""
 
 _VISIBLE = 1e-3
 """Share of the largest position error above which a difference to a reference shows in the tables of three digits."""
@@ -139,8 +137,8 @@ def run(
         Parameters and inputs that nothing feeds, ``{"controller.K_p[1]": 3000}``; without an index for all elements,
         one value or a list or array with one for each.
     units : mapping of str to unit, optional
-        Component to the unit that takes its place: a class, ``my_unit.py``, ``my_units.py:Name``, the name of a unit of
-        the package, or an FMU of any tool, ``My.fmu``. Values of the scenario that it has no parameter for are left
+        Component to the unit that takes its place: a class, ``my_unit.py``, ``my_units.py:Name``, the name of a unit
+        of the package, or an FMU of any tool, ``My.fmu``. Values of the scenario that it has no parameter for are left
         out, and connections to signals that it lacks, with a note in the log and ``left_out`` in the summary.
     progress : callable, optional
         Called with stage, done, total.
@@ -194,7 +192,7 @@ def run(
             log(LogMessage("", 0.0, "note", "", f"{scenario.robot.name}: {note}"))
     with replacing_results(folder, RUN_OUTPUTS, overwrite) as partial:
         report("build", 0, 1)
-        with temporary_folder("vdfmu_fmus_") as fmus:
+        with temporary_folder("vdfmu_fmus_") as fmus, showing(report):
             built = cached_fmus(scenario, fmus, backend)
             package = write_ssp(scenario, built, partial / "system.ssp", values)
         if container:

@@ -10,14 +10,12 @@ from typing import Any
 from vdfmu import __version__
 from vdfmu.cosim import Interrupted, LogMessage, Results, simulate
 from vdfmu.errors import CosimError, UsageError, VdfmuError
+from vdfmu.progress import Progress
 from vdfmu.report.signals import signals_figure
 from vdfmu.ssp.read import DEFAULT, load_ssp
 from vdfmu.study.folder import DRAWN, SYSTEM_OUTPUTS, keep, replacing_results, write_summary
 
 __all__ = ["default_folder", "run_system"]
-
-Progress = Callable[[str, int, int], None]
-"""Called with the stage, the number of finished steps and their total."""
 
 
 def default_folder(package: str | os.PathLike[str]) -> Path:

@@ -1,8 +1,6 @@
 """What a unit is: one class that declares variables and says in numpy what it computes.
 
     class Filter(Unit):
-        \"""First-order low-pass filter.\"""
-
         u = Input("1", text="signal")
         T = Parameter("s", text="time constant", start=0.1, minimum=1e-6)
         y = State("1", text="filtered signal")
@@ -20,7 +18,7 @@ import math
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar, Literal, Protocol, Self, overload
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, Protocol, Self, overload
 
 import numpy as np
 
@@ -28,9 +26,12 @@ from vdfmu.errors import UnitError, UsageError
 from vdfmu.model import Robot
 from vdfmu.model.scenario import SOLVER_TOLERANCE
 
+if TYPE_CHECKING:
+    from vdfmu.unit.run import LinearModel, Solution
+
 __all__ = [
-    "JOINTS", "PHASES", "Choice", "Declared", "Derivative", "Input", "Output", "Parameter", "RobotParameters", "Sampled",
-    "State", "Switch", "Terminal", "Unit", "unit_name",
+    "JOINTS", "PHASES", "Choice", "Declared", "Derivative", "Input", "Output", "Parameter", "RobotParameters",
+    "Sampled", "State", "Switch", "Terminal", "Unit", "unit_name",
 ]  # fmt: skip
 
 
@@ -108,6 +109,16 @@ class Declared:
     def sizes(self, n: int) -> tuple[int, ...]:
         """Shape for a robot of `n` joints."""
         return tuple(n if isinstance(axis, _Joints) else axis for axis in self.shape)
+
+    def start_value(self, robot: Robot | None) -> np.ndarray[Any, Any]:
+        """Start value in the shape for a robot; UnitError if it does not fit."""
+        start: Any = self.start
+        value = np.asarray(start(robot) if callable(start) else start)
+        sizes = self.sizes(robot.n if robot is not None else 0)
+        try:
+            return np.broadcast_to(value, sizes).copy()
+        except ValueError:
+            raise UnitError(f"{self.name}: start value: expected shape {sizes}, got {value.shape}.") from None
 
 
 class Input(Declared):
@@ -288,15 +299,17 @@ class Unit:
 
     def __init_subclass__(cls, **kwargs: Any) -> None:
         super().__init_subclass__(**kwargs)
-        found = dict(cls.declared)
-        for name, value in list(vars(cls).items()):
-            if isinstance(value, (Declared, RobotParameters)) and name != "robot" and hasattr(Unit, name):
+        own = {key: v for key, v in vars(cls).items() if isinstance(v, (Declared, RobotParameters))}
+        for name in own:
+            if hasattr(Unit, name) or name in ("of_robot", "store"):
                 raise UnitError(
                     f"{cls.__name__}: a variable cannot be called {name}, which every unit has already."
                 )
+        found = dict(cls.declared)
+        for name, value in own.items():
             if isinstance(value, Declared):
                 found[name] = value
-            elif isinstance(value, RobotParameters):
+            else:
                 cls.robot_fields = value.fields
         states = [d for d in found.values() if isinstance(d, State)]
         if cls.start is Unit.start:
@@ -317,15 +330,10 @@ class Unit:
         self._watch: Watch | None = None
         self.store: dict[str, Any] = {}
         self.t = 0.0
-        n = robot.n if robot is not None else 0
         for name, declared in self.declared.items():
             if declared.set_by is None:
-                start = declared.start(robot) if callable(declared.start) else declared.start
-                if declared.choices:
-                    start = declared.choices[int(start)]
-                else:
-                    start = np.broadcast_to(np.asarray(start), declared.sizes(n)).copy()
-                self.store[name] = start if declared.choices or declared.shape else start[()]
+                start = declared.start_value(robot)[()]
+                self.store[name] = declared.choices[int(start)] if declared.choices else start
         for name, value in values.items():
             if name not in self.store:
                 raise UsageError(
@@ -379,6 +387,61 @@ class Unit:
                 setattr(self, name, wave)
                 phase += 1.0
 
+    # ---------------------------------------------------------------- the unit by itself
+
+    def simulate(
+        self,
+        inputs: Mapping[str, Any] | None = None,
+        *,
+        stop: float,
+        step: float = 1e-3,
+        tolerance: float = 1e-9,
+    ) -> Solution:
+        """Run the unit from time 0 by scipy, with the parameters and inputs that are set.
+
+        Parameters
+        ----------
+        inputs : mapping of str to value or function of time, optional
+            Inputs that change, or are to have another value.
+        stop, step : float [s]
+            End, and time from one row to the next.
+        tolerance : float
+            Of the continuous states, relative and absolute.
+
+        Returns
+        -------
+        Solution
+            ``solution.t`` and ``solution["y"]``: inputs and outputs, (m, ...) each.
+
+        Raises
+        ------
+        UsageError
+            For an unknown input.
+        UnitError
+            If a method fails.
+        """
+        from vdfmu.unit.run import simulate
+
+        return simulate(self, inputs, stop=stop, step=step, tolerance=tolerance)
+
+    def linearize(self, *, x: Any = None, t: float = 0.0) -> LinearModel:
+        """Return the linear model at the inputs and parameters that are set, and a state.
+
+        Parameters
+        ----------
+        x : (n_x,) array_like, optional
+            Continuous states in the order of their declaration; default those at the start.
+        t : float [s]
+
+        Returns
+        -------
+        LinearModel
+            ``A, B, C, D`` with the names of their rows and columns. Outputs that are states are in A alone.
+        """
+        from vdfmu.unit.run import linearize
+
+        return linearize(self, x=x, t=t)
+
     # ---------------------------------------------------------------- values
 
     def watch(self, watch: Watch | None) -> None:
@@ -407,7 +470,7 @@ class Unit:
             return value
         sizes = declared.sizes(self.n)
         array = np.asarray(value)
-        if array.dtype.kind not in "biufO":
+        if array.dtype.kind not in "biuf" and not all(_is_number(v) for v in array.flat):
             raise UsageError(f"{where}: expected numbers, got {value!r}.")
         try:
             shaped = np.broadcast_to(array, sizes)
@@ -441,6 +504,11 @@ def unit_name(unit: type[Unit]) -> str:
     if package == "vdfmu.units":
         return module
     return re.sub(r"(?<=[a-z0-9])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])", "_", unit.__name__).lower()
+
+
+def _is_number(value: Any) -> bool:
+    """Whether a value is a number, or a symbol."""
+    return isinstance(value, (float, int, np.number)) or hasattr(value, "sx")
 
 
 def _added(name: str, parameter: Parameter, owner: type) -> Parameter:

@@ -6,12 +6,14 @@ follows the equations and the robot's geometry.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
+import casadi as ca
 import numpy as np
 import numpy.typing as npt
 
+from vdfmu.unit.declaration import Unit
 from vdfmu.unit.program import Call
 
 if TYPE_CHECKING:
@@ -29,19 +31,36 @@ def patterns(interface: Interface) -> tuple[Pattern, Pattern]:
     Returns
     -------
     step : (N, N)
-        What outputs and derivatives depend on after initialization: inputs, states and time. A state depends
-        on itself.
+        What outputs and derivatives depend on after initialization: inputs, continuous states and time. Such a state
+        depends on itself.
     start : (N, N)
         What they depend on during initialization: inputs, parameters and time.
+
+    A unit that cannot be traced may depend on everything, but for states that start at parameters.
     """
+    if interface.unit.backend == "python":
+        step = np.ones((interface.size, interface.size), dtype=bool)
+        states = np.array([v.variability == "discrete" for v in interface.memory])
+        states[interface.states] = True
+        step[states] = np.eye(interface.size, dtype=bool)[states]
+        start = np.ones_like(step)
+        if interface.unit.start is Unit.start:  # which reads parameters
+            start[states] = [v.causality == "parameter" for v in interface.memory]
+        return _known(interface, step, start)
     program = interface.program
     moving = (*program.outputs, *program.derivatives)
     step, start = _after(interface, moving), _after(interface, (*program.start, *moving))
-    memory = interface.memory
+    return _known(interface, step, start)
+
+
+def _known(interface: Interface, step: Pattern, start: Pattern) -> tuple[Pattern, Pattern]:
+    """Return the patterns without the rows of what is given, and the columns of what is not known then.
+
+    Sampled states are no knowns of FMI.
+    """
+    causality = np.array([v.causality for v in interface.memory])
     of_state = np.zeros(interface.size, dtype=bool)
-    of_state[interface.slice("x")] = True
-    of_state |= np.array([v.variability == "discrete" for v in memory])
-    causality = np.array([v.causality for v in memory])
+    of_state[interface.states] = True
     time = causality == "independent"
     inputs, given = causality == "input", np.isin(causality, ("input", "parameter"))
     calculated = np.isin(causality, ("output", "local"))
@@ -51,20 +70,39 @@ def patterns(interface: Interface) -> tuple[Pattern, Pattern]:
     return step, start
 
 
-def _after(interface: Interface, calls: Iterable[Call]) -> Pattern:
+def _after(interface: Interface, calls: Sequence[Call]) -> Pattern:
     """Return what each position depends on after the calls, in terms of the positions before them."""
     found = np.eye(interface.size, dtype=bool)
     chosen = np.zeros(interface.size, dtype=bool)  # what an earlier choice has written
+    differs = _differs(interface, calls)
     for call in calls:
         direct, rows = _of_call(interface, call)
         through = direct[rows] @ found
         for parameter, _ in call.when:
-            through[through.any(axis=1), interface.reference[parameter]] = True
+            through[through.any(axis=1) & differs[rows], interface.reference[parameter]] = True
         if call.when:
             through |= found[rows] & chosen[rows, None]
             chosen |= rows
         found[rows] = through
     return found
+
+
+def _differs(interface: Interface, calls: Sequence[Call]) -> npt.NDArray[np.bool_]:
+    """Return which positions are not set to one and the same position by all choices."""
+    memory = ca.SX.sym("memory", interface.size)
+    found: dict[int, list[ca.SX]] = {}
+    for call in calls:
+        if not call.when:
+            continue
+        function = interface.functions.casadi_function(call.function)
+        given = {name: memory[interface.slice(call.group(name))] for name in function.name_in()}
+        for name, value in function(**given).items():
+            for row, position in enumerate(_positions(interface.slice(call.group(name)))):
+                found.setdefault(position, []).append(value[row])
+    differs = np.ones(interface.size, dtype=bool)
+    for position, values in found.items():
+        differs[position] = not all(ca.is_equal(values[0], value) for value in values)
+    return differs
 
 
 def _of_call(interface: Interface, call: Call) -> tuple[Pattern, npt.NDArray[np.bool_]]:

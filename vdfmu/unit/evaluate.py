@@ -13,7 +13,7 @@ from vdfmu.model.robot import Robot
 from vdfmu.unit.declaration import Choice, Declared, Derivative, Switch
 from vdfmu.unit.interface import Interface
 from vdfmu.unit.program import Call
-from vdfmu.unit.trace import run
+from vdfmu.unit.trace import argument_name, run
 
 __all__ = ["Evaluation", "Plain", "Traced", "evaluation"]
 
@@ -39,7 +39,11 @@ class Evaluation:
         self.x, self.x_dot = memory[interface.states], memory[interface.derivatives]
 
     def group(self, name: str) -> Floats:
-        """Values of a group, or of ``p``, ``x``, ``x_dot`` or ``t``, in place."""
+        """Values of a group, in place."""
+        return self.memory[self.interface.groups[name]]
+
+    def argument(self, name: str) -> Floats:
+        """Values of an argument of traced functions, in place."""
         return self.memory[self.interface.slice(name)]
 
     def start(self) -> None:
@@ -59,7 +63,7 @@ class Evaluation:
         raise NotImplementedError
 
     def rate(self, t: float, x: Floats) -> Floats:
-        """Derivatives at a time and a state, (n_x,), for a solver."""
+        """Return the derivatives at a time and a state, (n_x,), for a solver."""
         self.memory[-1] = t
         self.x[:] = x
         self.derivatives()
@@ -94,10 +98,12 @@ class Traced(Evaluation):
         names = (*function.name_in(), *function.name_out())
         new = [name for name in function.name_out() if call.group(name) != name]
         bound = functions.function(
-            call.function, **{name: self.group(call.group(name)) for name in names if name not in new}
+            call.function, **{name: self.argument(call.group(name)) for name in names if name not in new}
         )
-        copies = [(self.group(call.group(name)), bound.results[name]) for name in new]
-        conditions = [(self.group(choice), float(value)) for choice, value in call.when]
+        copies = [(self.argument(call.group(name)), bound.results[name]) for name in new]
+        conditions = [(self.argument(argument_name(choice)), float(value)) for choice, value in call.when]
+        if not conditions and not copies:
+            return lambda: bound.run()  # keeps `bound`, whose buffers it needs
 
         def run_chosen() -> None:
             if all(parameter[0] == value for parameter, value in conditions):
@@ -145,7 +151,7 @@ class Plain(Evaluation):
     def read(self, declared: Declared) -> Any:
         """Value of a variable."""
         if isinstance(declared, (Choice, Switch)):
-            value = int(self.group(declared.name)[0])
+            value = int(self._place(declared)[0])
             return declared.choices[value] if declared.choices else bool(value)
         shape = declared.sizes(self._unit.n)
         return self._place(declared).reshape(shape).copy() if shape else float(self._place(declared)[0])
@@ -169,7 +175,7 @@ class Plain(Evaluation):
         """Robot with the parameters in the memory."""
         robot = self.interface.robot
         assert isinstance(robot, Robot)
-        values = self.group("p") if not fields else np.concatenate([self.group(field) for field in fields])
+        values = self.argument("p") if not fields else np.concatenate([self.group(field) for field in fields])
         key = values.tobytes()
         if self._robot[0] != key:
             if fields:

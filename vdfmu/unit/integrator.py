@@ -12,6 +12,7 @@ from vdfmu.kernel.functions import KernelFunction
 from vdfmu.kernel.rodas import ORDER
 from vdfmu.model.scenario import SOLVER_TOLERANCE
 from vdfmu.unit.evaluate import Evaluation
+from vdfmu.unit.trace import argument_name
 
 __all__ = ["Integrator"]
 
@@ -53,8 +54,8 @@ class Integrator:
         self._steps: list[tuple[list[tuple[npt.NDArray[np.float64], float]], KernelFunction]] = []
         for call in interface.program.step:
             names = functions.casadi_function(call.function).name_in()
-            own = {name: unit.group(name) for name in names if name not in shared and name[:5] != "rate_"}
-            conditions = [(unit.group(choice), float(value)) for choice, value in call.when]
+            own = {name: unit.argument(name) for name in names if name not in shared and name[:5] != "rate_"}
+            conditions = [(unit.argument(argument_name(choice)), float(value)) for choice, value in call.when]
             self._steps.append((conditions, functions.function(call.function, **own, **shared)))
         self.h = 1e-4
         self.steps = self.rejected = 0
@@ -79,7 +80,7 @@ class Integrator:
         """
         x, x_new, norm = self.x, self._x_new, self._norm
         step = next(s.run for conditions, s in self._steps if all(c[0] == value for c, value in conditions))
-        time = self.unit.group("t")
+        time = self.unit.argument("t")
         before, h_before = x.copy(), self.h
         done, tried, failure = 0.0, 0, ""
         while done < duration:

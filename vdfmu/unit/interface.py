@@ -20,9 +20,11 @@ import numpy as np
 from vdfmu.errors import UnitError, UsageError
 from vdfmu.kernel.structure import parameters
 from vdfmu.model import Robot
+from vdfmu.unit.check import check_unit
 from vdfmu.unit.declaration import Unit, unit_name
 from vdfmu.unit.dependencies import patterns
 from vdfmu.unit.program import Program, UnitFunctions
+from vdfmu.unit.trace import argument_name
 from vdfmu.unit.variable import Variable, derivative_variables, scalar_variables
 
 __all__ = ["Array", "Interface", "general_description"]
@@ -89,7 +91,7 @@ class Interface:
     UsageError
         If a start value has no variable, belongs to an output or is out of its limits; names all of them.
     UnitError
-        If the unit needs a robot and there is none, or its methods fail.
+        If the unit needs a robot and there is none, or is declared wrongly.
     """
 
     def __init__(
@@ -97,6 +99,7 @@ class Interface:
     ) -> None:
         if robot is None and unit.needs_robot():
             raise UnitError(f"{unit.__name__} needs a robot, for its joints. Name one.")
+        check_unit(unit, robot)
         self.unit = unit
         self.robot = robot
         self.variables = tuple(scalar_variables(unit, robot))
@@ -198,7 +201,7 @@ class Interface:
         return self.size - 1
 
     def slice(self, group: str) -> slice:
-        """Positions of a group, or of ``p``, ``x``, ``x_dot`` or ``t`` of :mod:`vdfmu.unit.program`."""
+        """Positions of an argument of traced functions: a group, or ``p``, ``x``, ``x_dot``, ``t``."""
         match group:
             case "p":
                 assert self.robot is not None
@@ -210,7 +213,11 @@ class Interface:
             case "t":
                 return slice(self.time, self.size)
             case _:
-                return self.groups[group]
+                return self._arguments[group]
+
+    @cached_property
+    def _arguments(self) -> dict[str, slice]:
+        return {argument_name(group): where for group, where in self.groups.items()}
 
     def find(self, name: str) -> Variable:
         """Variable of a name.
@@ -292,4 +299,4 @@ class Interface:
 def general_description(description: str) -> str:
     """Return a description without what tells one variable of a group from the next."""
     text = re.sub(r"^Joint \d+: |,? axis [\d,]+$|, row \d+, column \d+$| [\d,]+$", "", description)
-    return text[0].upper() + text[1:]
+    return text[:1].upper() + text[1:]

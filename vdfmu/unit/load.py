@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import sys
 import traceback
+from collections.abc import Iterator
 from hashlib import sha256
 from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
 
 from vdfmu.errors import UnitError, UsageError
-from vdfmu.unit.declaration import Derivative, Sampled, State, Unit, unit_name
+from vdfmu.unit.declaration import Unit, unit_name
+from vdfmu.unit.place import declarations
 
 __all__ = ["load_units"]
 
@@ -22,7 +24,7 @@ def load_units(file: Path) -> dict[str, type[Unit]]:
     UsageError
         If there is no such file.
     UnitError
-        If it fails, or declares none, or one wrongly.
+        If it fails, declares none, or has a name twice.
     """
     if not file.is_file():
         raise UsageError(f"{file}: there is no such file.")
@@ -53,27 +55,20 @@ def load_units(file: Path) -> dict[str, type[Unit]]:
     }
     if not found:
         raise UnitError(f"{file} declares no unit: a class that is derived from vdfmu.unit.Unit.")
-    for unit in found.values():
-        _check(unit, file)
+    twice = [problem for unit in found.values() for problem in _twice(path, unit)]
+    if twice:
+        raise UnitError("\n".join(twice))
     return found
 
 
-def _check(unit: type[Unit], file: Path) -> None:
-    """Raise for a declaration that lacks something; with all that is wrong."""
-    problems: list[str] = []
-    states = {d for d in unit.declared.values() if type(d) is State}
-    derived = [d.state for d in unit.declared.values() if isinstance(d, Derivative)]
-    for state in states:
-        if derived.count(state) != 1:
-            problems.append(
-                f"{state.name} is a continuous state and needs one derivative: {state.name}_dot = Derivative({state.name})"
-            )
-    problems += [
-        f"{state.name} is not a continuous state of the unit and has no derivative"
-        for state in derived
-        if state not in states
-    ]
-    if any(isinstance(d, Sampled) for d in unit.declared.values()) and "period" not in unit.declared:
-        problems.append('sampled states need a period: period = Parameter("s", start=1e-3, minimum=1e-6)')
-    if problems:
-        raise UnitError("\n".join(f"{file}: {unit.__name__}: {problem}." for problem in problems))
+def _twice(path: Path, unit: type[Unit]) -> Iterator[str]:
+    """Yield what is twice in a file, where the second would silently replace the first."""
+    lines: dict[str, list[int]] = {}
+    for line, name in declarations(path.read_text(encoding="utf-8"), unit.__name__):
+        lines.setdefault(name, []).append(line)
+    if len(lines[""]) > 1:
+        lines = {"": lines[""]}  # what both classes declare is there twice as well
+    for name, found in lines.items():
+        if len(found) > 1 and (not name or name in unit.declared or callable(getattr(unit, name, None))):
+            what = f"{unit.__name__}: {name}" if name else f"class {unit.__name__}"
+            yield f"{path}, line {found[1]}: {what} is there twice, first in line {found[0]}. Rename one of them."

@@ -17,7 +17,7 @@ Floats = npt.NDArray[np.float64]
 
 TOLERANCE = 1e-12
 _MOST_CALLS = 1_000_000
-"""Calls of the right-hand side in one go, ten times what the shipped robots take: with odd values it may find no end."""
+"""Calls of the right-hand side in one go, ten times what the shipped robots take; odd values may find no end."""
 _CLOSE = 1e-9
 """Part of a period within which a time is that of a sample."""
 _SHORTEST = 1e-6
@@ -41,6 +41,8 @@ class Motion:
         Absolute, and relative, of scipy's solver.
     method : "LSODA" or "DOP853"
         For long ways and stiff equations, or for short ones.
+    rtol : float
+        Relative tolerance where it is larger.
     """
 
     def __init__(
@@ -49,8 +51,9 @@ class Motion:
         start: float = 0.0,
         tolerance: float = TOLERANCE,
         method: Literal["LSODA", "DOP853"] = "LSODA",
+        rtol: float = 1e-13,
     ) -> None:
-        self.unit, self.start, self.tolerance, self._method = unit, start, tolerance, method
+        self.unit, self.start, self.tolerance, self._method, self._rtol = unit, start, tolerance, method, rtol
         self.h = math.inf
         """Last full step [s], a good first one for what comes next."""
         self._calls = 0
@@ -75,7 +78,7 @@ class Motion:
         try:
             solver = getattr(integrate, self._method)(
                 self._rate, t, self.unit.x.copy(), t + duration,
-                rtol=max(self.tolerance, 1e-13), atol=self.tolerance, first_step=first,
+                rtol=max(self.tolerance, self._rtol), atol=self.tolerance, first_step=first,
             )  # fmt: skip
             while solver.status == "running":
                 if solver.step() is not None:
@@ -88,7 +91,7 @@ class Motion:
     def _rate(self, t: float, x: Floats) -> Floats:
         self._calls += 1
         rate = self.unit.rate(t, x)
-        if self._calls > _MOST_CALLS or not np.isfinite(rate).all():
+        if self._calls > _MOST_CALLS or not math.isfinite(rate @ rate):  # the square: one call
             raise _RunawayError
         return rate
 

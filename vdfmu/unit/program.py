@@ -2,7 +2,8 @@
 
 The Python slave runs the lists, the native FMU is generated from them, and the dependencies are read off them. The
 arguments and results of a function are names of groups of variables; further groups are ``p``, the robot's run-time
-parameters, ``x`` and ``x_dot``, the continuous states and their derivatives, and ``t``, the time.
+parameters, ``x`` and ``x_dot``, the continuous states and their derivatives, and ``t``, the time. A variable of such a
+name is ``own_x`` there.
 """
 
 from __future__ import annotations
@@ -18,17 +19,19 @@ import numpy as np
 
 from vdfmu.kernel.functions import Functions
 from vdfmu.kernel.rodas import rodas_step
-from vdfmu.kernel.structure import SOURCES, source_digest, structure_key
+from vdfmu.kernel.structure import SOURCES as KERNEL_SOURCES
+from vdfmu.kernel.structure import source_digest, structure_key
 from vdfmu.kernel.trace import traced_function
 from vdfmu.model import Robot
 from vdfmu.scalar.elimination import factorize, solve
 from vdfmu.scalar.symbol import from_sx, to_sx
 from vdfmu.unit.declaration import PHASES, Unit, unit_name
-from vdfmu.unit.trace import Leaf, SymbolicWatch, leaves, run, state_slices
+from vdfmu.unit.trace import Leaf, SymbolicWatch, argument_name, leaves, run, state_slices
 
-__all__ = ["Call", "Program", "UnitFunctions"]
+__all__ = ["SOURCES", "Call", "Program", "UnitFunctions"]
 
-_SOURCES = (*SOURCES, "unit", "units")
+SOURCES = (*KERNEL_SOURCES, "unit", "units")
+"""Packages that decide what a traced function of a unit computes."""
 
 
 @dataclass(frozen=True)
@@ -72,7 +75,7 @@ class Program:
         self.start, self.outputs = lists["start"], lists["outputs"]
         self.derivatives, self.update = lists["derivatives"], lists["update"]
         self.step = tuple(
-            Call(call.function.replace("_derivatives", "_step", 1), call.when, call.reads, ())
+            Call(functions.related(call.function, "step"), call.when, call.reads, ())
             for call in self.derivatives
         )
 
@@ -102,7 +105,7 @@ class UnitFunctions(Functions):
         instance = unit(robot)
         self._calls = {phase: self._listed(phase, leaves(instance, phase)) for phase in PHASES}
         self.shipped = unit.__module__.startswith("vdfmu.units.")
-        key = f"{structure_key(robot) if robot is not None else 'no-robot'}-{source_digest(*_SOURCES)[:16]}"
+        key = f"{structure_key(robot) if robot is not None else 'no-robot'}-{source_digest(*SOURCES)[:16]}"
         super().__init__(key, cache if self.shipped else None)
 
     def _listed(self, phase: str, found_leaves: list[Leaf]) -> list[Call]:
@@ -115,13 +118,20 @@ class UnitFunctions(Functions):
         return found
 
     def calls(self, phase: str) -> list[Call]:
-        """Calls of one method, one for each value of the choices that it reads."""
+        """Return the calls of one method, one for each value of the choices that it reads."""
         return self._calls[phase]
 
     def names(self) -> list[str]:
         """Names of the functions, but for derivatives of them."""
-        steps = [c.function.replace("_derivatives", "_step", 1) for c in self._calls["derivatives"]]
-        return [*self._leaves, *steps, *(name.replace("_step", "_jacobian", 1) for name in steps)]
+        moving = [c.function for c in self._calls["derivatives"]]
+        return [
+            *self._leaves,
+            *(self.related(name, kind) for kind in ("step", "jacobian") for name in moving),
+        ]
+
+    def related(self, derivatives: str, kind: str) -> str:
+        """Name of the step or the jacobian that belongs to a function of derivatives."""
+        return f"{self.name}_{kind}{derivatives.removeprefix(f'{self.name}_derivatives')}"
 
     @cached_property
     def digest(self) -> str:
@@ -140,8 +150,8 @@ class UnitFunctions(Functions):
             watch = self._traced(self._leaves[name])
             return traced_function(name, watch.symbols, watch.expressions())
         kind = "step" if name.startswith(f"{self.name}_step") else "jacobian"
-        leaf = self._leaves[name.replace(f"_{kind}", "_derivatives", 1)]
-        stiff = _Stiff(self._traced(leaf))
+        derivatives = f"{self.name}_derivatives{name.removeprefix(f'{self.name}_{kind}')}"
+        stiff = _Stiff(self._traced(self._leaves[derivatives]))
         return stiff.step(name) if kind == "step" else stiff.jacobian(name)
 
     def _traced(self, leaf: Leaf) -> SymbolicWatch:
@@ -153,7 +163,8 @@ class UnitFunctions(Functions):
 
 def _choice_name(unit: type[Unit], name: str, value: int) -> str:
     choices = unit.declared[name].choices
-    return choices[value] if choices else f"{'' if value else 'not_'}{name}"
+    text = choices[value] if choices else f"{'' if value else 'not_'}{name}"
+    return text if text.isidentifier() and text.isascii() and "__" not in text else f"{name}_{value}"
 
 
 class _Stiff:
@@ -169,9 +180,8 @@ class _Stiff:
         self.inputs = watch.symbols
         x = self.x = watch.symbol("x", n_x)
         self.x_dot = watch.expressions()["x_dot"]
-        given = [
-            name for name in self.inputs if name in unit.declared and unit.declared[name].causality == "input"
-        ]
+        inputs = [argument_name(name) for name, d in unit.declared.items() if d.causality == "input"]
+        given = [name for name in self.inputs if name in inputs]
         self.rates = {name: ca.SX.sym(f"rate_{name}", self.inputs[name].numel()) for name in given}
         changing = [self.inputs[name] for name in given]
         changes = list(self.rates.values())

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+import re
 import traceback
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -15,8 +16,9 @@ from vdfmu.errors import KernelError, UnitError, UsageError
 from vdfmu.kernel.structure import symbolic_robot
 from vdfmu.scalar.symbol import SymbolArray, from_sx, to_sx
 from vdfmu.unit.declaration import Choice, Declared, Derivative, Output, Sampled, State, Switch, Unit
+from vdfmu.unit.place import place
 
-__all__ = ["Leaf", "SymbolicWatch", "leaves"]
+__all__ = ["Leaf", "SymbolicWatch", "argument_name", "leaves"]
 
 Fixed = Mapping[str, int]
 """Choice or switch to its value."""
@@ -30,6 +32,21 @@ _MAY_SET: dict[str, tuple[type[Declared], ...]] = {
 }
 
 
+_TAKEN = re.compile(
+    r"p|x|x_dot|t|h|tolerance|norm|ratio|w\d*|null|jac|hess|(own|d|bar|rate)_.*|.*_(new|out)"
+    # keywords of C, and functions of math.h that traced functions call
+    r"|auto|bool|break|case|char|const|continue|default|do|double|else|enum|extern|false|float|for|goto|if|inline|int"
+    r"|long|register|restrict|return|short|signed|sizeof|static|struct|switch|true|typedef|typeof|union|unsigned|void"
+    r"|volatile|while|a?(cos|sin|tan)h?|atan2|ceil|copysign|exp|expm1|fabs|floor|fmax|fmin|fmod|log|log1p|pow|sqrt"
+    r"|NAN|INFINITY"
+)
+
+
+def argument_name(name: str) -> str:
+    """Name of a variable as an argument or result of traced functions, which have other uses for some names."""
+    return f"own_{name}" if _TAKEN.fullmatch(name) else name
+
+
 class Leaf:
     """One method of a unit for some choices: what it reads and sets.
 
@@ -39,7 +56,7 @@ class Leaf:
     fixed : mapping of str to int
         The choices that it reads, and their values.
     reads, sets : tuple of str
-        Names of variables, ``p`` for the robot's parameters and ``t`` for the time.
+        Names of arguments for variables, ``p`` for the robot's parameters and ``t`` for the time.
     """
 
     def __init__(self, phase: str, fixed: Fixed, reads: tuple[str, ...], sets: tuple[str, ...]) -> None:
@@ -73,7 +90,7 @@ class _Watch:
             raise UnitError(f"{declared.name} is read before it is set")
         if isinstance(declared, State) and self.phase == "start":
             raise UnitError(f"{declared.name} is a state, which has no value before start() sets it")
-        self.reads[declared.name] = None
+        self.reads[argument_name(declared.name)] = None
         return self.value(declared)
 
     def write(self, declared: Declared, value: Any) -> None:
@@ -117,12 +134,19 @@ class _RobotPart:
         if name not in self._fields:
             known = ", ".join(repr(field) for field in (*self._fields, name))
             raise UnitError(f"the unit declares no {name} of the robot. Write RobotParameters({known})")
-        self._watch.reads[name] = None
+        self._watch.reads[argument_name(name)] = None
         return self._watch.field(name)
 
 
 class _FloatWatch(_Watch):
     """Runs a method on the values of an instance, to see what it reads and sets."""
+
+    def write(self, declared: Declared, value: Any) -> None:
+        super().write(declared, value)
+        if not np.isfinite(np.asarray(self.sets[declared.name], dtype=float)).all():
+            raise UnitError(
+                f"{declared.name} is {self.sets[declared.name]} at the start values, expected finite numbers"
+            )
 
     def value(self, declared: Declared) -> Any:
         return self.unit.store[declared.name]
@@ -158,6 +182,7 @@ class SymbolicWatch(_Watch):
         return self.symbols[name]
 
     def value(self, declared: Declared) -> Any:
+        """Symbols of a variable."""
         where = state_slices(self.unit)
         shape = declared.sizes(self.unit.n)
         size = int(np.prod(shape, dtype=int))
@@ -166,24 +191,27 @@ class SymbolicWatch(_Watch):
             column = self.symbol("x_dot" if isinstance(declared, Derivative) else "x", where[""].stop)
             column = column[where[state.name]]
         else:
-            column = self.symbol(declared.name, size)
+            column = self.symbol(argument_name(declared.name), size)
         array = from_sx(ca.SX(column)).reshape(shape)
         return array.view(SymbolArray) if shape else array[()]
 
     def field(self, name: str) -> Any:
-        return from_sx(self.symbol(name, self.unit.n)).view(SymbolArray)
+        """Symbols of a field of the robot."""
+        return from_sx(self.symbol(argument_name(name), self.unit.n)).view(SymbolArray)
 
     def time_value(self) -> Any:
+        """Symbol of the time."""
         return from_sx(self.symbol("t", 1))[0]
 
     def robot_value(self) -> Any:
+        """Robot whose run-time parameters are symbols."""
         if self._robot is None:
             assert self.unit.of_robot is not None
             self._robot, self.symbols["p"] = symbolic_robot(self.unit.of_robot)
         return self._robot
 
     def expressions(self) -> dict[str, ca.SX]:
-        """What the method has set, as columns; continuous states together as ``x``, derivatives as ``x_dot``."""
+        """Return what the method has set, as columns; continuous states as ``x``, derivatives as ``x_dot``."""
         found: dict[str, ca.SX] = {}
         together: dict[str, dict[str, ca.SX]] = {"x": {}, "x_dot": {}}
         where = state_slices(self.unit)
@@ -194,7 +222,8 @@ class SymbolicWatch(_Watch):
             elif name in where:
                 together["x"][name] = to_sx(value)
             else:
-                found[f"{name}_new" if self.phase == "update" else name] = to_sx(value)
+                argument = argument_name(name)
+                found[f"{argument}_new" if self.phase == "update" else argument] = to_sx(value)
         for name, columns in together.items():
             if columns:
                 found[name] = ca.vertcat(*[columns[state] for state in where if state])
@@ -247,7 +276,7 @@ def _leaves(unit: Unit, phase: str, fixed: Fixed) -> Iterator[Leaf]:
     for name, value in watch.sets.items():
         unit.store.setdefault(name, value)
     if watch.sets:
-        yield Leaf(phase, fixed, tuple(watch.reads), tuple(watch.sets))
+        yield Leaf(phase, fixed, tuple(watch.reads), tuple(map(argument_name, watch.sets)))
 
 
 def _check_complete(unit: Unit, phase: str, fixed: Fixed, sets: Mapping[str, Any]) -> None:
@@ -262,7 +291,9 @@ def _check_complete(unit: Unit, phase: str, fixed: Fixed, sets: Mapping[str, Any
             for name, value in fixed.items()
         ]
         with_choices = f" with {', '.join(choices)}" if choices else ""
-        raise UnitError(f"{_file(type(unit))}: {phase}() never sets {', '.join(missing)}{with_choices}.")
+        where = missing[0] if getattr(type(unit), phase) is getattr(Unit, phase) else phase
+        what = f"{phase}() of {type(unit).__name__} never sets {', '.join(missing)}{with_choices}"
+        raise UnitError(f"{place(type(unit), where)}: {what}.")
 
 
 def run(unit: Unit, phase: str, watch: Any) -> Any:
@@ -274,6 +305,7 @@ def run(unit: Unit, phase: str, watch: Any) -> Any:
         Naming file, line and reason.
     """
     unit.watch(watch)
+    symbols = isinstance(watch, SymbolicWatch)
     try:
         with np.errstate(all="ignore"):
             return getattr(unit, phase)()
@@ -282,14 +314,20 @@ def run(unit: Unit, phase: str, watch: Any) -> Any:
     except RecursionError as error:
         _fail(unit, phase, error, "it calls itself without end")
     except (KernelError, UnitError, UsageError) as error:
-        _fail(unit, phase, error, str(error).rstrip("."))
+        _fail(unit, phase, error, str(error).rstrip("."), symbols)
     except Exception as error:
-        _fail(unit, phase, error, f"{type(error).__name__}: {error}")
+        _fail(unit, phase, error, f"{type(error).__name__}: {error}".rstrip(".: "), symbols)
     finally:
         unit.watch(None)
 
 
-def _fail(unit: Unit, phase: str, error: Exception, reason: str) -> NoReturn:
+_WAY_OUT = (
+    " Write it with arithmetic, elementwise functions of numpy and those of vdfmu.unit; or write "
+    'backend = "python" in the class, and its FMU runs the method in Python.'
+)
+
+
+def _fail(unit: Unit, phase: str, error: Exception, reason: str, symbols: bool = False) -> NoReturn:
     file = _file(type(unit))
     lines = [
         frame.lineno
@@ -297,7 +335,10 @@ def _fail(unit: Unit, phase: str, error: Exception, reason: str) -> NoReturn:
         if frame.filename == inspect.getsourcefile(type(unit))
     ]
     where = f"{file}, line {lines[-1]}" if lines else file
-    raise UnitError(f"{where}: {phase}() of {type(unit).__name__} fails: {reason}.") from None
+    what = "cannot be traced" if symbols else "fails"
+    raise UnitError(
+        f"{where}: {phase}() of {type(unit).__name__} {what}: {reason}.{_WAY_OUT if symbols else ''}"
+    ) from None
 
 
 def _file(unit: type[Unit]) -> str:

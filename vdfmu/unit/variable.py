@@ -12,7 +12,6 @@ from typing import Any
 
 import numpy as np
 
-from vdfmu.errors import UnitError
 from vdfmu.kernel.structure import parameters
 from vdfmu.measure import derivative_of, measure, unit_of
 from vdfmu.model import Robot
@@ -116,7 +115,7 @@ def scalar_variables(unit: type[Unit], robot: Robot | None) -> list[Variable]:
 
 
 def derivative_variables(unit: type[Unit], robot: Robot | None) -> list[Variable]:
-    """Derivatives of the continuous states of a unit, in the order of the states."""
+    """Return the derivatives of the continuous states of a unit, in the order of the states."""
     by_state = {d.state: d for d in unit.declared.values() if isinstance(d, Derivative)}
     states = [d for d in unit.declared.values() if type(d) is State]
     return [v for state in states for v in _scalars(by_state[state], robot)]
@@ -126,8 +125,7 @@ def _scalars(declared: Declared, robot: Robot | None) -> Iterator[Variable]:
     shape = declared.sizes(robot.n if robot is not None else 0)
     start: Any = None
     if declared.set_by is None:
-        start = declared.start(robot) if callable(declared.start) else declared.start
-        start = np.broadcast_to(np.asarray(start), shape)
+        start = declared.start_value(robot)
     for position, index in enumerate(np.ndindex(shape)):
         joint = (
             robot.joint_types[index[0]] if robot is not None and JOINTS in declared.shape[:1] else "revolute"
@@ -152,14 +150,16 @@ def _scalars(declared: Declared, robot: Robot | None) -> Iterator[Variable]:
 
 
 def _text(declared: Declared, position: int, index: tuple[int, ...]) -> str:
-    """Description of an element."""
+    """Return the description of an element."""
     if not isinstance(declared.text, str):
         return declared.text[position]
     text = declared.text
+    if not text and not isinstance(declared, Derivative):
+        return ""
     counted = tuple(i + 1 for i in index)
     joint = f"Joint {counted[0]}: " if declared.shape[:1] == (JOINTS,) else ""
     if isinstance(declared, Derivative):
-        text = f"derivative of the {text}"
+        text = f"derivative of the {text}" if text else f"derivative of {declared.state.name}"
     if joint:
         counted = counted[1:]
     else:
@@ -175,11 +175,6 @@ def _robot_parameters(robot: Robot, fields: tuple[str, ...]) -> Iterator[Variabl
         for p in parameters(robot):
             yield _of_robot(robot, p.field, p.index)
     for field in fields:
-        row = PARAMETERS.get(field)
-        if row is None or not row.per_joint or row.shape:
-            raise UnitError(
-                f"RobotParameters({field!r}): expected a parameter with one number for each joint."
-            )
         yield from (_of_robot(robot, field, (i,)) for i in range(robot.n))
 
 

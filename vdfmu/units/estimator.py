@@ -52,7 +52,7 @@ class TorqueEstimator(Unit):
         self.tau_s_hat, self.tau_f_hat = found.tau_s_hat, found.tau_f_hat
 
     def experiment(self) -> None:
-        """A small motion with deformations of the size that catalogue drives have."""
+        """Move a little, with deformations of the size that catalogue drives have."""
         t, phase = self.t, 0.4 * np.arange(self.n)
         self.q = small_motion(t, self.n, self.experiment_stop).q_d - 1e-4 * np.cos(t + phase)
         self.kappa = self.q + 1e-3 * np.sin(2.0 * t + phase)

@@ -81,7 +81,7 @@ class Feedforward(Unit):
         self.tau_m, self.tau_s, self.kappa_dot_d = found.tau_m, found.tau_s, found.kappa_dot_d
 
     def experiment(self) -> None:
-        """A small motion, nearly followed."""
+        """Follow a small motion nearly."""
         t, phase = self.t, 0.4 * np.arange(self.n)
         motion = small_motion(t, self.n, self.experiment_stop)
         self.q_d, self.q_d_dot, self.q_d_ddot, self.q_d_dddot, self.q_d_ddddot = motion

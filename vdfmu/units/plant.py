@@ -104,7 +104,7 @@ class Plant(Unit):
             self.kappa_dot, self.tau_s = self.kappa_dot_0, self.tau_s_0
 
     def outputs(self) -> None:
-        """What the plant shows beside its state."""
+        """Calculate what the plant shows beside its state."""
         self.kappa, self.p_O, self.R_O, self.E_kin, self.E_pot, self.E_spring = plant_outputs(
             self.robot, self._x()
         )
@@ -115,7 +115,7 @@ class Plant(Unit):
         self.der_q, self.der_q_dot, self.der_kappa_dot, self.der_tau_s = np.split(x_dot, 4)
 
     def balance(self) -> Any:
-        """Forces instead of accelerations: links and rotors by the inverse dynamics."""
+        """Balance forces, by the inverse dynamics: shorter derivatives than those of accelerations."""
         links, rotors = balance(self.robot, self._x(), self.der_q_dot, self.tau, self.F_e)
         kappa = rotor_position(self.robot, self.q, self.tau_s)
         springs = spring_rate(self.robot, kappa, self.kappa_dot, self.q_dot, self.tau_s)

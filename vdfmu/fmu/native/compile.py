@@ -13,7 +13,7 @@ import struct
 import subprocess
 import tempfile
 from collections.abc import Generator, Mapping, Sequence
-from concurrent.futures import FIRST_EXCEPTION, ThreadPoolExecutor, wait
+from concurrent.futures import ThreadPoolExecutor, as_completed
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
@@ -26,6 +26,7 @@ from vdfmu.errors import FmuError
 from vdfmu.fmu.native.platforms import PLATFORMS, Platform, this_platform
 from vdfmu.kernel.cache import COMPILER, cache_folder, load, store, trusted
 from vdfmu.process import end_group
+from vdfmu.progress import counted
 from vdfmu.temporary import temporary_folder
 
 __all__ = ["Job", "compile_libraries", "compile_library", "compiler_version", "native_available"]
@@ -245,8 +246,7 @@ class _Workshop:
                     objects[key].write_bytes(stored)
         missing.sort(key=lambda item: item[0])
         tasks = [pool.submit(self._object, *item[1:]) for item in missing]
-        done, _ = wait(tasks, return_when=FIRST_EXCEPTION)
-        for task in done:
+        for task in counted("compile", as_completed(tasks), len(tasks)):
             task.result()
         return objects
 

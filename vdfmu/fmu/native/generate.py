@@ -15,8 +15,10 @@ from vdfmu.fmu.native.text import array, cell, comment, fields, integer, number,
 from vdfmu.kernel import Kernel
 from vdfmu.kernel.c_code import c_function, c_prototype
 from vdfmu.kernel.requirements import requirements
+from vdfmu.progress import counted
 from vdfmu.unit.interface import Interface
 from vdfmu.unit.program import Call
+from vdfmu.unit.trace import argument_name
 from vdfmu.unit.variable import Variable
 
 __all__ = ["generated_sources"]
@@ -49,7 +51,10 @@ class _Unit:
         differentiated = (*program.start, *program.outputs, *program.derivatives)
         names = [name for call in differentiated for name in _with_derivatives(call.function)]
         names += [call.function for call in (*program.update, *program.step)]
-        self.functions = {name: interface.functions.casadi_function(name) for name in names}
+        self.functions = {
+            name: interface.functions.casadi_function(name)
+            for name in counted(f"trace {interface.name}", names, len(names))
+        }
         robot = interface.robot if interface.has_robot else None
         self.requirements = requirements(robot) if robot is not None else []
         if robot is not None and self.requirements:
@@ -124,7 +129,7 @@ class _Unit:
 
     def _positions(self) -> str:
         """Positions of the groups, as an enumeration."""
-        places = {group: where.start for group, where in self.interface.groups.items()}
+        places = {argument_name(group): where.start for group, where in self.interface.groups.items()}
         for group in ("p", "x", "x_dot"):
             if group == "p" and not self.interface.has_robot:
                 continue
@@ -210,7 +215,7 @@ class _Unit:
         """Lines of calls, each in a block of the choices with which it runs."""
         lines: list[str] = []
         for call in calls:
-            conditions = [f"m[at_{group}] == {number(value)}" for group, value in call.when]
+            conditions = [f"m[at_{argument_name(group)}] == {number(value)}" for group, value in call.when]
             indent = "    " if conditions else ""
             lines += [f"if ({' && '.join(conditions)}) {{"] if conditions else []
             lines += [indent + line for line in write(call)]
@@ -313,7 +318,7 @@ class _Unit:
             "n_x": integer(n_x),
             "x": "at_x" if n_x else "0",
             "x_dot": "at_x_dot" if n_x else "0",
-            "tolerance": "at_tolerance" if has_step else f"{N}, /* there is no solver */",
+            "tolerance": f"at_{argument_name('tolerance')}" if has_step else f"{N}, /* there is no solver */",
             "period": "at_period" if self.program.update else f"{N}, /* nothing is sampled */",
             "step_pattern": f"{{{calculated}, calculated, step_begin, step_column}}",
             "start_pattern": f"{{{calculated}, calculated, start_begin, start_column}}",

@@ -93,7 +93,7 @@ def _values(unit: Evaluation, causality: str) -> dict[str, list[float]]:
 
 
 def _rows(unit: Plain, held: Sequence[Mapping[str, list[float]]]) -> Iterator[dict[str, list[float]]]:
-    """Outputs at the end of each interval; before them, those of the initialization."""
+    """Yield the outputs at the end of each interval; before them, those of the initialization."""
     interface = unit.interface
     hold = interface.unit.experiment_stop / INTERVALS
     motion = Motion(evaluation(interface, unit.memory))

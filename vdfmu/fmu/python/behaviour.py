@@ -74,6 +74,10 @@ class Behaviour:
                     self._unit.update()
                 if self._solver is not None:
                     self._solver.advance(begin, end - begin)
+                    if not np.isfinite(self._unit.x).all():
+                        raise KernelError(
+                            f"the states are not finite before t = {end:.9g} s. Check the parameters."
+                        )
             self.outputs(t + duration)
         except (KernelError, UnitError) as error:
             self.memory[:] = before
@@ -81,15 +85,16 @@ class Behaviour:
 
     def state(self) -> Any:
         """Everything beyond the variables that decides the future, JSON-able."""
-        if self._solver is None:
-            return None
-        return {"h": self._solver.h, "tolerance": self._solver.tolerance}
+        solver = self._solver
+        return {"start": self._start} | ({"h": solver.h, "tolerance": solver.tolerance} if solver else {})
 
     def restore(self, state: Any) -> None:
         """Take a state of :meth:`state` back; raise and change nothing if it is none."""
-        if self._solver is not None:
-            h, tolerance = float(state["h"]), float(state["tolerance"])
-            self._solver.h, self._solver.tolerance = h, tolerance
+        solver = self._solver
+        h, tolerance = (float(state["h"]), float(state["tolerance"])) if solver else (0.0, 0.0)
+        self._start = float(state["start"])
+        if solver:
+            solver.h, solver.tolerance = h, tolerance
 
 
 def robot_problems(interface: Interface, memory: Floats) -> list[str]:

@@ -10,7 +10,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Callable, Sequence
-from functools import wraps
+from functools import cache, wraps
 from pathlib import Path
 from typing import Any, ClassVar
 from xml.etree.ElementTree import Element
@@ -27,7 +27,7 @@ from vdfmu.fmu.python.behaviour import Behaviour
 from vdfmu.fmu.python.wrapper import hold, hold_all_for_ever, hold_for_ever, loaded_from, plain, refusal
 from vdfmu.unit.variable import Variable
 
-__all__ = ["UnitSlave"]
+__all__ = ["UnitSlave", "slave_class"]
 
 _PHASES = ("instantiated", "initialization", "step", "terminated")
 _WHEN = {
@@ -65,7 +65,7 @@ def _words(error: BaseException) -> str:
 
 
 class UnitSlave(Fmi2Slave):
-    """The slave of all units; a subclass in the FMU names the model of its `unit`."""
+    """The slave of all units; those of :func:`slave_class` name the model of their `unit`."""
 
     unit: ClassVar[str] = ""
     log_categories = LOG_CATEGORIES
@@ -86,7 +86,7 @@ class UnitSlave(Fmi2Slave):
     def _load(self, resources: Path) -> None:
         self.phase = "instantiated"
         self.time = 0.0
-        self._content = content = Content.read(resources)
+        self._content = content = Content.read(resources, self.unit)
         self.modelName = content.model_name
         self._interface = interface = content.interface
         self._variables = interface.variables
@@ -104,7 +104,7 @@ class UnitSlave(Fmi2Slave):
         self._last_write: tuple[str, list[int], tuple[Write, list[Variable], bool]] | None = None
 
     def to_xml(self, model_options: dict[str, str] | None = None) -> Element:
-        """Model description from the variable table, with units, dependencies and InitialUnknowns."""
+        """Model description of the unit, with units, dependencies and InitialUnknowns."""
         content = self._content
         return model_description(content.interface, content.guid, content.tool)
 
@@ -375,3 +375,13 @@ class UnitSlave(Fmi2Slave):
             raise refusal(
                 f"deSerializeFMUstate failed: expected the bytes of a state, got {len(state)} other bytes."
             ) from None
+
+
+@cache
+def slave_class(model_name: str) -> type[UnitSlave]:
+    """Return the class of the slaves of a model.
+
+    There is one in a process: the wrapper runs the script of the FMU at each instantiation, and releases the class of a
+    slave more often than it takes it.
+    """
+    return type(f"{model_name}Slave", (UnitSlave,), {"unit": model_name})

@@ -1,4 +1,4 @@
-"""The memory of native units: what lies where, what is an array in FMI 3, and what depends on what."""
+"""The interface of a unit: what lies where in its memory, what is an array in FMI 3, and what depends on what."""
 
 from __future__ import annotations
 
@@ -7,15 +7,15 @@ import dataclasses
 import numpy as np
 import pytest
 
-from vdfmu.fmu.interface import interface
-from vdfmu.fmu.layout import Derivative, Layout
-from vdfmu.fmu.units import UNITS
+from vdfmu.measure import measure
 from vdfmu.model import Robot, check_robot
+from vdfmu.unit.interface import Interface
+from vdfmu.units import shipped_units
 
 
 @pytest.fixture
-def layout(robots: dict[str, Robot], robot_name: str, unit_name: str) -> Layout:
-    return Layout(interface(unit_name, robots[robot_name]))
+def interface(robots: dict[str, Robot], robot_name: str, unit_name: str) -> Interface:
+    return Interface(shipped_units()[unit_name], robots[robot_name])
 
 
 def first_joint(robot: Robot) -> Robot:
@@ -26,38 +26,37 @@ def first_joint(robot: Robot) -> Robot:
 
 
 def shapes(unit: str, robot: Robot) -> dict[str, tuple[int, ...]]:
-    return {array.name: array.shape for array in Layout(interface(unit, robot)).arrays}
+    return {array.name: array.shape for array in Interface(shipped_units()[unit], robot).arrays}
 
 
-def test_the_memory_is_the_table_then_derivatives_then_time(layout: Layout, unit_name: str) -> None:
-    N, n = len(layout.table), layout.table.robot.n
+def test_the_memory_is_the_table_then_derivatives_then_time(interface: Interface, unit_name: str) -> None:
+    N, n = len(interface), interface.robot.n
     n_x = 4 * n if unit_name == "plant" else 0
-    assert layout.variables[:N] == layout.table.variables
-    assert len(layout) == N + n_x + 1 == layout.table.size
-    assert layout.derivatives == slice(N, N + n_x)
-    assert layout.time == N + n_x
-    assert layout.variables[layout.time].name == "time"
-    states, derivatives = layout.variables[layout.states], layout.variables[layout.derivatives]
+    assert interface.memory[:N] == interface.variables
+    assert interface.size == N + n_x + 1 == len(interface.memory)
+    assert interface.derivatives == slice(N, N + n_x)
+    assert interface.time == N + n_x
+    assert interface.memory[interface.time].name == "time"
+    states, derivatives = interface.memory[interface.states], interface.memory[interface.derivatives]
     assert [f"der({v.name})" for v in states] == [v.name for v in derivatives]
     assert {v.group for v in states} == ({"q", "q_dot", "kappa_dot", "tau_s"} if n_x else set())
 
 
-def test_a_derivative_has_the_unit_of_its_state_per_second(layout: Layout) -> None:
+def test_a_derivative_has_the_unit_of_its_state_per_second(interface: Interface) -> None:
     for state, rate in zip(
-        layout.variables[layout.states], layout.variables[layout.derivatives], strict=True
+        interface.memory[interface.states], interface.memory[interface.derivatives], strict=True
     ):
-        assert isinstance(rate, Derivative)
-        of_state, of_rate = UNITS[state.unit or ""].exponents, UNITS[rate.unit or ""].exponents
+        of_state, of_rate = measure(state.unit or "").exponents, measure(rate.unit or "").exponents
         expected = of_state | {"s": of_state.get("s", 0) - 1}
         assert of_rate == expected, rate.name
         assert (rate.causality, rate.variability, rate.start) == ("local", "continuous", None)
         assert rate.description.startswith(f"Joint {rate.index[0] + 1}: derivative of the ")
 
 
-def test_arrays_fill_the_memory_row_by_row(layout: Layout) -> None:
+def test_arrays_fill_the_memory_row_by_row(interface: Interface) -> None:
     position = 0
-    for array in layout.arrays:
-        members = layout.variables[array.positions]
+    for array in interface.arrays:
+        members = interface.memory[array.positions]
         assert array.first == position
         if array.shape:
             indices = [",".join(str(i + 1) for i in index) for index in np.ndindex(array.shape)]
@@ -71,9 +70,9 @@ def test_arrays_fill_the_memory_row_by_row(layout: Layout) -> None:
         alike = {(v.type, v.causality, v.variability, v.unit, v.minimum, v.maximum) for v in members}
         assert len(alike) == 1, array.name
         position += array.size
-    assert position == len(layout)
-    assert [layout.arrays[owner].first for owner in layout.owners] == [
-        array.first for array in layout.arrays for _ in range(array.size)
+    assert position == interface.size
+    assert [interface.arrays[owner].first for owner in interface.owners] == [
+        array.first for array in interface.arrays for _ in range(array.size)
     ]
 
 
@@ -114,58 +113,53 @@ def test_one_joint_makes_arrays_of_one_element(planar: Robot) -> None:
     assert shapes("controller", one)["K_p"] == (1,)
 
 
-def test_the_description_of_an_array_names_no_element(layout: Layout) -> None:
-    for array in layout.arrays:
-        text = layout.description(array)
+def test_the_description_of_an_array_names_no_element(interface: Interface) -> None:
+    for array in interface.arrays:
+        text = interface.array_description(array)
         if array.shape:
             assert "Joint" not in text and "axis 1" not in text and "row" not in text.split("(")[0]
             assert text[0].isupper()
         else:
-            assert text == layout.variables[array.first].description
+            assert text == interface.memory[array.first].description
 
 
-def test_dependencies_name_what_is_known(layout: Layout) -> None:
-    states, end = range(layout.states.start, layout.states.stop), layout.time
-    for position, variable in enumerate(layout):
-        step, start = layout.step_dependencies(position), layout.start_dependencies(position)
+def test_dependencies_name_what_is_known(interface: Interface) -> None:
+    states, end = range(interface.states.start, interface.states.stop), interface.time
+    for position, variable in enumerate(interface.memory):
+        step, start = interface.step_dependencies(position), interface.start_dependencies(position)
         if variable.causality in ("output", "local"):
             for i in step:
-                assert layout.variables[i].causality == "input" or i in states or i == end, (
+                assert interface.memory[i].causality == "input" or i in states or i == end, (
                     variable.name,
-                    layout.variables[i].name,
+                    interface.memory[i].name,
                 )
-            assert {layout.variables[i].causality for i in start} <= {"input", "parameter", "independent"}
+            assert {interface.memory[i].causality for i in start} <= {"input", "parameter", "independent"}
             assert (step, start) == (sorted(step), sorted(start))
         else:
             assert step == start == []
-        if variable.causality == "output":
-            table = layout.table
-            assert [i for i in start if i != end] == table.initial_dependencies(variable)
-            inputs = [i for i in step if layout.variables[i].causality == "input"]
-            assert inputs == table.direct_dependencies(variable)
 
 
-def test_only_the_trajectory_depends_on_time(layout: Layout, unit_name: str) -> None:
-    calculated = [i for i, v in enumerate(layout) if v.causality in ("output", "local")]
-    for dependencies in (layout.step_dependencies, layout.start_dependencies):
-        assert {layout.time in dependencies(i) for i in calculated} == {unit_name == "trajectory"}
+def test_only_the_trajectory_depends_on_time(interface: Interface, unit_name: str) -> None:
+    calculated = [i for i, v in enumerate(interface.memory) if v.causality in ("output", "local")]
+    for dependencies in (interface.step_dependencies, interface.start_dependencies):
+        assert {interface.time in dependencies(i) for i in calculated} == {unit_name == "trajectory"}
 
 
 def test_states_and_derivatives_depend_on_what_their_equations_hold(robots: dict[str, Robot]) -> None:
-    layout = Layout(interface("plant", robots["manipulator_6dof"]))
-    position = {v.name: i for i, v in enumerate(layout)}
+    interface = Interface(shipped_units()["plant"], robots["manipulator_6dof"])
+    position = {v.name: i for i, v in enumerate(interface.memory)}
 
     def groups(found: list[int]) -> set[str]:
-        return {layout.variables[i].group for i in found}
+        return {interface.memory[i].group for i in found}
 
     for i in range(1, 7):
-        assert layout.step_dependencies(position[f"q[{i}]"]) == [position[f"q[{i}]"]]
-        assert layout.step_dependencies(position[f"der(q[{i}])"]) == [position[f"q_dot[{i}]"]]
-        assert layout.start_dependencies(position[f"der(q[{i}])"]) == [position[f"q_dot_0[{i}]"]]
+        assert interface.step_dependencies(position[f"q[{i}]"]) == [position[f"q[{i}]"]]
+        assert interface.step_dependencies(position[f"der(q[{i}])"]) == [position[f"q_dot[{i}]"]]
+        assert interface.start_dependencies(position[f"der(q[{i}])"]) == [position[f"q_dot_0[{i}]"]]
         # rotor: I_m kappa_ddot = tau - tau_s/ell - xi_m(kappa_dot), each joint by itself
-        rotor = layout.step_dependencies(position[f"der(kappa_dot[{i}])"])
+        rotor = interface.step_dependencies(position[f"der(kappa_dot[{i}])"])
         assert rotor == sorted(position[f"{group}[{i}]"] for group in ("tau", "kappa_dot", "tau_s"))
-        link = layout.step_dependencies(position[f"der(q_dot[{i}])"])
+        link = interface.step_dependencies(position[f"der(q_dot[{i}])"])
         assert {"q", "q_dot", "tau_s"} <= groups(link) <= {"q", "q_dot", "tau_s", "F_e"}
-        assert "kappa_dot_0" in groups(layout.start_dependencies(position[f"der(tau_s[{i}])"]))
-    assert groups(layout.step_dependencies(position["E_kin"])) == {"q", "q_dot", "kappa_dot"}
+        assert "kappa_dot_0" in groups(interface.start_dependencies(position[f"der(tau_s[{i}])"]))
+    assert groups(interface.step_dependencies(position["E_kin"])) == {"q", "q_dot", "kappa_dot"}

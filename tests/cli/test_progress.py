@@ -1,0 +1,78 @@
+"""How far tracing and compiling are: reported to who builds, and shown on a terminal only."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+
+import pytest
+
+from vdfmu.fmu import build_fmus
+from vdfmu.model import load_robot
+from vdfmu.progress import showing
+
+
+def test_each_traced_function_and_each_compiled_file_counts(tmp_path, monkeypatch):
+    monkeypatch.setenv("VDFMU_CACHE_DIR", str(tmp_path / "cache"))
+    reports = []
+    with showing(lambda *report: reports.append(report)):
+        built = build_fmus(
+            load_robot("planar_2dof"), tmp_path, units=["plant", "controller"], backend="native"
+        )
+    assert sorted(built) == ["controller", "plant"]
+    stages = {stage: [report for report in reports if report[0] == stage] for stage, _, _ in reports}
+    assert list(stages) == ["trace plant", "trace controller", "compile"]
+    for stage, found in stages.items():
+        total = found[0][2]
+        assert total > 0
+        assert found == [(stage, done, total) for done in range(total + 1)]
+    count = len(reports)
+    build_fmus(load_robot("planar_2dof"), tmp_path / "again", units=["plant"], backend="native")
+    assert len(reports) == count  # nothing is shown after the block
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows has no pseudo-terminals of this kind")
+@pytest.mark.parametrize(
+    "words", [("build", "--out", "fmus"), ("ssp",), ("container",), ("run", "--stop", "0.01")]
+)
+def test_a_terminal_shows_how_far_it_is_and_a_file_does_not(tmp_path, words):
+    import pty
+
+    environment = os.environ | {"VDFMU_CACHE_DIR": str(tmp_path / "cache"), "TERM": "xterm", "COLUMNS": "120"}
+    command = [sys.executable, "-m", "vdfmu.cli", words[0], "planar_tracking", *words[1:]]
+    ours, theirs = pty.openpty()
+    process = subprocess.Popen(
+        command,
+        cwd=tmp_path,
+        env=environment,
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        stderr=theirs,
+    )
+    os.close(theirs)
+    shown = bytearray()
+    while block := _read(ours):
+        shown += block
+    os.close(ours)
+    assert process.stdout is not None
+    said = process.stdout.read()
+    assert process.wait(300) == 0
+    assert b"trace plant" in shown
+    assert b"compile" in shown
+    assert b"trace" not in said
+    done = subprocess.run(
+        command, cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=300, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    assert "trace" not in done.stderr
+    assert "compile" not in done.stderr
+
+
+def _read(end: int) -> bytes:
+    """Read from a pseudo-terminal; nothing if nobody can write to it any more, of which Linux makes an error."""
+    try:
+        return os.read(end, 4096)
+    except OSError:
+        return b""

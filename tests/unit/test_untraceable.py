@@ -1,0 +1,208 @@
+"""What cannot be traced, and methods that are wrong: each says file, line, reason and the way out."""
+
+import inspect
+import math
+
+import numpy as np
+import pytest
+from scipy import special
+
+from vdfmu.errors import UnitError
+from vdfmu.unit import Derivative, Input, Output, State, Unit, where
+from vdfmu.unit.evaluate import Plain, Traced, evaluation
+from vdfmu.unit.interface import Interface
+
+
+class Bad(Unit):
+    """Base of units that cannot be traced."""
+
+    u = Input("1", 3)
+    y = Output("1")
+
+
+class Branch(Bad):
+    """Branches on a value."""
+
+    def outputs(self) -> None:
+        self.y = 0.0
+        if self.u[0] > 0.0:  # here
+            self.y = 1.0
+
+
+class Converging(Bad):
+    """Loops until convergence."""
+
+    def outputs(self) -> None:
+        root = 1.0
+        while abs(root * root - self.u[1]) > 1e-6:  # here
+            root = 0.5 * (root + self.u[1] / root)
+            if root > 1e6:
+                break
+        self.y = root
+
+
+class Solved(Bad):
+    """Calls a solver."""
+
+    def outputs(self) -> None:
+        self.y = np.linalg.solve(np.eye(3) * (1.0 + self.u[0] ** 2), self.u)[0]  # here
+
+
+class Special(Bad):
+    """Calls scipy."""
+
+    def outputs(self) -> None:
+        self.y = special.expit(self.u)[0]  # here
+
+
+class Mathematical(Bad):
+    """Calls math instead of numpy."""
+
+    def outputs(self) -> None:
+        self.y = math.sin(self.u[0])  # here
+
+
+class Largest(Bad):
+    """Calls max."""
+
+    def outputs(self) -> None:
+        self.y = max(self.u[0], 0.0)  # here
+
+
+class Equal(Bad):
+    """Compares for equality."""
+
+    def outputs(self) -> None:
+        self.y = where(self.u[0] == 0.0, 1.0, 0.0)  # here
+
+
+class Cubic(Bad):
+    """Calls a function that symbols do not have."""
+
+    def outputs(self) -> None:
+        self.y = np.cbrt(self.u[0])  # here
+
+
+class Cast(Bad):
+    """Makes an array of floats."""
+
+    def outputs(self) -> None:
+        found = np.zeros(2)
+        found[0] = self.u[0]  # here
+        self.y = found[0]
+
+
+UNTRACEABLE = {
+    Branch: "a condition on a value is not known",
+    Converging: "a condition on a value is not known",
+    Solved: "Cannot cast ufunc 'solve1?' input 0 from dtype",
+    Special: "ufunc 'expit' not supported for the input types",
+    Mathematical: "has no value while equations are traced",
+    Largest: "a condition on a value is not known",
+    Equal: "a condition on a value is not known",
+    Cubic: "has no callable cbrt method",
+    Cast: r"Make an array for it with zeros\(shape, \*like\) of vdfmu\.unit",
+}
+
+
+@pytest.mark.parametrize("unit", UNTRACEABLE)
+def test_what_cannot_be_traced_says_where_why_and_the_way_out(unit):
+    lines, first = inspect.getsourcelines(unit)
+    (line,) = (first + i for i, text in enumerate(lines) if text.rstrip().endswith("# here"))
+    words = (
+        rf"^{__file__}, line {line}: outputs\(\) of {unit.__name__} cannot be traced: .*{UNTRACEABLE[unit]}.*"
+        r' Write it with .* of vdfmu\.unit; or write backend = "python" in the class'
+    )
+    with pytest.raises(UnitError, match=words):
+        Traced(Interface(unit, None))
+    # the one word is enough: the same methods in Python
+    packed = type(unit.__name__, (unit,), {"backend": "python", "__module__": unit.__module__})
+    evaluated = evaluation(Interface(packed, None))
+    assert isinstance(evaluated, Plain)
+    evaluated.group("u")[:] = [0.5, 4.0, 0.0]
+    evaluated.outputs()
+    expected = {Branch: 1.0, Converging: 2.0, Solved: 0.4, Largest: 0.5, Equal: 0.0, Cast: 0.5}
+    if unit in expected:
+        # Newton's last correction is below 1e-6, the error its square
+        assert evaluated.group("y").tolist() == [pytest.approx(expected[unit], abs=1e-6)]
+
+
+class Writes(Bad):
+    """Sets what it may not."""
+
+    def outputs(self) -> None:
+        self.y = 0.0
+        self.u = [1.0, 2.0, 3.0]
+
+
+class Shapes(Bad):
+    """Sets three numbers for one."""
+
+    def outputs(self) -> None:
+        self.y = self.u
+
+
+class Silent(Bad):
+    """Sets nothing."""
+
+
+class Reads(Bad):
+    """Reads an output before it is set."""
+
+    def outputs(self) -> None:
+        self.y = self.y + 1.0
+
+
+class Raises(Bad):
+    """Raises an error of its own."""
+
+    def outputs(self) -> None:
+        raise KeyError("no such thing")
+
+
+class Endless(Bad):
+    """Calls itself."""
+
+    def outputs(self) -> None:
+        self.outputs()
+
+
+class Nothing(Bad):
+    """Sets None."""
+
+    def outputs(self) -> None:
+        self.y = None
+
+
+class Early(Unit):
+    """Reads a state before the start sets it."""
+
+    x = State("m")
+    x_dot = Derivative(x)
+
+    def start(self) -> None:
+        self.x = self.x + 1.0
+
+    def derivatives(self) -> None:
+        self.x_dot = 0.0
+
+
+@pytest.mark.parametrize(
+    ("unit", "words"),
+    [
+        (Writes, r"line \d+: outputs\(\) of Writes fails: outputs\(\) sets u, an input, which it may not\."),
+        (Shapes, r"line \d+: outputs\(\) of Shapes fails: Shapes\.y: expected shape \(\), got \(3,\)\."),
+        (Silent, r"line \d+: outputs\(\) of Silent never sets y\."),
+        (Reads, r"line \d+: outputs\(\) of Reads fails: y is read before it is set\."),
+        (Raises, r"line \d+: outputs\(\) of Raises fails: KeyError: 'no such thing'\."),
+        (Endless, r"line \d+: outputs\(\) of Endless fails: it calls itself without end\."),
+        (Nothing, r"line \d+: outputs\(\) of Nothing fails: Nothing\.y: expected numbers, got None\."),
+        (
+            Early,
+            r"line \d+: start\(\) of Early fails: x is a state, which has no value before start\(\) sets it\.",
+        ),
+    ],
+)
+def test_a_method_that_is_wrong_is_named_with_its_line(unit, words):
+    with pytest.raises(UnitError, match=rf"^{__file__}, {words}$"):
+        Traced(Interface(unit, None))

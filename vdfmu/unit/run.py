@@ -1,0 +1,190 @@
+"""A unit by itself, as a Python object: its motion under given inputs, and its linear model."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, NamedTuple
+
+import casadi as ca
+import numpy as np
+import numpy.typing as npt
+
+from vdfmu.errors import UnitError, UsageError
+from vdfmu.unit.declaration import Unit
+from vdfmu.unit.evaluate import Evaluation, evaluation
+from vdfmu.unit.interface import Interface
+from vdfmu.unit.motion import Motion
+from vdfmu.unit.program import Call
+from vdfmu.unit.trace import argument_name
+
+__all__ = ["LinearModel", "Solution", "linearize", "simulate"]
+
+Floats = npt.NDArray[np.float64]
+Signal = Callable[[float], npt.ArrayLike] | npt.ArrayLike
+
+
+class Solution(NamedTuple):
+    """Times `t` (m,), and the values of inputs and outputs by name, (m, ...) each."""
+
+    t: Floats
+    signals: dict[str, Floats]
+
+    def __getitem__(self, name: Any) -> Any:
+        """Values of a variable."""
+        return self.signals[name] if isinstance(name, str) else tuple(self)[name]
+
+
+class LinearModel(NamedTuple):
+    """``x_dot = A x + B u``, ``y = C x + D u`` for small changes; and the names of states, inputs and outputs."""
+
+    A: Floats
+    B: Floats
+    C: Floats
+    D: Floats
+    states: tuple[str, ...]
+    inputs: tuple[str, ...]
+    outputs: tuple[str, ...]
+
+
+class _Driven(Motion):
+    """Motion with inputs that change in time."""
+
+    def __init__(self, unit: Evaluation, drive: Callable[[float], None], tolerance: float) -> None:
+        super().__init__(unit, tolerance=tolerance)
+        self._drive = drive
+
+    def _rate(self, t: float, x: Floats) -> Floats:
+        self._drive(t)
+        return super()._rate(t, x)
+
+
+def simulate(
+    unit: Unit,
+    inputs: Mapping[str, Signal] | None = None,
+    *,
+    stop: float,
+    step: float = 1e-3,
+    tolerance: float = 1e-9,
+) -> Solution:
+    """Run a unit from time 0 by scipy, with its parameters and inputs as they are set; see :meth:`Unit.simulate`."""
+    run = _bound(unit)
+    given = dict(inputs or {})
+    _check_inputs(run.interface, given)
+    places = {name: (run.group(name), signal) for name, signal in given.items()}
+
+    def drive(t: float) -> None:
+        for place, signal in places.values():
+            place[:] = np.ravel(np.broadcast_to(signal(t) if callable(signal) else signal, place.shape))
+
+    motion = _Driven(run, drive, tolerance)
+    count = round(stop / step)
+    t: Floats = step * np.arange(count + 1, dtype=np.float64)
+    shown = {
+        group: where
+        for group, where in run.interface.groups.items()
+        if run.interface.variables[where.start].causality in ("input", "output")
+    }
+    rows: dict[str, list[Floats]] = {group: [] for group in shown}
+    drive(0.0)
+    run.start()
+    for k in range(count + 1):
+        if k:
+            motion.move(float(t[k - 1]), float(t[k]))
+        drive(float(t[k]))
+        run.outputs()
+        for group, where in shown.items():
+            rows[group].append(run.memory[where].copy())
+    shapes = {name: d.sizes(unit.n) for name, d in unit.declared.items()}
+    return Solution(t, {group: np.array(row).reshape(-1, *shapes[group]) for group, row in rows.items()})
+
+
+def linearize(unit: Unit, *, x: npt.ArrayLike | None = None, t: float = 0.0) -> LinearModel:
+    """Linear model of a unit; see :meth:`Unit.linearize`."""
+    run = _bound(unit)
+    interface = run.interface
+    if unit.backend == "python":
+        raise UnitError(f"{type(unit).__name__}: what cannot be traced has no derivatives.")
+    run.memory[-1] = t
+    run.start()
+    if x is not None:
+        run.x[:] = x
+    inputs = [g for g, w in interface.groups.items() if interface.variables[w.start].causality == "input"]
+    outputs = [
+        g
+        for g, w in interface.groups.items()
+        if interface.variables[w.start].causality == "output" and not _is_state(interface, w)
+    ]
+    names = [interface.variables[i].name for g in inputs for i in _range(interface.groups[g])]
+    made = [interface.variables[i].name for g in outputs for i in _range(interface.groups[g])]
+    states = tuple(v.name for v in interface.memory[interface.states])
+    given, results = ([argument_name(group) for group in groups] for groups in (inputs, outputs))
+    A, B = _jacobians(run, interface.program.derivatives, ["x_dot"], given)
+    C, D = _jacobians(run, interface.program.outputs, results, given)
+    return LinearModel(A, B, C, D, states, tuple(names), tuple(made))
+
+
+def _is_state(interface: Interface, where: slice) -> bool:
+    return interface.states.start <= where.start < interface.states.stop
+
+
+def _range(where: slice) -> range:
+    return range(where.start, where.stop)
+
+
+def _bound(unit: Unit) -> Evaluation:
+    """Return the unit's methods on a memory that holds what is set on the instance."""
+    interface = Interface(type(unit), unit.of_robot)
+    run = evaluation(interface)
+    for name, value in unit.store.items():
+        if name in interface.groups:
+            choices = unit.declared[name].choices
+            run.group(name)[:] = choices.index(value) if choices else np.ravel(value)
+    return run
+
+
+def _check_inputs(interface: Interface, given: Mapping[str, Any]) -> None:
+    known = [g for g, w in interface.groups.items() if interface.variables[w.start].causality == "input"]
+    unknown = [name for name in given if name not in known]
+    if unknown:
+        raise UsageError(
+            f"{interface.name} has no input {', '.join(unknown)}. There are: {', '.join(known) or 'none'}."
+        )
+
+
+def _jacobians(
+    run: Evaluation, calls: Sequence[Call], results: Sequence[str], inputs: Sequence[str]
+) -> tuple[Floats, Floats]:
+    """Return the derivatives of results of the calls whose choices hold, with respect to the states and to inputs."""
+    interface = run.interface
+    widths = [interface.slice(name) for name in results]
+    blocks: dict[tuple[str, str], Floats] = {}
+    for call in calls:
+        if any(run.argument(argument_name(choice))[0] != value for choice, value in call.when):
+            continue
+        function = interface.functions.casadi_function(call.function)
+        symbols = {name: ca.SX.sym(name, function.numel_in(name)) for name in function.name_in()}
+        values = [run.argument(name) for name in function.name_in()]
+        made = dict(zip(function.name_out(), function.call(list(symbols.values())), strict=True))
+        for result in set(results) & made.keys():
+            for name in {"x", *inputs} & symbols.keys():
+                J = ca.Function(
+                    "J", list(symbols.values()), [ca.jacobian(ca.vec(made[result]), symbols[name])]
+                )
+                blocks[result, name] = np.array(J.call(values)[0], dtype=float)
+
+    def joined(names: Sequence[str]) -> Floats:
+        columns = [interface.slice(name) for name in names]
+        rows = [
+            np.hstack(
+                [
+                    blocks.get((g, name), np.zeros((w.stop - w.start, c.stop - c.start)))
+                    for name, c in zip(names, columns, strict=True)
+                ]
+            )
+            if names
+            else np.zeros((w.stop - w.start, 0))
+            for g, w in zip(results, widths, strict=True)
+        ]
+        return np.vstack(rows) if rows else np.zeros((0, sum(c.stop - c.start for c in columns)))
+
+    return joined(["x"]), joined(inputs)
