@@ -99,7 +99,11 @@ def run_page(path):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("page", [*PAGES, ROOT / "docs" / "systems.md", ROOT / "docs" / "reference" / "units.md"], ids=lambda page: page.stem)
+@pytest.mark.parametrize(
+    "page",
+    [*PAGES, ROOT / "docs" / "systems.md", ROOT / "docs" / "reference" / "units.md"],
+    ids=lambda page: page.stem,
+)
 def test_tutorial_runs_and_shows_its_output(page, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     assert run_page(page) >= 2  # blocks run or compared
