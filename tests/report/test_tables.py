@@ -253,3 +253,9 @@ def test_summaries_are_only_read():
     before = copy.deepcopy((TRACKING, CONTRAST))
     to_markdown(TRACKING), to_markdown(CONTRAST), shown(run_panel(TRACKING))
     assert (TRACKING, CONTRAST) == before
+
+
+def test_facts_say_why_there_is_no_reference():
+    assert ("No reference", "tool: an FMU has no equations to solve here") in facts(
+        {"no_reference": "tool: an FMU has no equations to solve here"}
+    )
