@@ -17,9 +17,9 @@ from vdfmu.errors import CosimError, SspError, UsageError
 from vdfmu.model import load_scenario
 from vdfmu.ssp.description import SystemDescription
 from vdfmu.ssp.parameters import system_values
+from vdfmu.ssp.parts import cached_fmus
 from vdfmu.ssp.write import write_ssp
 from vdfmu.study.reference import reference
-from vdfmu.study.run import cached_fmus
 from vdfmu.study.summary import power_bond
 
 # A plant x' = u under u = G r + K (r - x), r = 0.3 t. No unit takes derivatives of its inputs, so the plant gets the

@@ -15,8 +15,8 @@ from fmpy.fmi1 import FMICallException
 from vdfmu.cosim import Interrupted, simulate
 from vdfmu.errors import CosimError, UsageError
 from vdfmu.model import load_scenario
+from vdfmu.ssp.parts import cached_fmus
 from vdfmu.ssp.write import write_ssp
-from vdfmu.study.run import cached_fmus
 
 
 @pytest.fixture

@@ -20,9 +20,9 @@ from vdfmu.cosim import ALGORITHMS, Interrupted, simulate
 from vdfmu.errors import CosimError, UsageError
 from vdfmu.model import load_scenario
 from vdfmu.process import KEPT, SHOWN
+from vdfmu.ssp.parts import cached_fmus
 from vdfmu.ssp.write import write_ssp
 from vdfmu.study import check_run
-from vdfmu.study.run import cached_fmus
 
 WAYS = (
     "crash", "leave", "hang", "eat", "crash_free", "error_end", "fatal_end", "strange", "negative", "error_free",

@@ -12,8 +12,8 @@ import pytest
 from vdfmu.cosim import simulate
 from vdfmu.errors import CosimError
 from vdfmu.model import load_scenario
+from vdfmu.ssp.parts import cached_fmus
 from vdfmu.ssp.write import write_ssp
-from vdfmu.study.run import cached_fmus
 
 THREADS, RUNS = 8, 5
 

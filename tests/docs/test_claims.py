@@ -16,8 +16,8 @@ from vdfmu.kernel.structure import values as parameter_values
 from vdfmu.model import load_scenario
 from vdfmu.scalar.elimination import factorize, solve
 from vdfmu.ssp.parameters import system_values
+from vdfmu.ssp.parts import cached_fmus
 from vdfmu.ssp.write import write_ssp
-from vdfmu.study.run import cached_fmus
 from vdfmu.unit.interface import Interface
 from vdfmu.units import shipped_units
 

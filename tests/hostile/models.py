@@ -17,9 +17,9 @@ from vdfmu.model import Robot, Scenario, load_robot, load_scenario
 from vdfmu.model.check import model_notes
 from vdfmu.model.parameters import PARAMETERS
 from vdfmu.ssp.parameters import system_values
+from vdfmu.ssp.parts import cached_fmus
 from vdfmu.ssp.write import write_ssp
 from vdfmu.study.contrast import contrast
-from vdfmu.study.run import cached_fmus
 
 from .table import Corpus
 

@@ -13,8 +13,8 @@ import numpy as np
 
 from vdfmu.cosim import Results, simulate
 from vdfmu.model import load_scenario
+from vdfmu.ssp.parts import cached_fmus
 from vdfmu.ssp.write import write_ssp
-from vdfmu.study.run import cached_fmus
 
 from .table import Corpus
 

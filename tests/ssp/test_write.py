@@ -4,15 +4,14 @@ import zipfile
 
 import numpy as np
 import pytest
-from vdfmu.ssp.system_file import units_of
 
 from vdfmu.cosim import check_system
 from vdfmu.errors import UsageError, VdfmuError
-from vdfmu.fmu import build_fmus
 from vdfmu.model import load_scenario
 from vdfmu.ssp import load_ssp
 from vdfmu.ssp.parameters import override, system_values
 from vdfmu.ssp.parse import parse_ssp_xml
+from vdfmu.ssp.parts import build_parts
 from vdfmu.ssp.write import write_ssp
 from vdfmu.unit.interface import Interface
 from vdfmu.units import shipped_units
@@ -25,7 +24,7 @@ def scenario():
 
 @pytest.fixture(scope="module")
 def fmus(scenario, tmp_path_factory):
-    return build_fmus(scenario.robot, tmp_path_factory.mktemp("fmus"), units=units_of(scenario))
+    return build_parts(scenario, tmp_path_factory.mktemp("fmus"))
 
 
 def test_every_xml_of_the_package_is_valid(scenario, fmus, tmp_path):

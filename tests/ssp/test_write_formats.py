@@ -12,16 +12,15 @@ import pytest
 from pyssp_standard.ssd import SSD
 from pyssp_standard.ssm import SSM
 from pyssp_standard.ssv import SSV
-from vdfmu.ssp.system_file import units_of
 
 from vdfmu.errors import StorageError, UsageError
-from vdfmu.fmu import build_fmus
 from vdfmu.model import load_scenario
 from vdfmu.ssp.description import SystemDescription
 from vdfmu.ssp.documentation import system_page
 from vdfmu.ssp.drawing import draw_system
 from vdfmu.ssp.parameter_files import mapping_file, parameter_file
 from vdfmu.ssp.parameters import system_values
+from vdfmu.ssp.parts import build_parts
 from vdfmu.ssp.structure_file import structure_file
 from vdfmu.ssp.versions import fmi_of_format
 from vdfmu.ssp.write import write_osp, write_ssp
@@ -38,14 +37,12 @@ def scenario():
 @pytest.fixture(scope="module")
 def fmus(scenario, tmp_path_factory):
     """FMUs without the scenario's values."""
-    return build_fmus(scenario.robot, tmp_path_factory.mktemp("fmus"), units=units_of(scenario))
+    return build_parts(scenario, tmp_path_factory.mktemp("fmus"))
 
 
 @pytest.fixture(scope="module")
 def fmus_3(scenario, tmp_path_factory):
-    return build_fmus(
-        scenario.robot, tmp_path_factory.mktemp("fmus"), units=units_of(scenario), fmi_version="3.0"
-    )
+    return build_parts(scenario, tmp_path_factory.mktemp("fmus"), fmi_version="3.0")
 
 
 @pytest.mark.parametrize("version", ["1.0", "2.0"])

@@ -17,9 +17,9 @@ from vdfmu.errors import CosimError, ModelError, UsageError
 from vdfmu.model import load_scenario
 from vdfmu.report.sheets import reference_sheet
 from vdfmu.report.tables import to_markdown
+from vdfmu.ssp.parts import cached_fmus
 from vdfmu.ssp.write import write_ssp
 from vdfmu.study.reference import BLOCK, Reference
-from vdfmu.study.run import cached_fmus
 
 
 def test_a_run_writes_results_summary_package_and_figures(planar_run):
@@ -141,7 +141,7 @@ def with_references(monkeypatch, folder, change):
             rows = slice(first, first + BLOCK)
             yield Reference(name, r.time[rows], {key: array[rows] for key, array in signals.items()})
 
-    monkeypatch.setattr(sys.modules[cached_fmus.__module__], "reference_blocks", reference)
+    monkeypatch.setattr(sys.modules["vdfmu.study.run"], "reference_blocks", reference)
 
 
 def test_a_chaotic_loop_is_compared_by_its_statistics(tmp_path, monkeypatch):
