@@ -36,6 +36,21 @@ OverwriteOption = Annotated[
     typer.Option("--overwrite", help="Replace files of these names too that no run wrote."),
 ]
 
+InputOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--input",
+        metavar="FILE.csv",
+        help="Signals for inputs that nothing is connected to: columns time and, say, 'plant.F_e[1] [N]'. Repeatable.",
+    ),
+]
+HoldOption = Annotated[
+    bool,
+    typer.Option(
+        "--input-hold", help="Hold the values of --input until the next row; else they run linearly."
+    ),
+]
+
 
 def run(
     scenario: ScenarioArgument = "tracking",
@@ -61,6 +76,8 @@ def run(
             help="Unit in place of a component's: my_unit.py, my_units.py:Name, or an FMU of any tool. Repeatable.",
         ),
     ] = None,
+    inputs: InputOption = None,
+    input_hold: HoldOption = False,
 ) -> None:
     """Run a scenario: build what is stale, co-simulate, solve the references, compare, write tables and figures."""
     from vdfmu.report import tables
@@ -84,6 +101,8 @@ def run(
             container=container,
             settings=parse_settings(settings),
             units=parse_settings(unit),
+            inputs=inputs,
+            input_hold=input_hold or None,
             progress=bars.update,
             log=bars.log,
         )
@@ -129,6 +148,8 @@ def simulate(
             help="Set a parameter or input; without an index, of all elements. Repeatable.",
         ),
     ] = None,
+    inputs: InputOption = None,
+    input_hold: HoldOption = False,
     ignore_unmatched: Annotated[
         bool,
         typer.Option(
@@ -173,6 +194,8 @@ def simulate(
             adaptive=adaptive,
             tolerance=tolerance,
             settings=parse_settings(settings),
+            inputs=inputs,
+            input_hold=input_hold,
             record=record or None,
             ignore_unmatched=ignore_unmatched,
             isolate=isolate,

@@ -1,6 +1,7 @@
 """The co-simulation master: checks and runs any SSP 1.0 of FMI 2.0 co-simulation units."""
 
-from vdfmu.cosim.check import Checked, check_system
+from vdfmu.cosim.check import check_system
+from vdfmu.cosim.checked import Checked
 from vdfmu.cosim.component import LogMessage
 from vdfmu.cosim.master import Interrupted, simulate
 from vdfmu.cosim.results import Results, Signal

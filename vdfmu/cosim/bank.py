@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vdfmu.cosim.check import Checked
+from vdfmu.cosim.checked import Checked
 from vdfmu.cosim.component import C_TYPE, Slave
 from vdfmu.cosim.description import Variable
 from vdfmu.cosim.link import Link, Port
@@ -36,7 +36,7 @@ class Bank:
         inputs: list[tuple[str, Variable]] = []
         self.output_windows: dict[str, slice] = {}
         self.input_windows: dict[str, slice] = {}
-        for unit, description in checked.descriptions.items():
+        for unit, description in checked.sources.items():
             own = [v for v in description.named("output") if v.fmi_type == kind]
             self.output_windows[unit] = slice(len(outputs), len(outputs) + len(own))
             outputs += [(unit, v) for v in own]

@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import replace
 
 from vdfmu.cosim.abilities import check_abilities
+from vdfmu.cosim.checked import Checked
 from vdfmu.cosim.conversion import Conversion, Value, as_type, compose
 from vdfmu.cosim.description import Description, Variable, inspect_description, limit_fault
-from vdfmu.cosim.link import Link, Port
-from vdfmu.cosim.schedule import ALGORITHMS, Schedule, choose_schedule
+from vdfmu.cosim.feed import feed_inputs
+from vdfmu.cosim.inputs import Table
+from vdfmu.cosim.link import SOURCE, Link, Port
+from vdfmu.cosim.schedule import ALGORITHMS, choose_schedule
 from vdfmu.errors import SspError, UsageError
 from vdfmu.ssp.archive import Archive
 from vdfmu.ssp.structure import Component, Parameter, System, Unit, spread
@@ -18,37 +21,11 @@ from vdfmu.ssp.structure import Component, Parameter, System, Unit, spread
 _PAIRS = {("output", "input"), ("calculatedParameter", "parameter"), ("calculatedParameter", "input")}
 
 
-@dataclass(frozen=True)
-class Checked:
-    """A system that can be run.
-
-    Attributes
-    ----------
-    descriptions : mapping of str to Description
-        By component name, in the order of the SSD.
-    links : tuple of Link
-    algorithm : str
-        The master algorithm that `schedule` is for.
-    schedule : Schedule
-    starts : mapping of str to list of (Variable, value)
-        What to set in each component before initialization, in the units of the FMU.
-    notes : tuple of str
-        Notes, not errors: inputs that nothing feeds, for example.
-    """
-
-    system: System
-    descriptions: Mapping[str, Description]
-    links: tuple[Link, ...]
-    algorithm: str
-    schedule: Schedule
-    starts: Mapping[str, Sequence[tuple[Variable, Value]]]
-    notes: tuple[str, ...]
-
-
 def check_system(
     system: System,
     parameters: Mapping[str, Value] | None = None,
     *,
+    inputs: Sequence[Table] = (),
     algorithm: str | None = None,
     repeats: bool = False,
     strict: bool = False,
@@ -62,6 +39,8 @@ def check_system(
     parameters : mapping of str to value, optional
         Values of ``component.variable``, in the unit of the FMU; without an index, of all ``component.variable[...]``:
         one value, or a list or array with one for each. They win over those of the package.
+    inputs : sequence of Table
+        Signals for inputs that nothing is connected to.
     algorithm : str, optional
         One of `vdfmu.cosim.ALGORITHMS`; default as `vdfmu.cosim.schedule.choose_schedule` has it.
     repeats : bool
@@ -81,23 +60,34 @@ def check_system(
     SspError
         With all problems: of the wiring, connectors, types, units, parameters, FMUs and algebraic loops.
     UsageError
-        An unknown algorithm, or `parameters` name something unknown, not settable or of another type.
+        An unknown algorithm, `inputs` that fit no free input, or `parameters` that name something unknown, not settable
+        or of another type.
     """
     if algorithm not in (None, *ALGORITHMS):
         raise UsageError(f"unknown algorithm {algorithm!r}; there are {', '.join(ALGORITHMS)}")
     checker = _Checker(system, strict, ignore_unmatched)
     checker.read()
     links = checker.link()
-    checker.inputs(links)
-    starts = checker.start_values()
     known = {
         c.name: checker.descriptions[c.name] for c in system.components if c.name in checker.descriptions
     }
+    feed, wrong = feed_inputs(inputs, known, links, checker.port_unit, system.units)
+    if wrong and not checker.problems:
+        raise UsageError("\n".join(wrong))
+    if feed is not None:
+        links += feed.links
+        checker.notes += feed.notes
+    checker.inputs(links)
+    starts = checker.start_values()
     # start values of inputs in parameter sets are common, and worth no word
     fixed = {link.end: link.start for link in links if not link.stepped}
     for name, values in starts.items():
         checker.notes += _fed(name, values, fixed, "the value of the parameter set")
-    algorithm, schedule, loops, notes = choose_schedule(known, links, algorithm)
+    sources = known if feed is None else {**known, SOURCE: feed.description}
+    algorithm, schedule, loops, notes = choose_schedule(sources, links, algorithm)
+    if feed is not None:
+        blocks = tuple(block for block in schedule.blocks if SOURCE not in block)
+        schedule = replace(schedule, units=tuple(u for u in schedule.units if u != SOURCE), blocks=blocks)
     checker.problems += loops
     checker.notes += notes
     for loop in dict.fromkeys(schedule.initial.loops):
@@ -119,6 +109,7 @@ def check_system(
         schedule=schedule,
         starts={name: list(values.values()) for name, values in starts.items()},
         notes=tuple(checker.notes),
+        feed=feed,
     )
 
 
@@ -219,7 +210,7 @@ class _Checker:
     def _unit(self, name: str) -> Unit:
         return self.system.units.get(name, Unit(name))
 
-    def _port_unit(self, port: Port, variable: Variable) -> Unit | None:
+    def port_unit(self, port: Port, variable: Variable) -> Unit | None:
         """Return the unit of the FMU, else the one that the SSD declares for the connector."""
         if variable.unit is not None:
             return variable.unit
@@ -252,8 +243,8 @@ class _Checker:
             try:
                 conversion = compose(
                     connection.hops,
-                    self._port_unit(connection.start, source),
-                    self._port_unit(connection.end, sink),
+                    self.port_unit(connection.start, source),
+                    self.port_unit(connection.end, sink),
                     source.type,
                     self.system.units,
                     sink.relative,
@@ -268,7 +259,7 @@ class _Checker:
 
     def inputs(self, links: Sequence[Link]) -> None:
         """Report the inputs that nothing feeds."""
-        fed = {connection.end for connection in self.system.connections}
+        fed = {c.end for c in self.system.connections} | {link.end for link in links}
         bound = {(p.component, p.name) for c in self.system.components for p in c.parameters}
         report = self.problems if self.strict else self.notes
         for name, description in self.descriptions.items():
@@ -317,7 +308,7 @@ class _Checker:
                     value = hop.transformation.names.get(value, value)
             hops = ()
         value = as_type(value, variable, exact=parameter.type)
-        unit = self._port_unit((parameter.component, parameter.name), variable)
+        unit = self.port_unit((parameter.component, parameter.name), variable)
         conversion = compose(
             hops, parameter.unit, unit, variable.type, self.system.units, variable.relative,
             (variable.items, variable.items),

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from vdfmu.cosim.check import Checked
+from vdfmu.cosim.checked import Checked
 from vdfmu.cosim.component import LogMessage, MessageBox, Slave, Watch
 from vdfmu.cosim.continuous import ContinuousStepper
 from vdfmu.cosim.exchange import Exchange, SampledStepper

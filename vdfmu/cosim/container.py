@@ -25,7 +25,8 @@ from fmpy.container_fmu.config import Component, Configuration, Connection
 from fmpy.model_description import read_model_description
 
 from vdfmu import __version__
-from vdfmu.cosim.check import Checked, check_system
+from vdfmu.cosim.check import check_system
+from vdfmu.cosim.checked import Checked
 from vdfmu.cosim.component import LogMessage, log_to_logging
 from vdfmu.cosim.description import Description
 from vdfmu.cosim.link import Link

@@ -39,10 +39,11 @@ class ContinuousStepper:
 
     All outputs at the end of the step are predicted from their last two values. The units step in the order of the
     schedule; each input runs linearly from its value at the start of the step to that at its end, which is the
-    computed output where its source has stepped, else the predicted one. `iterative` repeats that from the saved
-    states, with better guesses, until the outputs come out as they went in. What is discrete (integers, booleans,
-    discrete reals) does not run: it changes at the end of a step, and over the step has the value at its start. Where
-    an output depends on it directly (see `Schedule.fresh`), the unit gets its value at the end of the step.
+    computed output where its source has stepped, else the predicted one; a signal from outside is known.
+    `iterative` repeats that from the saved states, with better guesses, until the outputs come out as they went in.
+    What is discrete (integers, booleans, discrete reals) does not run: it changes at the end of a step, and over
+    the step has the value at its start. Where an output depends on it directly (see `Schedule.fresh`), the unit
+    gets its value at the end of the step.
 
     Parameters
     ----------
@@ -103,9 +104,10 @@ class ContinuousStepper:
             if self._h == math.inf:
                 self._h = _FIRST * step
             while time < stop and not self.box.ended:
-                left = stop - time
+                target = self._target(time, stop)
+                left = target - time
                 parts = math.ceil(left / min(self._h, left) - 1e-9)  # equal ones, so that none is tiny
-                end = stop if parts <= 1 else time + left / parts
+                end = target if parts <= 1 else time + left / parts
                 if end <= time:
                     raise CosimError(
                         self._repeated[0].slave.name, "doStep", time,
@@ -118,6 +120,12 @@ class ContinuousStepper:
                     time = end
         # what a row holds of an input is its value at the end
         np.copyto(self._coupled.inputs, self._coupled.ends)
+
+    def _target(self, time: float, stop: float) -> float:
+        """Return where a step under error control ends at the latest: no signal from outside jumps or bends in it."""
+        breaks, close = self.exchange.breaks, self.exchange.close
+        i = int(breaks.searchsorted(time + close, "right")) if breaks.size else 0
+        return float(breaks[i]) if i < breaks.size and breaks[i] < stop - close else stop
 
     def facts(self) -> dict[str, Any]:
         """Return what the summary says of the steps."""
@@ -164,6 +172,7 @@ class ContinuousStepper:
             np.multiply(start - self._previous, h / self._last, self._outputs)
             np.add(self._outputs, start, self._outputs)
             self._outputs[self._coupled.discrete] = start[self._coupled.discrete]
+        self.exchange.feed(time + h)
         predicted = self._outputs.copy()
         for block in self._coupled.blocks:
             if self.repeat and block.torn.size:

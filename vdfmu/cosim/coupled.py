@@ -14,6 +14,7 @@ from vdfmu.cosim.bank import Bank, Call, component_argument
 from vdfmu.cosim.broyden import Broyden
 from vdfmu.cosim.component import Slave
 from vdfmu.cosim.exchange import Exchange
+from vdfmu.cosim.link import SOURCE
 
 __all__ = ["Block", "Coupled", "Unit"]
 
@@ -91,13 +92,13 @@ class Coupled:
         self.waiting = {each.kind: np.zeros_like(each.inputs) for each in exchange.banks[1:]}
         self._gathers = [each.gather(slice(0, len(each.links))) for each in exchange.banks]
         self.blocks = self._cut([self._unit(name) for name in exchange.checked.schedule.units])
-        lines = {bank.position[k.start] for k in bank.links if not k.discrete}
+        lines = {bank.position[k.start] for k in bank.links if not k.discrete and k.start[0] != SOURCE}
         self.lines = np.array(sorted(lines), np.intp)
         direct = {bank.position[port] for port in exchange.checked.schedule.direct if port in bank.position}
         self.passing = np.isin(self.lines, list(direct))
         self.switches: list[tuple[NDArray[Any], NDArray[Any], Indices]] = []
         for each, before in zip(exchange.banks, self.begun, strict=True):
-            read = {each.position[k.start] for k in each.links if k.discrete}
+            read = {each.position[k.start] for k in each.links if k.discrete and k.start[0] != SOURCE}
             read -= set() if each is not bank else set(np.flatnonzero(~self.discrete))
             self.switches.append((each.outputs, before, np.array(sorted(read), np.intp)))
 

@@ -13,9 +13,10 @@ from numpy.typing import NDArray
 
 from vdfmu.cosim.bank import Bank, Call, component_argument
 from vdfmu.cosim.broyden import Broyden
-from vdfmu.cosim.check import Checked
+from vdfmu.cosim.checked import Checked
 from vdfmu.cosim.component import MessageBox, Slave, Value
-from vdfmu.cosim.link import Link
+from vdfmu.cosim.inputs import Course
+from vdfmu.cosim.link import SOURCE, Link
 from vdfmu.cosim.results import Signal
 from vdfmu.errors import CosimError, UsageError
 
@@ -26,9 +27,7 @@ _HEAD = 4
 
 def words_of(checked: Checked) -> int:
     """Return the number of 8-byte words that an exchange needs at most."""
-    return (
-        _HEAD + sum(len(description.variables) for description in checked.descriptions.values()) + len(_KINDS)
-    )
+    return _HEAD + sum(len(description.variables) for description in checked.sources.values()) + len(_KINDS)
 
 
 def largest_step(time: float, stop: float) -> float:
@@ -79,6 +78,23 @@ class Exchange:
             taken += self.banks[-1].words
         self._watched = np.zeros(0, np.intp)
         self._zeros = np.zeros(0)
+        self._fed: list[tuple[NDArray[Any], NDArray[np.intp], Course]] = []
+        for kind, names, course in checked.feed.courses if checked.feed else ():
+            bank = self._bank(kind)
+            places = np.array([bank.position[SOURCE, name] for name in names], np.intp)
+            self._fed.append((bank.memory, places, course))
+        self.breaks = np.unique(np.concatenate([np.zeros(0), *(course.breaks for *_, course in self._fed)]))
+        """Times [s] at which a signal from outside jumps or bends."""
+        self.close = max((course.tolerance for *_, course in self._fed), default=0.0)
+        """Difference [s] within which a time is one of them."""
+
+    def _bank(self, kind: str) -> Bank:
+        return next(bank for bank in self.banks if bank.kind == kind)
+
+    def feed(self, time: float) -> None:
+        """Give the signals from outside their values at a time."""
+        for memory, places, course in self._fed:
+            memory[places] = course.at(time)
 
     def initialize(self, time: float, convergence: float) -> None:
         """Carry the values over the connections in initialization mode, in the order of dependencies.
@@ -86,6 +102,7 @@ class Exchange:
         Where they depend on themselves, until they agree: to `convergence`, relative to their size and at least to
         their nominal value. CosimError if they do not.
         """
+        self.feed(time)
         initial = self.checked.schedule.initial
         if not initial.torn:
             for link in initial.links:
@@ -126,7 +143,13 @@ class Exchange:
 
     def _value(self, link: Link) -> Any:
         """Return what a connection carries now."""
-        value: Any = self.slaves[link.start[0]].get(link.source)
+        bank = self._bank(link.source.fmi_type)
+        outside = link.start[0] == SOURCE
+        value: Any = (
+            bank.memory[bank.position[link.start]].item()
+            if outside
+            else self.slaves[link.start[0]].get(link.source)
+        )
         if link.conversion.table is not None:
             return link.conversion.table.get(int(value), int(value))
         return value if link.conversion.trivial else link.conversion.factor * value + link.conversion.offset
@@ -134,7 +157,7 @@ class Exchange:
     def _carry(self, link: Link, value: Value) -> None:
         self.slaves[link.end[0]].set(link.sink, value)
         if link.stepped:
-            bank = next(b for b in self.banks if b.kind == link.sink.fmi_type)
+            bank = self._bank(link.sink.fmi_type)
             text = isinstance(value, str)
             bank.memory[bank.position[link.end]] = (
                 bank.kept(value.encode("utf-8", "surrogateescape")) if text else value
@@ -176,7 +199,7 @@ class Exchange:
             kind = bank.kind.lower()
             picked = [
                 i for i, (unit, v) in enumerate(bank.variables)
-                if wanted is None or f"{unit}.{v.name}" in wanted
+                if unit != SOURCE and (wanted is None or f"{unit}.{v.name}" in wanted)
             ]  # fmt: skip
             try:
                 rec = np.empty((rows, len(picked)), bank.memory.dtype)
@@ -231,7 +254,8 @@ class Exchange:
         )  # fmt: skip
 
     def _match(self, record: Iterable[str]) -> set[str]:
-        names = [f"{unit}.{v.name}" for bank in self.banks[:-1] for unit, v in bank.variables]
+        variables = [each for bank in self.banks[:-1] for each in bank.variables if each[0] != SOURCE]
+        names = [f"{unit}.{v.name}" for unit, v in variables]
         wanted: set[str] = set()
         for text in record:
             pattern = re.compile(".*".join(map(re.escape, text.split("*"))))
@@ -259,6 +283,8 @@ class SampledStepper:
         """Whether the user wants to stop; the master asks between the rows, which are the steps here."""
         gathers = [bank.gather(slice(0, bank.inputs.size)) for bank in exchange.banks]
         self.opening = [gather for gather in gathers if gather is not None]
+        if exchange.checked.feed is not None:
+            self.opening.insert(0, lambda: exchange.feed(exchange.clock.value))
         self.stages: list[tuple[Slave, list[Callable[[], None]], list[Call]]] = []
         for name in exchange.checked.schedule.units:
             fresh: list[Callable[[], None]] = []

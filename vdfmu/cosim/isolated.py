@@ -27,7 +27,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vdfmu.cosim.check import Checked
+from vdfmu.cosim.checked import Checked
 from vdfmu.cosim.component import LogMessage, MessageBox
 from vdfmu.cosim.exchange import Exchange, words_of
 from vdfmu.errors import CosimError, UsageError, VdfmuError

@@ -7,10 +7,12 @@ from dataclasses import dataclass
 from vdfmu.cosim.conversion import Conversion
 from vdfmu.cosim.description import Variable
 
-__all__ = ["Link", "Port"]
+__all__ = ["SOURCE", "Link", "Port"]
 
 Port = tuple[str, str]
 """Component and variable."""
+SOURCE = "(inputs)"
+"""In the place of a component: where signals from outside come from."""
 
 
 @dataclass(frozen=True)

@@ -14,12 +14,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vdfmu.cosim.check import Checked, Value, check_system
+from vdfmu.cosim.check import Value, check_system
+from vdfmu.cosim.checked import Checked
 from vdfmu.cosim.component import LogMessage, MessageBox
 from vdfmu.cosim.components import CONVERGENCE, Components, failure_message
 from vdfmu.cosim.continuous import ContinuousStepper
 from vdfmu.cosim.exchange import SampledStepper, largest_step
 from vdfmu.cosim.exits import exits_said
+from vdfmu.cosim.inputs import Inputs, outside, read_inputs
 from vdfmu.cosim.isolated import Isolated, Limits
 from vdfmu.cosim.recorder import ROWS, Recorder
 from vdfmu.cosim.results import Results
@@ -56,6 +58,8 @@ def simulate(
     convergence: float | None = None,
     tolerance: float | None = None,
     parameters: Mapping[str, Value] | None = None,
+    inputs: Inputs = None,
+    input_hold: bool = False,
     record: Sequence[str] | None = None,
     progress: Callable[[int, int], None] | None = None,
     log: Callable[[LogMessage], None] | None = None,
@@ -97,6 +101,11 @@ def simulate(
     parameters : mapping of str to value, optional
         Values of ``component.variable`` in the unit of the FMU; they win over those of the package. Without an index
         for all ``component.variable[...]``: one value, or a list or array with one for each.
+    inputs : path, sequence of paths or mapping of str to (t, values), optional
+        Signals for inputs that nothing is connected to, from CSV files or as arrays; see
+        `vdfmu.cosim.inputs.read_inputs`.
+    input_hold : bool
+        Whether their values hold until the next row; else reals run linearly between the rows.
     record : sequence of str, optional
         Names of signals to record, with ``*`` for any text. Default: all outputs and connected inputs; text is not
         recorded.
@@ -150,17 +159,20 @@ def simulate(
     if tolerance is not None and not 0.0 < tolerance < np.inf:
         raise UsageError(f"tolerance must be positive and finite, got {tolerance}")
     check_coupling(algorithm or DEFAULT, adaptive, convergence)
+    tables = read_inputs(inputs, input_hold)
     checked = check_system(
-        system, parameters, algorithm=algorithm, repeats=adaptive is not None, strict=strict,
+        system, parameters, inputs=tables, algorithm=algorithm, repeats=adaptive is not None, strict=strict,
         ignore_unmatched=ignore_unmatched,
     )  # fmt: skip
+    reach = outside(tables, begin, end)
     algorithm = checked.algorithm
     with _Run(checked, log, isolate, Limits(time_limit, memory_limit)) as run:
+        run.box.pending += [LogMessage("", begin, "note", "", note) for note in reach]
         run.components.initialize(begin, end, tolerance, convergence or CONVERGENCE)
         run.summary |= {
             "system": system.name, "algorithm": algorithm, "adaptive": adaptive, "order": list(checked.schedule.units),
             "start": begin, "stop": end, "step": step, "steps": n, "isolated": run.isolated,
-            "notes": list(checked.notes),
+            "notes": [*checked.notes, *reach],
         }  # fmt: skip
         run.stepper = run.components.couple(adaptive, convergence, end - begin, record)
         run.results = run.steps(begin, end, step, n, record, progress, stream)

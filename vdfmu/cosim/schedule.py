@@ -13,7 +13,7 @@ from typing import TypeVar
 import numpy as np
 
 from vdfmu.cosim.description import Description
-from vdfmu.cosim.link import Link, Port
+from vdfmu.cosim.link import SOURCE, Link, Port
 from vdfmu.model.scenario import CONTINUOUS, MASTERS
 
 N = TypeVar("N", bound=Hashable)
@@ -120,9 +120,9 @@ def make_schedule(
         Every input is the output at t_k. Feed-through costs one more step of delay.
     extrapolated, iterative
         Every continuous input runs over the step to the value of its source at t_k+1, computed or predicted (see
-        `vdfmu.cosim.continuous`). A discrete one keeps its value at t_k, unless it feeds through.
-        Units step after those that they read; where units read each other, in the order of
-        gauss-seidel within their block.
+        `vdfmu.cosim.continuous`). A discrete one keeps its value at t_k, unless it feeds through and comes
+        from a component. Units step after those that they read; where units read each other, in the
+        order of gauss-seidel within their block.
 
     Parameters
     ----------
@@ -168,7 +168,8 @@ def make_schedule(
     feeding = {k.start[0] for k in links if k.start in direct}
     if algorithm in CONTINUOUS:
         stepped = [k for k in links if k.stepped]
-        fresh = _fresh_discrete(list(descriptions), stepped, through)
+        internal = [k for k in stepped if k.start[0] != SOURCE]
+        fresh = _fresh_discrete(list(descriptions), internal, through)
         blocks = _blocks(
             list(descriptions), [k for k in stepped if not k.discrete or k.end in fresh], feeding
         )

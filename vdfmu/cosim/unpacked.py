@@ -6,7 +6,7 @@ from pathlib import Path
 
 import fmpy
 
-from vdfmu.cosim.check import Checked
+from vdfmu.cosim.checked import Checked
 from vdfmu.errors import VdfmuError
 from vdfmu.ssp.archive import Archive
 

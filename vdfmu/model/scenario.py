@@ -121,6 +121,8 @@ class Scenario:
         Component to the values of its variables that the file sets, but for those above.
     paper : mapping
         What the paper reports: `source` and lists that start at joint 1. Empty if it reports nothing.
+    inputs, input_hold : optional
+        Signals for inputs that nothing is connected to; see :func:`vdfmu.cosim.simulate`.
     """
 
     name: str
@@ -140,6 +142,8 @@ class Scenario:
     plant_factors: Mapping[str, Array | float]
     sections: Mapping[str, Mapping[str, Any]]
     paper: Mapping[str, Any]
+    inputs: Any = None
+    input_hold: bool = False
 
     @property
     def plant_robot(self) -> Robot:

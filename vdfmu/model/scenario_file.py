@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -42,6 +43,8 @@ SCENARIO_KEYS = (
     "master",
     "adaptive",
     "tolerance",
+    "inputs",
+    "input_hold",
     "trajectory",
     "feedforward",
     "controller",
@@ -105,6 +108,8 @@ def read_scenario(
     tolerance = file.number("tolerance", "", SOLVER_TOLERANCE, above=0, way_out=way_out)
     if tolerance >= 1:
         problems.add("tolerance", "a relative tolerance < 1", shown(tolerance), way_out)
+    inputs = Path(problems.where).parent / file.text("inputs") if "inputs" in file.data else None
+    input_hold = file.flag("input_hold", False)
     open_loop = kind == "contrast"
     trajectory = _trajectory(file, n, "trajectory" in ours or open_loop)
     feedforward = _feedforward(
@@ -144,6 +149,8 @@ def read_scenario(
         plant_factors=factors,
         sections=sections,
         paper=paper,
+        inputs=inputs,
+        input_hold=input_hold,
     )
 
 

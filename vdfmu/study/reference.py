@@ -22,6 +22,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.integrate import LSODA
 
+from vdfmu.cosim.inputs import Course, Table, read_inputs
 from vdfmu.errors import UsageError, VdfmuError
 from vdfmu.ssp.description import SystemDescription
 from vdfmu.unit.evaluate import Evaluation, evaluation
@@ -95,8 +96,16 @@ class _System:
                 memory[interface.reference[variable]] = float(value)
             self.units[name] = evaluation(interface, memory)
         self._source = {(end, j): (start, i) for start, i, end, j in description.element_links()}
+        self.outside: list[tuple[int, Course]] = []
+        fed: set[_Node] = set()
+        for table in read_inputs(description.scenario.inputs, description.scenario.input_hold):
+            fed |= self._feed_from(table)
         self._feeds: set[_Node] = {
-            node for node in self._source.values() if self._before(*node, Interface.step_dependencies)
+            (name, i)
+            for name, i in self._source.values()
+            if any(
+                (name, j) in self._source or (name, j) in fed for j in interfaces[name].step_dependencies(i)
+            )
         }
         self._starting = self._passes(Interface.start_dependencies, list(self._outputs()), " at the start")
         self._moving = self._passes(
@@ -118,6 +127,35 @@ class _System:
             group = f"{name}.{interfaces[name].variables[position].group}"
             self._shown[group] = self._shown.get(group, 0) + 1
         self._row = self._places(self._outputs())
+
+    def _feed_from(self, table: Table) -> set[_Node]:
+        """Let the columns of a table feed the inputs that they name; return these."""
+        free = {
+            f"{name}.{variable.name}": (name, i)
+            for name, unit in self.units.items()
+            for i, variable in enumerate(unit.interface.variables)
+            if variable.causality == "input" and (name, i) not in self._source
+        }
+        if wrong := [name for name in table.names if table.chosen and name not in free]:
+            raise UsageError(
+                f"{table.where}: {', '.join(wrong)}: expected inputs that nothing is connected to."
+            )
+        fed = {
+            free[name]: values
+            for name, values in zip(table.names, table.values.T, strict=True)
+            if name in free
+        }
+        for (name, i), values in fed.items():
+            variable = self.units[name].interface.variables[i]
+            held = table.held or variable.type != "Real" or variable.variability == "discrete"
+            self.outside.append((self._first[name] + i, Course(table.t, values[:, None], held)))
+        return set(fed)
+
+    def feed(self, t: float, *, held: bool) -> None:
+        """Give the inputs that signals from outside feed their values at a time; `held`: those that jump, too."""
+        for place, course in self.outside:
+            if held or not course.held:
+                self.memory[place] = course.at(t)[0]
 
     def _places(self, nodes: Iterable[_Node]) -> Places:
         return np.array([self._first[name] + position for name, position in nodes], dtype=np.intp)
@@ -192,6 +230,7 @@ class _System:
     def start(self) -> None:
         """Set the states and outputs of the start time."""
         self.memory[self._times] = 0.0
+        self.feed(0.0, held=True)
         for unit, starts, ends in self._starting:
             unit.start()
             unit.outputs()
@@ -200,6 +239,7 @@ class _System:
     def evaluate(self, t: float, x: Floats) -> None:
         """Calculate all inputs at a time, from the states."""
         self.memory[self._times] = t
+        self.feed(t, held=False)
         self.memory[self.x] = x
         self.carry(*self._held)
         for unit, starts, ends in self._moving:
@@ -272,6 +312,7 @@ def _sampled(system: _System, t: Floats, delayed: bool) -> Iterator[Floats]:
     yield system.row()
     for begin, end in pairwise(t.tolist()):
         system.carry(*late)
+        system.feed(begin, held=True)
         for name, motion in motions.items():
             if name in fresh:
                 system.carry(*fresh[name])
@@ -303,6 +344,7 @@ def _continuous(system: _System, t: Floats) -> Iterator[Floats]:
     yield row(0.0, x)
     k = 1
     for begin, end, sampled in _parts(system, float(t[-1])):
+        system.feed(begin, held=True)
         system.evaluate(begin, x)
         for unit in sampled:
             unit.update()
@@ -330,20 +372,21 @@ def _solved(
 
 
 def _parts(system: _System, stop: float) -> Iterator[tuple[float, float, list[Evaluation]]]:
-    """Yield the times between samples, begin and end, and the units that have a sample at the begin."""
-    found: list[tuple[float, Evaluation]] = [
-        (begin, unit)
+    """Yield the times between samples, jumps and bends, begin and end, and the units with a sample at the begin."""
+    found: list[tuple[float, float, list[Evaluation]]] = [
+        (begin, _CLOSE * float(unit.group("period")[0]), [unit])
         for unit in system.units.values()
         for begin, _, sampled in samples(unit, 0.0, 0.0, stop)
         if sampled
     ]
-    found.sort(key=lambda sample: sample[0])
+    for _, course in system.outside:
+        close = course.tolerance
+        found += [(time, close, []) for time in course.breaks.tolist() if 0.0 < time < stop - close]
+    found.sort(key=lambda point: point[0])
     begin, units = 0.0, []
-    for time, unit in found:
-        if time - begin > _CLOSE * float(
-            unit.group("period")[0]
-        ):  # else it is the sample of another unit as well
+    for time, close, sampled in found:
+        if time - begin > close:  # else it is the sample of another unit as well
             yield begin, time, units
             begin, units = time, []
-        units.append(unit)
+        units += sampled
     yield begin, stop, units

@@ -14,6 +14,7 @@ import numpy as np
 from vdfmu import __version__
 from vdfmu.cosim import Interrupted, LogMessage, Results, simulate
 from vdfmu.cosim.container import simulate_container, write_container
+from vdfmu.cosim.inputs import Inputs, read_inputs
 from vdfmu.cosim.master import check_coupling
 from vdfmu.errors import CosimError, UsageError
 from vdfmu.fmu.build import build_notes, choose_backend
@@ -63,6 +64,8 @@ def prepare(
     master: str | None = None,
     adaptive: float | None = None,
     units: Mapping[str, Any] | None = None,
+    inputs: Inputs = None,
+    input_hold: bool | None = None,
 ) -> Scenario:
     """Load a scenario and replace what the options name, with the checks of a scenario file.
 
@@ -79,6 +82,10 @@ def prepare(
         raise UsageError("robot: give it with the name or path of a scenario, not with a loaded one.")
     if units:
         scenario = with_units(scenario, units)
+    if input_hold is not None:
+        scenario = dataclasses.replace(scenario, input_hold=input_hold)
+    tables = read_inputs(scenario.inputs if inputs is None else inputs, scenario.input_hold)
+    scenario = dataclasses.replace(scenario, inputs=tables)
     changes = {"step": step, "stop": stop, "master": master, "adaptive": adaptive}
     scenario = dataclasses.replace(scenario, **{k: v for k, v in changes.items() if v is not None})
     if scenario.master not in MASTERS:
@@ -105,6 +112,8 @@ def run(
     container: bool = False,
     settings: Mapping[str, Any] | None = None,
     units: Mapping[str, Any] | None = None,
+    inputs: Inputs = None,
+    input_hold: bool | None = None,
     progress: Progress | None = None,
     log: Callable[[LogMessage], None] | None = None,
 ) -> Results:
@@ -140,6 +149,11 @@ def run(
         Component to the unit that takes its place: a class, ``my_unit.py``, ``my_units.py:Name``, the name of a unit
         of the package, or an FMU of any tool, ``My.fmu``. Values of the scenario that it has no parameter for are left
         out, and connections to signals that it lacks, with a note in the log and ``left_out`` in the summary.
+    inputs : path, sequence of paths or mapping of str to (t, values), optional
+        Signals for inputs that nothing is connected to, in place of those of the scenario; see
+        :func:`vdfmu.cosim.simulate`.
+    input_hold : bool, optional
+        Whether their values hold until the next row.
     progress : callable, optional
         Called with stage, done, total.
     log : callable, optional
@@ -158,8 +172,9 @@ def run(
         A unit failed, or the user stopped the run. The rows so far are in ``partial/results.csv`` of the folder.
     """
     scenario = prepare(
-        scenario, robot=robot, step=step, stop=stop, master=master, adaptive=adaptive, units=units
-    )
+        scenario, robot=robot, step=step, stop=stop, master=master, adaptive=adaptive, units=units,
+        inputs=inputs, input_hold=input_hold,
+    )  # fmt: skip
     folder = Path(out) if out is not None else Path("results") / scenario.name
     report = progress or (lambda stage, done, total: None)
     if scenario.kind == "contrast":
@@ -167,9 +182,10 @@ def run(
             raise UsageError(
                 f"scenario {scenario.name} has no units, so there is no backend and no container."
             )
-        if settings:
+        if settings or scenario.inputs:
+            names = [*(settings or {}), *(table.where for table in scenario.inputs)]
             raise UsageError(
-                f"scenario {scenario.name} has no units, so there is nothing to set: {', '.join(settings)}."
+                f"scenario {scenario.name} has no units, so there is nothing to set: {', '.join(names)}."
             )
         with replacing_results(folder, RUN_OUTPUTS, overwrite) as partial:
             return _run_contrast(scenario, partial)
@@ -235,6 +251,8 @@ def _for_container(scenario: Scenario, backend: str, master: str | None) -> Scen
         raise UsageError("container: needs native FMUs; Python FMUs do not run inside one.")
     if master not in (None, "jacobi"):
         raise UsageError(f"container: it steps its units as jacobi does, got master {master!r}.")
+    if scenario.inputs:
+        raise UsageError("container: its inputs take values, not signals; run without container.")
     return dataclasses.replace(scenario, master="jacobi", adaptive=None)
 
 
@@ -258,7 +276,7 @@ def _simulate(
         )
     return simulate(
         package, start=0.0, stop=stop, step=step, algorithm=scenario.master, adaptive=scenario.adaptive,
-        progress=progress, log=log, stream=stream,
+        inputs=scenario.inputs, progress=progress, log=log, stream=stream,
     )  # fmt: skip
 
 
@@ -335,7 +353,7 @@ def _separation(
     inertias = {f"I_m[{i + 1}]": values["plant"][f"I_m[{i + 1}]"] for i in range(scenario.robot.n)}
     nudged = simulate(
         package, start=0.0, stop=scenario.stop, step=scenario.step, algorithm=scenario.master,
-        adaptive=scenario.adaptive, record=["plant.q[*]"],
+        adaptive=scenario.adaptive, inputs=scenario.inputs, record=["plant.q[*]"],
         parameters={f"plant.{name}": (1.0 + _NUDGE) * inertia for name, inertia in inertias.items()},
     )  # fmt: skip
     return float(np.abs(nudged.array("plant.q") - results.array("plant.q")).max())
@@ -354,6 +372,7 @@ def _head(scenario: Scenario) -> dict[str, Any]:
         "step": scenario.step,
         "stop": scenario.stop,
         "tolerance": scenario.tolerance,
+        "inputs": [table.where for table in scenario.inputs],
     }
 
 

@@ -9,6 +9,7 @@ from typing import Any
 
 from vdfmu import __version__
 from vdfmu.cosim import Interrupted, LogMessage, Results, simulate
+from vdfmu.cosim.inputs import Inputs, read_inputs
 from vdfmu.errors import CosimError, UsageError, VdfmuError
 from vdfmu.progress import Progress
 from vdfmu.report.signals import signals_figure
@@ -34,6 +35,8 @@ def run_system(
     adaptive: float | None = None,
     tolerance: float | None = None,
     settings: Mapping[str, Any] | None = None,
+    inputs: Inputs = None,
+    input_hold: bool = False,
     record: Sequence[str] | None = None,
     ignore_unmatched: bool = False,
     isolate: bool | None = None,
@@ -63,6 +66,8 @@ def run_system(
         this one is complete.
     overwrite : bool, optional
         Whether to replace files of these names too that no run wrote.
+    inputs, input_hold : optional
+        Signals for inputs that nothing is connected to, as of :func:`vdfmu.cosim.simulate`.
     progress : callable, optional
         Called with stage, done, total.
     log : callable, optional
@@ -83,12 +88,14 @@ def run_system(
     package = Path(package)
     if package.suffix.lower() != ".ssp":
         raise UsageError(f"{package}: expected a system package, NAME.ssp. 'vdfmu ssp' writes one.")
+    tables = read_inputs(inputs, input_hold)
     system = load_ssp(package, variant)
     folder = Path(out) if out is not None else default_folder(package)
     summary: dict[str, Any] = {
         "package": str(package),
         "vdfmu": __version__,
         "settings": {name: str(value) for name, value in (settings or {}).items()},
+        "inputs": [table.where for table in tables],
     }
 
     def advance(done: int, total: int) -> None:
@@ -99,7 +106,7 @@ def run_system(
         try:
             results = simulate(
                 system, start=start, stop=stop, step=step, algorithm=master, adaptive=adaptive, tolerance=tolerance,
-                parameters=settings, record=record, ignore_unmatched=ignore_unmatched, isolate=isolate,
+                parameters=settings, inputs=tables, record=record, ignore_unmatched=ignore_unmatched, isolate=isolate,
                 time_limit=time_limit, memory_limit=memory_limit, progress=advance, log=log,
                 stream=partial / "results.csv",
             )  # fmt: skip
@@ -110,9 +117,9 @@ def run_system(
         factor = (done["stop"] - done["start"]) / done["wall_s"]
         results.summary = summary | done | {"real_time_factor": factor}
         write_summary(results.summary, partial)
-        inputs = {".".join(connection.end) for connection in system.connections}
+        fed = {".".join(connection.end) for connection in system.connections}
         try:
-            signals_figure(results.thinned(DRAWN), partial, hidden=() if record else inputs)
+            signals_figure(results.thinned(DRAWN), partial, hidden=() if record else fed)
         except VdfmuError:
             raise
         except Exception as error:
