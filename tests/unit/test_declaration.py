@@ -18,7 +18,7 @@ from vdfmu.unit import (
     Switch,
     Unit,
 )
-from vdfmu.unit.declaration import unit_name
+from vdfmu.unit.base import unit_name
 from vdfmu.unit.interface import Interface, general_description
 from vdfmu.units import shipped_units
 

@@ -53,7 +53,7 @@ def build(
     from vdfmu.model.check import model_notes
     from vdfmu.ssp.parameters import start_values, system_values
     from vdfmu.ssp.parts import build_parts
-    from vdfmu.unit.declaration import unit_name
+    from vdfmu.unit.base import unit_name
     from vdfmu.units import find_unit
 
     if scenario.partition(":")[0].endswith(".py"):

@@ -13,7 +13,7 @@ from vdfmu.fmu.content import BACKENDS, FMI_VERSIONS, Content
 from vdfmu.fmu.native import native_available
 from vdfmu.fmu.python.behaviour import robot_problems
 from vdfmu.model import Robot, check_robot
-from vdfmu.unit.declaration import Unit, unit_name
+from vdfmu.unit.base import Unit, unit_name
 from vdfmu.units import find_unit, shipped_units
 
 __all__ = ["build_fmus", "build_notes", "choose_backend"]

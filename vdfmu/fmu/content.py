@@ -17,7 +17,7 @@ from vdfmu.data import data_path
 from vdfmu.errors import FmuError, VdfmuError
 from vdfmu.kernel.structure import SOURCES, source_digest
 from vdfmu.model import Robot, robot_from_dict
-from vdfmu.unit.declaration import Unit, unit_name
+from vdfmu.unit.base import Unit, unit_name
 from vdfmu.unit.interface import Interface
 from vdfmu.unit.load import load_units
 from vdfmu.units import shipped_units

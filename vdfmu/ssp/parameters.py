@@ -13,7 +13,7 @@ from vdfmu.model import Robot, Scenario
 from vdfmu.model.parameters import PARAMETERS
 from vdfmu.ssp.parts import Variables, tables_of
 from vdfmu.ssp.structure import spread
-from vdfmu.unit.declaration import Unit
+from vdfmu.unit.base import Unit
 from vdfmu.unit.interface import Interface
 from vdfmu.unit.variable import NO_LIMIT, Variable
 

@@ -17,7 +17,7 @@ from vdfmu.fmu.content import Content
 from vdfmu.kernel.cache import cache_folder, load, store
 from vdfmu.model import Scenario
 from vdfmu.ssp.foreign import ForeignInterface
-from vdfmu.unit.declaration import Unit, unit_name
+from vdfmu.unit.base import Unit, unit_name
 from vdfmu.unit.interface import Interface
 from vdfmu.units import find_unit
 

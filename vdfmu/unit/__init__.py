@@ -1,6 +1,7 @@
 """Units: their declaration, their variables for a robot, and their traced functions."""
 
 from vdfmu.scalar.generic import clip, interpolate, maximum, minimum, sgn, where, zeros
+from vdfmu.unit.base import Unit
 from vdfmu.unit.declaration import (
     JOINTS,
     Choice,
@@ -13,7 +14,6 @@ from vdfmu.unit.declaration import (
     State,
     Switch,
     Terminal,
-    Unit,
 )
 
 __all__ = [

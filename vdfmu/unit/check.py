@@ -11,6 +11,7 @@ from vdfmu.errors import UnitError, UsageError
 from vdfmu.measure import unit_of
 from vdfmu.model import Robot
 from vdfmu.model.parameters import PARAMETERS
+from vdfmu.unit.base import Unit
 from vdfmu.unit.declaration import (
     Choice,
     Declared,
@@ -20,7 +21,6 @@ from vdfmu.unit.declaration import (
     Sampled,
     State,
     Switch,
-    Unit,
 )
 from vdfmu.unit.place import place
 

@@ -13,7 +13,7 @@ import casadi as ca
 import numpy as np
 import numpy.typing as npt
 
-from vdfmu.unit.declaration import Unit
+from vdfmu.unit.base import Unit
 from vdfmu.unit.program import Call
 
 if TYPE_CHECKING:

@@ -20,8 +20,8 @@ import numpy as np
 from vdfmu.errors import UnitError, UsageError
 from vdfmu.kernel.structure import parameters
 from vdfmu.model import Robot
+from vdfmu.unit.base import Unit, unit_name
 from vdfmu.unit.check import check_unit
-from vdfmu.unit.declaration import Unit, unit_name
 from vdfmu.unit.dependencies import patterns
 from vdfmu.unit.program import Program, UnitFunctions
 from vdfmu.unit.trace import argument_name

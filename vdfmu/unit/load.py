@@ -10,7 +10,7 @@ from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
 
 from vdfmu.errors import UnitError, UsageError
-from vdfmu.unit.declaration import Unit, unit_name
+from vdfmu.unit.base import Unit, unit_name
 from vdfmu.unit.place import declarations
 
 __all__ = ["load_units"]

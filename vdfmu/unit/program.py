@@ -25,7 +25,8 @@ from vdfmu.kernel.trace import traced_function
 from vdfmu.model import Robot
 from vdfmu.scalar.elimination import factorize, solve
 from vdfmu.scalar.symbol import from_sx, to_sx
-from vdfmu.unit.declaration import PHASES, Unit, unit_name
+from vdfmu.unit.base import Unit, unit_name
+from vdfmu.unit.declaration import PHASES
 from vdfmu.unit.trace import Leaf, SymbolicWatch, argument_name, leaves, run, state_slices
 
 __all__ = ["SOURCES", "Call", "Program", "UnitFunctions"]

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from vdfmu.errors import UnitError, UsageError
-from vdfmu.unit.declaration import Unit
+from vdfmu.unit.base import Unit
 from vdfmu.unit.evaluate import Evaluation, evaluation
 from vdfmu.unit.interface import Interface
 from vdfmu.unit.motion import Motion

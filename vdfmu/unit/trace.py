@@ -15,7 +15,8 @@ import numpy as np
 from vdfmu.errors import KernelError, UnitError, UsageError
 from vdfmu.kernel.structure import symbolic_robot
 from vdfmu.scalar.symbol import SymbolArray, from_sx, to_sx
-from vdfmu.unit.declaration import Choice, Declared, Derivative, Output, Sampled, State, Switch, Unit
+from vdfmu.unit.base import Unit
+from vdfmu.unit.declaration import Choice, Declared, Derivative, Output, Sampled, State, Switch
 from vdfmu.unit.place import place
 
 __all__ = ["Leaf", "SymbolicWatch", "argument_name", "leaves"]

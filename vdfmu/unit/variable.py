@@ -17,7 +17,8 @@ from vdfmu.measure import derivative_of, measure, unit_of
 from vdfmu.model import Robot
 from vdfmu.model.parameters import PARAMETERS
 from vdfmu.model.read import POSITIVE
-from vdfmu.unit.declaration import JOINTS, Declared, Derivative, Input, Output, Sampled, State, Unit
+from vdfmu.unit.base import Unit
+from vdfmu.unit.declaration import JOINTS, Declared, Derivative, Input, Output, Sampled, State
 
 __all__ = ["NO_LIMIT", "Variable", "derivative_variables", "scalar_variables"]
 

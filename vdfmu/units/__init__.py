@@ -9,7 +9,7 @@ from pathlib import Path
 from pkgutil import iter_modules
 
 from vdfmu.errors import UsageError
-from vdfmu.unit.declaration import Unit
+from vdfmu.unit.base import Unit
 from vdfmu.unit.load import load_units
 
 __all__ = ["find_unit", "shipped_units"]
