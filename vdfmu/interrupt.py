@@ -103,13 +103,15 @@ def _stop(number: int, frame: FrameType | None) -> None:
 
 
 def _come_again(number: int) -> None:
-    again = threading.Timer(_RETRY, _send, [number])
-    again.daemon = True
-    again.start()
+    started = threading.Event()
+    threading.Thread(target=_send, args=(number, started), daemon=True).start()
+    started.set()  # before, the signal would meet the same frames: the start of a thread may take longer than its wait
 
 
-def _send(number: int) -> None:
+def _send(number: int, started: threading.Event) -> None:
     """Send a signal to the main thread, which may wait for something: it is to wake up."""
+    started.wait()
+    time.sleep(_RETRY)
     if hasattr(signal, "pthread_kill"):
         main = threading.main_thread().ident
         assert main is not None

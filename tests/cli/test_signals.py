@@ -125,10 +125,10 @@ main()
 """
 SLOW = """
 import threading, time
-start = threading.Timer.start
-threading.Timer.start = lambda timer: (start(timer), time.sleep(0.05))
+start = threading.Thread.start
+threading.Thread.start = lambda thread: (start(thread), time.sleep(0.05))
 """
-"""A busy machine: the signal that a timer sends comes before the call that started the timer has returned."""
+"""A busy machine: a thread has slept before the call that started it returns."""
 ENDING = """
 import atexit, signal, sys
 from vdfmu.cli import main
