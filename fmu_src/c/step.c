@@ -148,7 +148,7 @@ static Status step_to_end(Instance *I, Step *s)
 static Status step_by_samples(Instance *I, Step *s)
 {
     const double period = I->m[unit.period], start = I->core->start_time, end = s->end;
-    const double close = 1e-9 * period;
+    const double close = 1e-9 * period, point = s->point, size = s->size;
     memcpy(I->kept, I->core, core_size());
     for (double from = s->point; from < end;) {
         const double k = ceil((from - start - close) / period);
@@ -159,7 +159,8 @@ static Status step_by_samples(Instance *I, Step *s)
             next = start + (k + 1.0) * period;
         }
         const double to = next < end - close ? next : end;
-        *s = (Step){.I = I, .point = from, .size = to - from, .end = to};
+        const bool whole = from == point && to == end; /* of which to - from has the rounding of the time */
+        *s = (Step){.I = I, .point = from, .size = whole ? size : to - from, .end = to};
         if (step_to_end(I, s) != STATUS_OK) {
             memcpy(I->core, I->kept, core_size());
             return STATUS_ERROR;

@@ -20,7 +20,7 @@ WRITERS = [
     ("run planar_tracking --stop 0.02 --no-reference --container", 2),
 ]
 """Commands, and how many files they write that can be checked: the FMUs beside an OSP description go with it."""
-READERS = {"check", "models", "simulate"}
+READERS = {"cache", "check", "models", "simulate", "unit"}
 
 
 def test_every_command_that_writes_is_among_these():

@@ -73,7 +73,8 @@ class Behaviour:
                     self.memory[-1] = begin
                     self._unit.update()
                 if self._solver is not None:
-                    self._solver.advance(begin, end - begin)
+                    whole = begin == t and end == t + duration  # whose difference has the rounding of the time
+                    self._solver.advance(begin, duration if whole else end - begin)
                     if not np.isfinite(self._unit.x).all():
                         raise KernelError(
                             f"the states are not finite before t = {end:.9g} s. Check the parameters."
