@@ -308,17 +308,12 @@ def _references(
     foreign = [name for name, part in scenario.system.parts.items() if part.fmu is not None]
     if foreign:
         return {"no_reference": f"{', '.join(foreign)}: an FMU has no equations to solve here"}
-    if not has_signals(results, "trajectory.q_d", "plant.q"):
-        for key, name in _wanted(scenario):
-            blocks = reference_blocks(
-                name, SystemDescription(scenario, values), step=scenario.step, stop=scenario.stop
-            )
-            compared[key] = compare(results, blocks, scenario.robot)[0]
-        return found
-    visible = _VISIBLE * max(
-        float(np.abs(part.array("trajectory.q_d") - part.array("plant.q")).max())
-        for part in results.blocks(BLOCK)
-    )
+    visible = math.inf
+    if has_signals(results, "trajectory.q_d", "plant.q"):
+        visible = _VISIBLE * max(
+            float(np.abs(part.array("trajectory.q_d") - part.array("plant.q")).max())
+            for part in results.blocks(BLOCK)
+        )
     for key, name in _wanted(scenario):
         stage = f"{name} reference"
         report(stage, 0, 1)
@@ -329,7 +324,11 @@ def _references(
             stop=scenario.stop,
             progress=lambda done, total, stage=stage: report(stage, done, total),
         )
-        compared[key], statistics = compare(results, solution, scenario.robot)
+        try:
+            compared[key], statistics = compare(results, solution, scenario.robot)
+        except UsageError as error:  # of an algebraic loop, which the run may have solved
+            found["no_reference"] = str(error).rstrip(".")
+            continue
         report(stage, 1, 1)
         if len(compared) == 1 and compared[key].get("max_position_difference_rad", 0.0) > visible:
             separation = _separation(scenario, package, values, results)

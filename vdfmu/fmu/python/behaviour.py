@@ -73,7 +73,9 @@ class Behaviour:
                     self.memory[-1] = begin
                     self._unit.update()
                 if self._solver is not None:
-                    whole = begin == t and end == t + duration  # whose difference has the rounding of the time
+                    whole = (
+                        begin == t and end == t + duration
+                    )  # whose difference has the rounding of the time
                     self._solver.advance(begin, duration if whole else end - begin)
                     if not np.isfinite(self._unit.x).all():
                         raise KernelError(
