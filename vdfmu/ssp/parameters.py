@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vdfmu.errors import UsageError
+from vdfmu.kernel.structure import parameters
 from vdfmu.model import Robot, Scenario
 from vdfmu.model.parameters import PARAMETERS
 from vdfmu.ssp.parts import Variables, tables_of
@@ -28,9 +29,9 @@ def robot_parameters(component: str, table: Variables, scenario: Scenario) -> Va
     if not isinstance(table, Interface) or table.unit.robot_fields is None:
         return {}
     return {
-        v.name: float(getattr(robot, v.group)[v.index])
-        for v in table
-        if v.causality == "parameter" and v.group in PARAMETERS and v.group not in table.unit.declared
+        p.name: float(getattr(robot, p.field)[p.index])
+        for p in parameters(scenario.robot)
+        if p.name in table.reference and p.field not in table.unit.declared
     }
 
 
