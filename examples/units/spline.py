@@ -31,6 +31,8 @@ class Spline(Unit):
     The waypoints are those of waypoints.csv beside this file: time, then the position of each joint.
     """
 
+    files = ("waypoints.csv",)
+
     q_d = Output("position", JOINTS, "desired position")
     q_d_dot = Output("velocity", JOINTS, "desired velocity")
     q_d_ddot = Output("acceleration", JOINTS, "desired acceleration")

@@ -14,6 +14,8 @@ __all__ = ["no_room", "unpack_units"]
 
 _OURS = {"resources/vdfmu.json", "extra/vdfmu/vdfmu.json"}
 """Members of which an FMU has one if this project built it; see `vdfmu.fmu.content`."""
+_UNIT = "resources/unit.py"
+"""Member of a Python FMU of ours that runs a unit of the user, which may do anything."""
 
 
 def unpack_units(checked: Checked, folder: Path) -> tuple[dict[str, Path], bool]:
@@ -38,7 +40,7 @@ def unpack_units(checked: Checked, folder: Path) -> tuple[dict[str, Path], bool]
             unpacked[source] = folder / f"{len(unpacked)}"
             try:
                 with package.opened(source, source) as unit:
-                    foreign = foreign or _OURS.isdisjoint(unit.names)
+                    foreign = foreign or _OURS.isdisjoint(unit.names) or _UNIT in unit.names
                     unit.extract(unpacked[source], _needed)
             except OSError as error:
                 raise no_room(str(folder), error) from error

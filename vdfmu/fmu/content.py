@@ -22,10 +22,10 @@ from vdfmu.unit.interface import Interface
 from vdfmu.unit.load import load_units
 from vdfmu.units import shipped_units
 
-__all__ = ["BACKENDS", "CONTENT_FILE", "FMI_VERSIONS", "UNIT_FILE", "Content", "installed_digest"]
+__all__ = ["BACKENDS", "CONTENT_FILE", "FMI_VERSIONS", "Content", "installed_digest"]
 
 CONTENT_FILE = "vdfmu.json"
-UNIT_FILE = "unit.py"
+_UNIT_FILE = "unit.py"
 """Source of a unit that is not one of the package, in a Python FMU."""
 BACKENDS = ("python", "native")
 FMI_VERSIONS = ("2.0", "3.0")
@@ -142,7 +142,7 @@ class Content:
             data = json.loads((resources / CONTENT_FILE).read_text(encoding="utf-8"))
             name, version, digest = str(data["unit"]), str(data["version"]), str(data["digest"])
             _check_version(f"{model_name}.fmu", version, digest)
-            source = resources / UNIT_FILE
+            source = resources / _UNIT_FILE
             unit = (load_units(source) if source.is_file() else shipped_units()).get(name)
             if unit is None or unit.__name__ != model_name:
                 raise FmuError(f"{file} belongs to unit {name!r}, expected that of {model_name}.")

@@ -145,7 +145,7 @@ class Functions:
         base, direction = derivative
         return DIRECTIONS[direction](self.casadi_function(base))
 
-    def function(self, name: str, **buffers: npt.NDArray[np.float64]) -> KernelFunction:
+    def function(self, name: str, /, **buffers: npt.NDArray[np.float64]) -> KernelFunction:
         """Return a function with buffers of its own, so that two users of it do not meet.
 
         Parameters

@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import dataclasses
 import os
-import shutil
 from collections.abc import Collection, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from vdfmu.errors import StorageError
 from vdfmu.fmu import build_fmus
 from vdfmu.fmu.build import choose_backend
 from vdfmu.fmu.content import Content
@@ -99,36 +97,38 @@ def build_parts(
     have an FMU each if their start values differ.
     """
     units = units_of(scenario)
-    places: dict[Path, dict[str, dict[str, Any]]] = {}  # folder to unit to its start values
-    where: dict[str, tuple[Path, str]] = {}
+    placed = _placed(units, values or {}, Path(folder))
+    found: dict[str, Path] = {
+        name: part.fmu for name, part in scenario.system.parts.items() if part.fmu is not None
+    }
+    for place in dict.fromkeys(placed.values()):
+        here = {name: unit for name, unit in units.items() if placed[name] == place}
+        built = build_fmus(
+            scenario.robot,
+            place,
+            units=list(dict.fromkeys(here.values())),
+            start_values={unit_name(unit): dict((values or {}).get(name, {})) for name, unit in here.items()},
+            backend=backend,
+            fmi_version=fmi_version,
+            platforms=platforms,
+        )
+        found |= {name: built[unit_name(unit)] for name, unit in here.items()}
+    return {name: found[name] for name in scenario.system.parts}
+
+
+def _placed(
+    units: Mapping[str, type[Unit]], values: Mapping[str, Mapping[str, Any]], folder: Path
+) -> dict[str, Path]:
+    """Folder of each component's FMU: one of its own where another unit, or other start values, have its name."""
+    placed: dict[str, Path] = {}
+    taken: dict[str, tuple[type[Unit], dict[str, Any]]] = {}
     for name, unit in units.items():
-        start = dict((values or {}).get(name, {}))
-        shared = places.setdefault(Path(folder), {})
-        place = Path(folder) / name if shared.get(unit_name(unit), start) != start else Path(folder)
-        places.setdefault(place, {})[unit_name(unit)] = start
-        where[name] = place, unit_name(unit)
-    built: dict[tuple[Path, str], Path] = {}
-    by_name = {unit_name(unit): unit for unit in units.values()}
-    for place, starts in places.items():
-        made = build_fmus(
-            scenario.robot, place, units=[by_name[unit] for unit in starts], start_values=starts, backend=backend,
-            fmi_version=fmi_version, platforms=platforms,
-        )  # fmt: skip
-        built |= {(place, unit): fmu for unit, fmu in made.items()}
-    found: dict[str, Path] = {}
-    for name, part in scenario.system.parts.items():
-        found[name] = _copied(part.fmu, Path(folder)) if part.fmu is not None else built[where[name]]
-    return found
-
-
-def _copied(fmu: Path, folder: Path) -> Path:
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        return Path(shutil.copyfile(fmu, folder / fmu.name))
-    except OSError as error:
-        raise StorageError(
-            f"{folder / fmu.name}: cannot be written: {error}. Choose another folder."
-        ) from error
+        mine = unit, dict(values.get(name, {}))
+        names = (unit.__name__, unit_name(unit))
+        placed[name] = folder if all(taken.get(key, mine) == mine for key in names) else folder / name
+        if placed[name] == folder:
+            taken |= dict.fromkeys(names, mine)
+    return placed
 
 
 def cached_fmus(
@@ -138,14 +138,17 @@ def cached_fmus(
     backend = choose_backend(backend)
     cached: dict[str, bytes | None] = {}
     places: dict[str, Path] = {}
-    for name, unit in units_of(scenario).items():
+    units = units_of(scenario)
+    placed = _placed(units, {}, Path(folder))
+    for name, unit in units.items():
         robot = scenario.robot if unit.needs_robot() else None
         own = "python" if unit.backend == "python" else backend
         places[name] = cache_folder() / "fmus" / Content(unit, robot, {}, own).guid.strip("{}")
         cached[name] = content = load(places[name])
         if content is not None:
             with suppress(OSError):  # of which the build then says more
-                (Path(folder) / f"{unit.__name__}.fmu").write_bytes(content)
+                placed[name].mkdir(parents=True, exist_ok=True)
+                (placed[name] / f"{unit.__name__}.fmu").write_bytes(content)
     fmus = build_parts(scenario, folder, backend=backend)
     for name, place in places.items():
         content = fmus[name].read_bytes()

@@ -30,7 +30,7 @@ def structure_file(description: SystemDescription) -> Any:
     for unit in description.corners:
         _add_component(elements, description, unit, heights)
     paths, (x1, y1, x2, y2) = route(description, heights)
-    connections = add(system, "ssd:Connections")
+    connections = add(system, "ssd:Connections") if description.links else None
     for link, path in zip(description.links, paths, strict=True):
         (start_unit, start), (end_unit, end) = link.start, link.end
         connection = add(

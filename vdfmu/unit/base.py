@@ -74,6 +74,8 @@ class Unit:
 
     backend: ClassVar[Literal["native", "python"]] = "native"
     """``"python"``: the methods cannot be traced; the FMU runs them in Python."""
+    files: ClassVar[tuple[str, ...]] = ()
+    """Modules and data beside the unit's file that it loads; a Python FMU carries them."""
     terminals: ClassVar[tuple[Terminal, ...]] = ()
     elimination: ClassVar[tuple[str, ...]] = ()
     """States in the order in which the solver eliminates them; it decides the cost, not the result."""
@@ -136,7 +138,7 @@ class Unit:
     @classmethod
     def description(cls) -> str:
         """First line of the docstring, without its full stop."""
-        return (cls.__doc__ or cls.__name__).strip().splitlines()[0].rstrip(".")
+        return ((cls.__doc__ or "").strip() or cls.__name__).splitlines()[0].rstrip(".")
 
     # ---------------------------------------------------------------- what a subclass overrides
 

@@ -154,7 +154,7 @@ class Plain(Evaluation):
             value = int(self._place(declared)[0])
             return declared.choices[value] if declared.choices else bool(value)
         shape = declared.sizes(self._unit.n)
-        return self._place(declared).reshape(shape).copy() if shape else float(self._place(declared)[0])
+        return _constant(self._place(declared).reshape(shape)) if shape else float(self._place(declared)[0])
 
     def write(self, declared: Declared, value: Any) -> None:
         """Take the value of a variable."""
@@ -184,6 +184,13 @@ class Plain(Evaluation):
                 made = set_parameters(robot, values)
             self._robot = key, made
         return self._robot[1]
+
+
+def _constant(values: Floats) -> Floats:
+    """Return a copy that refuses assignment to an element, which would be lost."""
+    copy = values.copy()
+    copy.flags.writeable = False
+    return copy
 
 
 def evaluation(interface: Interface, memory: Floats | None = None) -> Evaluation:

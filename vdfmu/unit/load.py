@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 import traceback
 from collections.abc import Iterator
@@ -35,6 +36,7 @@ def load_units(file: Path) -> dict[str, type[Unit]]:
     module = module_from_spec(spec)
     sys.modules[name] = module
     folder = str(path.parent)
+    before = set(sys.modules)
     sys.path.insert(0, folder)
     try:
         spec.loader.exec_module(module)
@@ -48,6 +50,10 @@ def load_units(file: Path) -> dict[str, type[Unit]]:
     finally:
         if folder in sys.path:
             sys.path.remove(folder)
+        # modules beside the file are its own: another unit may have others of the same names, or these be edited
+        for other in set(sys.modules) - before - {name}:
+            if str(getattr(sys.modules[other], "__file__", None) or "").startswith(folder + os.sep):
+                del sys.modules[other]
     found = {
         unit_name(unit): unit
         for unit in vars(module).values()

@@ -62,10 +62,14 @@ class Motion:
         """Move from `t` to `end` [s]; outputs are not calculated."""
         for begin, to, sampled in samples(self.unit, self.start, t, end):
             if sampled:
-                self.unit.memory[-1] = begin
-                self.unit.update()
+                self.sample(begin)
             self.advance(begin, to - begin)
         self.unit.memory[-1] = end
+
+    def sample(self, t: float) -> None:
+        """Update the sampled states at `t` [s]."""
+        self.unit.memory[-1] = t
+        self.unit.update()
 
     def advance(self, t: float, duration: float) -> None:
         """Move the continuous states by `duration` [s]."""

@@ -17,6 +17,7 @@ from pathlib import Path
 import casadi as ca
 import numpy as np
 
+from vdfmu.errors import UnitError
 from vdfmu.kernel.functions import Functions
 from vdfmu.kernel.rodas import rodas_step
 from vdfmu.kernel.structure import SOURCES as KERNEL_SOURCES
@@ -28,6 +29,7 @@ from vdfmu.scalar.symbol import from_sx, to_sx
 from vdfmu.unit.base import Unit, unit_name
 from vdfmu.unit.declaration import PHASES
 from vdfmu.unit.trace import Leaf, SymbolicWatch, argument_name, leaves, run, state_slices
+from vdfmu.unit.variable import scalar_variables
 
 __all__ = ["SOURCES", "Call", "Program", "UnitFunctions"]
 
@@ -136,14 +138,47 @@ class UnitFunctions(Functions):
 
     @cached_property
     def digest(self) -> str:
-        """Digest of what the functions calculate; empty for units of the package, whose sources decide it."""
+        """Digest of what the unit is; empty for units of the package, whose sources decide it.
+
+        Of its file and those that it names, its variables, which modules beside it may decide too, and what the
+        functions calculate.
+        """
         if self.shipped:
             return ""
-        if self.unit.backend == "python":
-            return sha256(Path(inspect.getsourcefile(self.unit) or "").read_bytes()).hexdigest()
-        return sha256(
-            "".join(self.casadi_function(name).serialize() for name in self._leaves).encode()
-        ).hexdigest()
+        digest = sha256()
+        for content in self.sources.values():
+            digest.update(sha256(content).digest())
+        for variable in scalar_variables(self.unit, self.robot):
+            digest.update(repr(variable).encode())
+        for name in self._leaves if self.unit.backend == "native" else ():
+            digest.update(self.casadi_function(name).serialize().encode())
+        return digest.hexdigest()
+
+    @property
+    def sources(self) -> dict[str, bytes]:
+        """Name to content of the unit's file, as ``unit.py``, and of the files beside it that it names.
+
+        Raises
+        ------
+        UnitError
+            If one of them cannot be read.
+        """
+        try:
+            path = Path(inspect.getsourcefile(self.unit) or "")
+        except (TypeError, OSError):  # a class that was typed in
+            path = Path()
+        if not path.is_file() and self.unit.backend == "native":
+            return {}
+        found: dict[str, bytes] = {}
+        for name, file in {
+            "unit.py": path,
+            **{name: path.with_name(name) for name in self.unit.files},
+        }.items():
+            try:
+                found[name] = file.read_bytes()
+            except OSError as error:
+                raise UnitError(f"{path}: files: {name} cannot be read: {error.strerror}.") from None
+        return found
 
     def made(self, name: str) -> ca.Function:
         """Trace a function."""

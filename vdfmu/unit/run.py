@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
@@ -53,6 +54,11 @@ class _Driven(Motion):
         super().__init__(unit, tolerance=tolerance)
         self._drive = drive
 
+    def sample(self, t: float) -> None:
+        """Update the sampled states by the inputs at `t` [s]."""
+        self._drive(t)
+        super().sample(t)
+
     def _rate(self, t: float, x: Floats) -> Floats:
         self._drive(t)
         return super()._rate(t, x)
@@ -67,14 +73,22 @@ def simulate(
     tolerance: float = 1e-9,
 ) -> Solution:
     """Run a unit from time 0 by scipy, with its parameters and inputs as they are set; see :meth:`Unit.simulate`."""
+    for name, value in (("stop", stop), ("step", step), ("tolerance", tolerance)):
+        if not 0.0 < value < math.inf:
+            raise UsageError(f"{name}: expected a positive finite number, got {value!r}.")
+    if abs(stop / step - round(stop / step)) > 1e-6:
+        raise UsageError(f"stop: expected a multiple of the step {step:g} s, got {stop:g} s.")
     run = _bound(unit)
     given = dict(inputs or {})
     _check_inputs(run.interface, given)
     places = {name: (run.group(name), signal) for name, signal in given.items()}
 
     def drive(t: float) -> None:
-        for place, signal in places.values():
-            place[:] = np.ravel(np.broadcast_to(signal(t) if callable(signal) else signal, place.shape))
+        for name, (place, signal) in places.items():
+            value = np.ravel(signal(t) if callable(signal) else signal)
+            if value.size not in (1, place.size):
+                raise UsageError(f"input {name}: expected {place.size} numbers, got {value.size}.")
+            place[:] = value
 
     motion = _Driven(run, drive, tolerance)
     count = round(stop / step)
@@ -107,7 +121,9 @@ def linearize(unit: Unit, *, x: npt.ArrayLike | None = None, t: float = 0.0) -> 
     run.memory[-1] = t
     run.start()
     if x is not None:
-        run.x[:] = x
+        if np.size(x) != run.x.size:
+            raise UsageError(f"x: expected {run.x.size} numbers, got {np.size(x)}.")
+        run.x[:] = np.ravel(x)
     inputs = [g for g, w in interface.groups.items() if interface.variables[w.start].causality == "input"]
     outputs = [
         g
@@ -139,6 +155,12 @@ def _bound(unit: Unit) -> Evaluation:
         if name in interface.groups:
             choices = unit.declared[name].choices
             run.group(name)[:] = choices.index(value) if choices else np.ravel(value)
+    values = zip(interface, run.memory.tolist(), strict=False)
+    wrong = [
+        f"{v.name}: {problem}." for v, x in values if v.causality != "output" and (problem := v.problem(x))
+    ]
+    if wrong:
+        raise UsageError(f"{interface.name}: {' '.join(wrong)}")
     return run
 
 

@@ -317,7 +317,12 @@ def run(unit: Unit, phase: str, watch: Any) -> Any:
     except (KernelError, UnitError, UsageError) as error:
         _fail(unit, phase, error, str(error).rstrip("."), symbols)
     except Exception as error:
-        _fail(unit, phase, error, f"{type(error).__name__}: {error}".rstrip(".: "), symbols)
+        reason = f"{type(error).__name__}: {error}".rstrip(".: ")
+        if "read-only" in reason:
+            reason = (
+                "an element of a variable cannot be set alone. Set the variable as a whole, self.y = array"
+            )
+        _fail(unit, phase, error, reason, symbols and "self.y" not in reason)
     finally:
         unit.watch(None)
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import inspect
 import sys
 import zipfile
 from pathlib import Path
@@ -11,7 +10,7 @@ from pythonfmu import FmuBuilder
 
 from vdfmu.data import data_path
 from vdfmu.fmu.archive import pack_zip
-from vdfmu.fmu.content import CONTENT_FILE, UNIT_FILE, Content
+from vdfmu.fmu.content import CONTENT_FILE, Content
 from vdfmu.fmu.documentation import documentation_files
 from vdfmu.interrupt import InterruptGuard
 from vdfmu.temporary import temporary_folder
@@ -29,13 +28,13 @@ def build_python_fmu(content: Content, path: Path) -> None:
     with temporary_folder("vdfmu_build_") as folder:
         script = Path(folder) / f"vdfmu_{content.interface.name}_slave.py"
         script.write_text(template.replace("Model", content.model_name), encoding="utf-8")
-        files = {CONTENT_FILE: content.to_json()}
+        files = {CONTENT_FILE: content.to_json().encode()}
         if not content.interface.functions.shipped:
-            files[UNIT_FILE] = Path(inspect.getsourcefile(content.unit) or "").read_text(encoding="utf-8")
+            files |= content.interface.functions.sources
         resources = [Path(folder) / "files" / name for name in files]
         resources[0].parent.mkdir()
         for resource in resources:
-            resource.write_text(files[resource.name], encoding="utf-8")
+            resource.write_bytes(files[resource.name])
         search_path = list(sys.path)
         try:
             with InterruptGuard():  # it has a temporary folder of its own
