@@ -91,7 +91,7 @@ def _stop(number: int, frame: FrameType | None) -> None:
         return
     while frame is not None:
         within = frame.f_globals.get("__name__", "")
-        if within.startswith("casadi") or frame.f_code is Stopped.__del__.__code__:
+        if within.startswith("casadi") or frame.f_code is Stopped.__del__.__code__ or _frees_lock(frame):
             _come_again(number)
             return
         frame = frame.f_back
@@ -100,6 +100,12 @@ def _stop(number: int, frame: FrameType | None) -> None:
             os._exit(128 + number)
         _last = time.monotonic()
         raise Stopped(number)
+
+
+def _frees_lock(frame: FrameType) -> bool:
+    """Whether an import frees the lock of a module: Python prints what a callback of a weak reference raises."""
+    code = frame.f_code
+    return code.co_filename == "<frozen importlib._bootstrap>" and code.co_name == "cb"
 
 
 def _come_again(number: int) -> None:

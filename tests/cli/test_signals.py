@@ -129,6 +129,22 @@ start = threading.Thread.start
 threading.Thread.start = lambda thread: (start(thread), time.sleep(0.05))
 """
 """A busy machine: a thread has slept before the call that started it returns."""
+FREED = """
+import signal, sys, time, weakref
+from vdfmu.cli import commands, main
+class Lock: pass
+def command():
+    lock = Lock()
+    text = "import signal\\ndef cb(_): signal.raise_signal(signal.SIGINT)"
+    space = {}
+    exec(compile(text, "<frozen importlib._bootstrap>", "exec"), space)
+    kept = weakref.ref(lock, space["cb"])
+    del lock
+    time.sleep(60)
+commands.command = command
+main()
+"""
+"""As an import does that frees the lock of a module."""
 ENDING = """
 import atexit, signal, sys
 from vdfmu.cli import main
@@ -140,7 +156,12 @@ main()
 
 @pytest.mark.parametrize(
     ("code", "ended", "said"),
-    [(DROPPED, 130, "stopped\n"), (SLOW + DROPPED, 130, "stopped\n"), (ENDING, 0, "")],
+    [
+        (DROPPED, 130, "stopped\n"),
+        (SLOW + DROPPED, 130, "stopped\n"),
+        (FREED, 130, "stopped\n"),
+        (ENDING, 0, ""),
+    ],
 )
 def test_a_signal_that_a_library_drops_comes_again_and_one_at_the_end_adds_nothing(code, ended, said):
     done = subprocess.run(
