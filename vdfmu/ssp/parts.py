@@ -27,12 +27,13 @@ Variables = Interface | ForeignInterface
 
 def units_of(scenario: Scenario) -> dict[str, type[Unit]]:
     """Units of the scenario's system by component, without those that are FMUs of any tool."""
-    parts = scenario.system.parts
-    return {
-        name: part.unit if isinstance(part.unit, type) else find_unit(part.unit)
-        for name, part in parts.items()
-        if part.fmu is None
+    parts = {name: part for name, part in scenario.system.parts.items() if part.fmu is None}
+    # a file is run once for all its components
+    found = {
+        unit: unit if isinstance(unit, type) else find_unit(unit)
+        for unit in {part.unit for part in parts.values()}
     }
+    return {name: found[part.unit] for name, part in parts.items()}
 
 
 def tables_of(scenario: Scenario, components: Collection[str] | None = None) -> dict[str, Variables]:
