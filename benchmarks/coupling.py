@@ -18,11 +18,12 @@ from benchmarks.fit import Exponent, fit_exponent
 from benchmarks.order import EXPECTED, triangle
 from benchmarks.report import COLOURS, Report, Table, new_figure, tidy
 from benchmarks.system import Clock, least, packed, quiet_run
-from vdfmu.cosim import Results
-from vdfmu.cosim.continuous import ContinuousStepper
-from vdfmu.cosim.results import Signal
+from vdfmu.engine.cosim import Results
+from vdfmu.engine.cosim.continuous import ContinuousStepper
+from vdfmu.engine.cosim.results import Signal
 from vdfmu.fmu.native.compile import native_available
-from vdfmu.model import Robot, Scenario, load_scenario
+from vdfmu.model import Robot
+from vdfmu.scenario import Scenario, load_scenario
 from vdfmu.ssp.description import SystemDescription
 from vdfmu.study.reference import reference
 from vdfmu.study.summary import power_bond

@@ -19,12 +19,12 @@ from matplotlib.figure import Figure
 from benchmarks.importer_worker import MARK
 from benchmarks.report import COLOURS, Report, Table, new_figure, tidy
 from benchmarks.system import Clock, least, median, quiet, quiet_run, write_emptied
-from vdfmu.cosim.container import simulate_container, write_container
+from vdfmu.engine.cosim.container import simulate_container, write_container
+from vdfmu.engine.ssp.read import load_ssp
 from vdfmu.fmu import build_fmus
 from vdfmu.fmu.native.compile import native_available
-from vdfmu.model import Scenario, load_scenario
-from vdfmu.ssp.parameters import system_values
-from vdfmu.ssp.read import load_ssp
+from vdfmu.scenario import Scenario, load_scenario
+from vdfmu.scenario.values import system_values
 from vdfmu.ssp.write import write_ssp
 
 __all__ = [

@@ -18,14 +18,14 @@ import numpy as np
 from benchmarks import importers
 from benchmarks.importers import ImporterError, ask, ask_rows
 from benchmarks.report import Report, Table
-from vdfmu.cosim.container import write_container
-from vdfmu.cosim.master import simulate
+from vdfmu.engine.cosim.container import write_container
+from vdfmu.engine.cosim.master import simulate
+from vdfmu.engine.ssp.read import load_ssp
 from vdfmu.errors import VdfmuError
 from vdfmu.fmu import build_fmus
-from vdfmu.model import Scenario, load_scenario
+from vdfmu.scenario import Scenario, load_scenario
+from vdfmu.scenario.values import system_values
 from vdfmu.ssp.description import SystemDescription
-from vdfmu.ssp.parameters import system_values
-from vdfmu.ssp.read import load_ssp
 from vdfmu.ssp.write import write_osp, write_ssp
 from vdfmu.study.reference import reference
 from vdfmu.units import shipped_units

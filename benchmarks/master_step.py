@@ -14,13 +14,13 @@ from matplotlib.figure import Figure
 from benchmarks.report import COLOURS, Report, Table, new_figure, tidy
 from benchmarks.system import packed, quiet_run
 from benchmarks.timing import Case, Stopwatch, measure, stopwatch_cost
-from vdfmu.cosim import Results
-from vdfmu.cosim.bank import Call
-from vdfmu.cosim.component import Slave
-from vdfmu.cosim.exchange import Exchange, SampledStepper
+from vdfmu.engine.cosim import Results
+from vdfmu.engine.cosim.bank import Call
+from vdfmu.engine.cosim.component import Slave
+from vdfmu.engine.cosim.exchange import Exchange, SampledStepper
 from vdfmu.kernel import KernelFunction
 from vdfmu.kernel.structure import values
-from vdfmu.model import Scenario, load_scenario
+from vdfmu.scenario import Scenario, load_scenario
 from vdfmu.unit.integrator import Integrator
 from vdfmu.unit.interface import Interface
 from vdfmu.units import shipped_units

@@ -14,11 +14,11 @@ from matplotlib.figure import Figure
 from benchmarks.native_plan import Plan, interpreter_parts, ready
 from benchmarks.report import COLOURS, Report, Table, new_figure, tidy
 from benchmarks.system import Clock, least, median, packed, quiet, quiet_run, write_emptied
-from vdfmu.cosim import Results
-from vdfmu.cosim.container import simulate_container, write_container
+from vdfmu.engine.cosim import Results
+from vdfmu.engine.cosim.container import simulate_container, write_container
+from vdfmu.engine.ssp.read import load_ssp
 from vdfmu.fmu.native.compile import native_available
-from vdfmu.model import Scenario, load_scenario
-from vdfmu.ssp.read import load_ssp
+from vdfmu.scenario import Scenario, load_scenario
 
 __all__ = ["Native", "run", "study"]
 

@@ -16,16 +16,16 @@ import numpy as np
 
 from benchmarks.system import quiet
 from benchmarks.timing import Case, measure
-from vdfmu.cosim.check import check_system
-from vdfmu.cosim.component import Slave
-from vdfmu.cosim.exchange import Call, Exchange, SampledStepper
-from vdfmu.cosim.isolated import Limits
-from vdfmu.cosim.master import _Run  # pyright: ignore[reportPrivateUsage]  # the units of a run, before its steps
-from vdfmu.fmu.archive import pack_zip
+from vdfmu.engine.cosim.check import check_system
+from vdfmu.engine.cosim.component import Slave
+from vdfmu.engine.cosim.exchange import Call, Exchange, SampledStepper
+from vdfmu.engine.cosim.isolated import Limits
+from vdfmu.engine.cosim.master import _Run  # pyright: ignore[reportPrivateUsage]  # the units of a run, before its steps
+from vdfmu.engine.ssp.read import load_ssp
+from vdfmu.engine.ssp.structure import Component, System
+from vdfmu.files import pack_zip
 from vdfmu.fmu.native.compile import compile_library
 from vdfmu.fmu.native.platforms import PLATFORMS, this_platform
-from vdfmu.ssp.read import load_ssp
-from vdfmu.ssp.structure import Component, System
 
 __all__ = ["Plan", "interpreter_parts", "loop_library", "ready"]
 

@@ -13,7 +13,7 @@ from benchmarks.fit import Exponent, fit_exponent
 from benchmarks.report import COLOURS, Report, Table, new_figure, tidy
 from benchmarks.system import packed, quiet_run
 from vdfmu.fmu.native.compile import native_available
-from vdfmu.model import Scenario, load_scenario
+from vdfmu.scenario import Scenario, load_scenario
 from vdfmu.ssp.description import SystemDescription
 from vdfmu.study.reference import reference
 

@@ -13,12 +13,12 @@ from pathlib import Path
 
 import numpy as np
 
-from vdfmu.cosim import LogMessage, Results, simulate
+from vdfmu.engine.cosim import LogMessage, Results, simulate
+from vdfmu.files import pack_zip
 from vdfmu.fmu import build_fmus
-from vdfmu.fmu.archive import pack_zip
 from vdfmu.fmu.native.compile import compile_library
 from vdfmu.fmu.native.platforms import this_platform
-from vdfmu.model import Scenario
+from vdfmu.scenario import Scenario
 from vdfmu.ssp.write import write_ssp
 
 __all__ = ["Clock", "least", "median", "packed", "quiet", "quiet_run", "write_emptied"]
@@ -81,7 +81,7 @@ def quiet_run(
     tolerance : float, optional
         Of the plant's solver, in place of the package's.
     adaptive, convergence, progress, isolate : optional
-        See :func:`vdfmu.cosim.simulate`.
+        See :func:`vdfmu.engine.cosim.simulate`.
     """
     parameters = None if tolerance is None else {"plant.tolerance": tolerance}
     return simulate(

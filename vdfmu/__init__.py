@@ -22,8 +22,6 @@ from typing import TYPE_CHECKING, Any
 __version__ = "0.1.0"
 
 if TYPE_CHECKING:
-    from vdfmu.cosim import Results, simulate
-    from vdfmu.cosim.container import write_container
     from vdfmu.dynamics import (
         forward_dynamics,
         forward_kinematics,
@@ -32,18 +30,21 @@ if TYPE_CHECKING:
         jacobian,
         mass_matrix,
     )
+    from vdfmu.engine.cosim import Results, simulate
+    from vdfmu.engine.cosim.container import write_container
+    from vdfmu.engine.ssp import load_ssp
+    from vdfmu.engine.ssp.limits import package_limit
     from vdfmu.errors import VdfmuError
     from vdfmu.fmu import build_fmus
-    from vdfmu.model import Robot, Scenario, load_robot, load_scenario, robot_names, scenario_names
-    from vdfmu.ssp import load_ssp
-    from vdfmu.ssp.limits import package_limit
+    from vdfmu.model import Robot, load_robot, robot_names
+    from vdfmu.scenario import Scenario, load_scenario, scenario_names
     from vdfmu.ssp.write import write_osp, write_ssp
     from vdfmu.study.run import run
 
 _WHERE = {
-    "Results": "vdfmu.cosim",
+    "Results": "vdfmu.engine.cosim",
     "Robot": "vdfmu.model",
-    "Scenario": "vdfmu.model",
+    "Scenario": "vdfmu.scenario",
     "VdfmuError": "vdfmu.errors",
     "build_fmus": "vdfmu.fmu",
     "forward_dynamics": "vdfmu.dynamics",
@@ -52,15 +53,15 @@ _WHERE = {
     "inverse_dynamics": "vdfmu.dynamics",
     "jacobian": "vdfmu.dynamics",
     "load_robot": "vdfmu.model",
-    "load_scenario": "vdfmu.model",
-    "load_ssp": "vdfmu.ssp",
+    "load_scenario": "vdfmu.scenario",
+    "load_ssp": "vdfmu.engine.ssp",
     "mass_matrix": "vdfmu.dynamics",
-    "package_limit": "vdfmu.ssp.limits",
+    "package_limit": "vdfmu.engine.ssp.limits",
     "robot_names": "vdfmu.model",
     "run": "vdfmu.study.run",
-    "scenario_names": "vdfmu.model",
-    "simulate": "vdfmu.cosim",
-    "write_container": "vdfmu.cosim.container",
+    "scenario_names": "vdfmu.scenario",
+    "simulate": "vdfmu.engine.cosim",
+    "write_container": "vdfmu.engine.cosim.container",
     "write_osp": "vdfmu.ssp.write",
     "write_ssp": "vdfmu.ssp.write",
 }

@@ -22,13 +22,14 @@ from benchmarks.fit import exact_polynomial, fit_exponent, upper_half
 from benchmarks.report import Report, Table
 from benchmarks.system import Clock, least, median
 from benchmarks.timing import Case, Stopwatch, measure
-from vdfmu.cosim.continuous import ContinuousStepper
-from vdfmu.cosim.exchange import Exchange, SampledStepper
+from vdfmu.engine.cosim.continuous import ContinuousStepper
+from vdfmu.engine.cosim.exchange import Exchange, SampledStepper
 from vdfmu.equations.rigid_body import net_force
 from vdfmu.fmu.native.compile import native_available
 from vdfmu.kernel import KernelFunction
 from vdfmu.kernel.structure import values
-from vdfmu.model import Robot, check_robot, load_robot, load_scenario
+from vdfmu.model import Robot, check_robot, load_robot
+from vdfmu.scenario import load_scenario
 from vdfmu.unit.integrator import Integrator
 
 needs_compiler = pytest.mark.skipif(

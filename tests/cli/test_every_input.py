@@ -12,8 +12,8 @@ from pathlib import Path
 import pytest
 
 from vdfmu import __version__
-from vdfmu.model.scenario import MASTERS
-from vdfmu.study.json_text import to_json
+from vdfmu.engine.algorithms import ALGORITHMS
+from vdfmu.engine.json_text import to_json
 
 ROOT = Path(__file__).parents[2]
 
@@ -108,7 +108,7 @@ def test_a_missing_package_is_named_though_the_fmus_that_need_it_are_built(tmp_p
 def test_help_needs_only_what_draws_it(package: str, tmp_path: Path) -> None:
     done = vdfmu("run", "--help", PYTHONPATH=without(package, tmp_path))
     assert done.returncode == 0, done.stderr
-    assert all(name in done.stdout for name in MASTERS)
+    assert all(name in done.stdout for name in ALGORITHMS)
 
 
 def test_a_package_that_does_not_load_says_why(tmp_path: Path) -> None:

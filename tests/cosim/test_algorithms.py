@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from vdfmu.cosim import simulate
-from vdfmu.cosim.schedule import topological
+from vdfmu.engine.cosim import simulate
+from vdfmu.engine.cosim.schedule import topological
 
 # The chain of a controlled plant, listed in an order that is wrong for stepping.
 H, G, K = 0.125, 0.75, 1.5

@@ -11,13 +11,13 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import vdfmu
-from vdfmu.cosim import simulate
-from vdfmu.cosim.component import Slave
+from vdfmu.engine.cosim import simulate
+from vdfmu.engine.cosim.component import Slave
 from vdfmu.errors import CosimError, SspError, UsageError
-from vdfmu.model import load_scenario
+from vdfmu.scenario import load_scenario
+from vdfmu.scenario.parts import cached_fmus
+from vdfmu.scenario.values import system_values
 from vdfmu.ssp.description import SystemDescription
-from vdfmu.ssp.parameters import system_values
-from vdfmu.ssp.parts import cached_fmus
 from vdfmu.ssp.write import write_ssp
 from vdfmu.study.reference import reference
 from vdfmu.study.summary import power_bond

@@ -12,7 +12,7 @@ import fmpy
 import numpy as np
 import pytest
 
-from vdfmu.cosim import ALGORITHMS, simulate
+from vdfmu.engine.cosim import ALGORITHMS, simulate
 from vdfmu.errors import CosimError
 from vdfmu.study import check_run
 

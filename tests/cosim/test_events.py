@@ -8,7 +8,7 @@ import zipfile
 import numpy as np
 import pytest
 
-from vdfmu.cosim import simulate
+from vdfmu.engine.cosim import simulate
 from vdfmu.errors import CosimError
 
 ROUNDING = 1e-14  # some roundings of numbers of order 1

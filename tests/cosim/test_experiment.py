@@ -6,10 +6,10 @@ import json
 
 import pytest
 
-from vdfmu.cosim import simulate
+from vdfmu.engine.cosim import simulate
+from vdfmu.engine.simulate import run_system
+from vdfmu.engine.ssp.experiment import FOREIGN
 from vdfmu.errors import UsageError
-from vdfmu.ssp.experiment import FOREIGN
-from vdfmu.study.system import run_system
 
 EXPERIMENT = (
     '<ssd:DefaultExperiment startTime="1" stopTime="2"><ssd:Annotations>'
@@ -103,15 +103,14 @@ def test_a_value_that_a_connection_overrules_is_noted(pack, xml):
     ]
 
 
-def test_a_picture_that_cannot_be_drawn_is_a_note_and_the_results_stay(packed, tmp_path, monkeypatch):
+def test_a_picture_that_cannot_be_drawn_is_a_note_and_the_results_stay(packed, tmp_path):
     def fail(*_, **__):
         raise ValueError("no ink")
 
-    monkeypatch.setattr("vdfmu.study.system.signals_figure", fail)
     said = []
     path = packed('communicationStepSize="0.25"')
-    run_system(path, out=tmp_path / "out", log=said.append)
-    note = "signals.png could not be drawn: no ink"
+    run_system(path, out=tmp_path / "out", log=said.append, draw=fail)
+    note = "the picture could not be drawn: no ink"
     assert [message.text for message in said if message.status == "note"][-1] == note
     assert note in json.loads((tmp_path / "out" / "summary.json").read_text())["notes"]
     assert len((tmp_path / "out" / "results.csv").read_text().splitlines()) == 2 + 5

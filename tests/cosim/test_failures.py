@@ -12,10 +12,10 @@ import numpy as np
 import pytest
 from fmpy.fmi1 import FMICallException
 
-from vdfmu.cosim import Interrupted, simulate
+from vdfmu.engine.cosim import Interrupted, simulate
 from vdfmu.errors import CosimError, UsageError
-from vdfmu.model import load_scenario
-from vdfmu.ssp.parts import cached_fmus
+from vdfmu.scenario import load_scenario
+from vdfmu.scenario.parts import cached_fmus
 from vdfmu.ssp.write import write_ssp
 
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from vdfmu.cosim import simulate
-from vdfmu.cosim.inputs import Course, read_inputs
-from vdfmu.cosim.schedule import ALGORITHMS
+from vdfmu.engine.algorithms import ALGORITHMS
+from vdfmu.engine.cosim import simulate
+from vdfmu.engine.cosim.inputs import Course, read_inputs
 from vdfmu.errors import UsageError
 
 CONTINUOUS = ("extrapolated", "iterative")

@@ -16,11 +16,11 @@ import fmpy
 import numpy as np
 import pytest
 
-from vdfmu.cosim import ALGORITHMS, Interrupted, simulate
+from vdfmu.engine.cosim import ALGORITHMS, Interrupted, simulate
 from vdfmu.errors import CosimError, UsageError
-from vdfmu.model import load_scenario
 from vdfmu.process import KEPT, SHOWN
-from vdfmu.ssp.parts import cached_fmus
+from vdfmu.scenario import load_scenario
+from vdfmu.scenario.parts import cached_fmus
 from vdfmu.ssp.write import write_ssp
 from vdfmu.study import check_run
 

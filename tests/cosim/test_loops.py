@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from vdfmu.cosim import simulate
-from vdfmu.cosim.broyden import Broyden
-from vdfmu.cosim.check import check_system
-from vdfmu.cosim.container import write_container
+from vdfmu.engine.cosim import simulate
+from vdfmu.engine.cosim.broyden import Broyden
+from vdfmu.engine.cosim.check import check_system
+from vdfmu.engine.cosim.container import write_container
+from vdfmu.engine.ssp import load_ssp
 from vdfmu.errors import CosimError, SspError, UsageError
-from vdfmu.ssp import load_ssp
 
 
 @pytest.mark.parametrize("k", [(0.5, 0.5), (-3.0, 2.0), (4.0, 5.0)])

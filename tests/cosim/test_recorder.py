@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 import vdfmu
-from vdfmu.cosim import Results, Signal, recorder, simulate
-from vdfmu.cosim.recorder import ROWS, Recorder
+from vdfmu.engine.cosim import Results, Signal, recorder, simulate
+from vdfmu.engine.cosim.recorder import ROWS, Recorder
 from vdfmu.errors import VdfmuError
 
 

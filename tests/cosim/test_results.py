@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from vdfmu.cosim import Results, Signal
+from vdfmu.engine.cosim import Results, Signal
 from vdfmu.errors import UsageError
 
 

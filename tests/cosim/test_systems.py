@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from vdfmu.cosim import simulate
-from vdfmu.cosim.check import check_system
+from vdfmu.engine.cosim import simulate
+from vdfmu.engine.cosim.check import check_system
+from vdfmu.engine.ssp import load_ssp
 from vdfmu.errors import SspError
-from vdfmu.ssp import load_ssp
 
 SSV = (
     '<ssv:ParameterSet xmlns:ssv="http://ssp-standard.org/SSP1/SystemStructureParameterValues" '

@@ -9,10 +9,10 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import pytest
 
-from vdfmu.cosim import simulate
+from vdfmu.engine.cosim import simulate
 from vdfmu.errors import CosimError
-from vdfmu.model import load_scenario
-from vdfmu.ssp.parts import cached_fmus
+from vdfmu.scenario import load_scenario
+from vdfmu.scenario.parts import cached_fmus
 from vdfmu.ssp.write import write_ssp
 
 THREADS, RUNS = 8, 5

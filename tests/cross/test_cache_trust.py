@@ -11,8 +11,8 @@ from pathlib import Path
 
 import pytest
 
+from vdfmu.files import pack_zip
 from vdfmu.fmu import build_fmus
-from vdfmu.fmu.archive import pack_zip
 from vdfmu.kernel import cache
 from vdfmu.model import Robot
 

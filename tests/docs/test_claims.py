@@ -13,10 +13,10 @@ from vdfmu.equations.mapping import joint_space_mass_matrix, velocity_mapping
 from vdfmu.equations.plant import equilibrium_torque
 from vdfmu.kernel.rodas import ALPHA, GAMMA, GAMMA_I
 from vdfmu.kernel.structure import values as parameter_values
-from vdfmu.model import load_scenario
 from vdfmu.scalar.elimination import factorize, solve
-from vdfmu.ssp.parameters import system_values
-from vdfmu.ssp.parts import cached_fmus
+from vdfmu.scenario import load_scenario
+from vdfmu.scenario.parts import cached_fmus
+from vdfmu.scenario.values import system_values
 from vdfmu.ssp.write import write_ssp
 from vdfmu.unit.interface import Interface
 from vdfmu.units import shipped_units

@@ -11,7 +11,7 @@ import pytest
 import vdfmu.equations
 from vdfmu.model import Robot, load_robot
 from vdfmu.model.parameters import PARAMETERS
-from vdfmu.model.scenario import Controller, Feedforward, Scenario, Trajectory
+from vdfmu.scenario.scenario import Controller, Feedforward, Scenario, Trajectory
 from vdfmu.unit.interface import Interface
 from vdfmu.units import shipped_units
 

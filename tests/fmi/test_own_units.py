@@ -15,9 +15,9 @@ import pytest
 from fmpy.validation import validate_fmu
 from lxml import html
 
+from vdfmu.engine.check.inspect import check_file
 from vdfmu.fmu import build_fmus
 from vdfmu.model import Robot
-from vdfmu.study.check import check_file
 from vdfmu.unit.evaluate import Plain
 from vdfmu.unit.interface import Interface
 from vdfmu.unit.motion import Motion

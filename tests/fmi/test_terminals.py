@@ -14,7 +14,7 @@ from vdfmu.data import data_path
 from vdfmu.fmu.description import document
 from vdfmu.fmu.terminals import icon_files, terminals_and_icons
 from vdfmu.model import Robot
-from vdfmu.model.load import load_system
+from vdfmu.scenario.load import load_system
 from vdfmu.unit.interface import Interface
 from vdfmu.units import find_unit, shipped_units
 

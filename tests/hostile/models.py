@@ -10,14 +10,15 @@ from pathlib import Path
 import numpy as np
 
 from vdfmu import forward_dynamics, inverse_dynamics
-from vdfmu.cosim import simulate
 from vdfmu.data import data_path
+from vdfmu.engine.cosim import simulate
 from vdfmu.fmu.build import build_notes
-from vdfmu.model import Robot, Scenario, load_robot, load_scenario
-from vdfmu.model.check import model_notes
+from vdfmu.model import Robot, load_robot
 from vdfmu.model.parameters import PARAMETERS
-from vdfmu.ssp.parameters import system_values
-from vdfmu.ssp.parts import cached_fmus
+from vdfmu.scenario import Scenario, load_scenario
+from vdfmu.scenario.check import model_notes
+from vdfmu.scenario.parts import cached_fmus
+from vdfmu.scenario.values import system_values
 from vdfmu.ssp.write import write_ssp
 from vdfmu.study.contrast import contrast
 

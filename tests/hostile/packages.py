@@ -8,8 +8,8 @@ import re
 import zipfile
 from pathlib import Path
 
-from vdfmu.ssp import load_ssp
-from vdfmu.study.check import check_file
+from vdfmu.engine.check.inspect import check_file
+from vdfmu.engine.ssp import load_ssp
 
 from .table import Corpus
 

@@ -11,9 +11,9 @@ from pathlib import Path
 
 import numpy as np
 
-from vdfmu.cosim import Results, simulate
-from vdfmu.model import load_scenario
-from vdfmu.ssp.parts import cached_fmus
+from vdfmu.engine.cosim import Results, simulate
+from vdfmu.scenario import load_scenario
+from vdfmu.scenario.parts import cached_fmus
 from vdfmu.ssp.write import write_ssp
 
 from .table import Corpus

@@ -11,14 +11,14 @@ from pathlib import Path
 import fmpy
 import pytest
 
-from vdfmu.cosim.component import MessageBox, _boxes, _on_message
+from vdfmu.engine.check.findings import Findings
+from vdfmu.engine.check.inspect import inspect_file
+from vdfmu.engine.cosim.component import MessageBox, _boxes, _on_message
+from vdfmu.files import pack_zip
 from vdfmu.fmu import build_fmus
-from vdfmu.fmu.archive import pack_zip
 from vdfmu.model import Robot
 from vdfmu.process import KEPT
 from vdfmu.study import check_run
-from vdfmu.study.check import inspect_file
-from vdfmu.study.findings import Findings
 from vdfmu.text import shown
 
 XML = """<?xml version="1.0" encoding="UTF-8"?>

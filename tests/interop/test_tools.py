@@ -13,7 +13,7 @@ import pytest
 from benchmarks import interop
 from benchmarks.importers import ask_rows
 from benchmarks.interop import CASES, EXACT_STEP, Case, drive, examine
-from vdfmu.cosim.container import write_container
+from vdfmu.engine.cosim.container import write_container
 from vdfmu.fmu import build_fmus
 from vdfmu.ssp.write import write_osp, write_ssp
 

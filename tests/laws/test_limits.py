@@ -9,8 +9,9 @@ from vdfmu.equations.limits import motor_torque, stop_torque
 from vdfmu.equations.plant import plant_derivative, plant_outputs
 from vdfmu.errors import ModelError, UsageError
 from vdfmu.kernel import parameters
-from vdfmu.model import load_robot, load_scenario, robot_from_dict
+from vdfmu.model import load_robot, robot_from_dict
 from vdfmu.scalar.jet import derivative, jets
+from vdfmu.scenario import load_scenario
 
 EPS = np.finfo(float).eps
 LIMITS = {

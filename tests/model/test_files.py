@@ -10,7 +10,8 @@ import pytest
 
 from vdfmu.data import data_path
 from vdfmu.errors import ModelError, UsageError
-from vdfmu.model import load_robot, load_scenario, robot_names, scenario_names
+from vdfmu.model import load_robot, robot_names
+from vdfmu.scenario import load_scenario, scenario_names
 
 SHIPPED = data_path("models") / "robots" / "planar_2dof.toml"
 Writer = Callable[[str, dict[str, Any]], Path]

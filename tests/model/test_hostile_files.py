@@ -13,9 +13,10 @@ import pytest
 from vdfmu import build_fmus
 from vdfmu.errors import ModelError, UsageError
 from vdfmu.fmu.build import build_notes
-from vdfmu.model import load_robot, load_scenario, robot_from_dict
-from vdfmu.model.check import model_notes
+from vdfmu.model import load_robot, robot_from_dict
 from vdfmu.model.parameters import PARAMETERS
+from vdfmu.scenario import load_scenario
+from vdfmu.scenario.check import model_notes
 
 
 def test_a_pipe_is_refused_and_not_waited_for(tmp_path: Path) -> None:

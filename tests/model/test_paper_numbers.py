@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from vdfmu.model import load_robot, load_scenario
+from vdfmu.model import load_robot
+from vdfmu.scenario import load_scenario
 
 ARM = load_robot("manipulator_6dof")
 

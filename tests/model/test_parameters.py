@@ -13,10 +13,11 @@ import pytest
 
 import vdfmu
 from vdfmu.measure import measure
-from vdfmu.model import Robot, load_robot, load_scenario
+from vdfmu.model import Robot, load_robot
 from vdfmu.model.parameters import OPTIONAL, PARAMETERS
 from vdfmu.model.robot import JOINT_TYPES
-from vdfmu.model.scenario import SOLVER_TOLERANCE
+from vdfmu.scenario import load_scenario
+from vdfmu.scenario.scenario import SOLVER_TOLERANCE
 from vdfmu.unit.interface import Interface
 from vdfmu.units.plant import Plant
 
@@ -29,7 +30,7 @@ import vdfmu
 from vdfmu.errors import ModelError, UsageError
 from vdfmu.kernel import Kernel, parameters
 from vdfmu.model import load_robot, robot_from_dict
-from vdfmu.model.scenario import FACTOR_FIELDS
+from vdfmu.scenario.scenario import FACTOR_FIELDS
 from vdfmu.unit.interface import Interface
 from vdfmu.units.plant import Plant
 

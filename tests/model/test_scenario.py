@@ -13,7 +13,8 @@ import pytest
 from vdfmu.data import data_path
 from vdfmu.equations.mapping import joint_space_mass_matrix
 from vdfmu.errors import ModelError
-from vdfmu.model import load_robot, load_scenario
+from vdfmu.model import load_robot
+from vdfmu.scenario import load_scenario
 
 Writer = Callable[[str, dict[str, Any]], Path]
 

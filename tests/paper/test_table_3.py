@@ -6,7 +6,7 @@ import pytest
 from vdfmu.equations.inverse_dynamics import inverse_dynamics
 from vdfmu.equations.newton_euler import newton_euler
 from vdfmu.equations.trajectory import desired_motion
-from vdfmu.model import load_scenario
+from vdfmu.scenario import load_scenario
 
 TABLE_3 = np.array(load_scenario("contrast").paper["rms_torque_difference_nmm"])
 Q_END = np.radians([90.0, 60.0, 60.0, 90.0, 60.0, 90.0])

@@ -8,9 +8,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from vdfmu.cosim.results import Results, Signal
-from vdfmu.model import Robot, Scenario, load_robot, load_scenario
+from vdfmu.engine.cosim.results import Results, Signal
+from vdfmu.model import Robot, load_robot
 from vdfmu.model.parameters import PARAMETERS
+from vdfmu.scenario import Scenario, load_scenario
 
 POINTS = 801
 TYPES = {

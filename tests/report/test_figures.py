@@ -15,8 +15,8 @@ import pytest
 from matplotlib.figure import Figure
 
 from vdfmu.errors import VdfmuError
-from vdfmu.model import load_scenario
 from vdfmu.report import plots, style
+from vdfmu.scenario import load_scenario
 
 ONE, TWO, MIXED, SIX = (
     ("revolute",),

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from vdfmu.cosim.results import Results, Signal
+from vdfmu.engine.cosim.results import Results, Signal
 from vdfmu.report.signals import PANELS, draw_signals, signals_figure
 
 FACTS = {"system": "s", "package": "folder/s.ssp", "algorithm": "jacobi", "step": 1e-3}

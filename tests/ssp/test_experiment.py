@@ -7,13 +7,13 @@ import zipfile
 
 import pytest
 
+from vdfmu.engine.check.inspect import check_file
+from vdfmu.engine.ssp import Experiment, load_ssp
+from vdfmu.engine.ssp.experiment import FOREIGN, read_experiment
 from vdfmu.errors import SspError
-from vdfmu.model import load_scenario
-from vdfmu.ssp import Experiment, load_ssp
+from vdfmu.scenario import load_scenario
 from vdfmu.ssp.description import SystemDescription
-from vdfmu.ssp.experiment import FOREIGN, read_experiment
 from vdfmu.ssp.structure_file import structure_file
-from vdfmu.study.check import check_file
 
 SSD = (
     '<ssd:SystemStructureDescription xmlns:ssd="http://ssp-standard.org/SSP1/SystemStructureDescription" '

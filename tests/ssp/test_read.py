@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
+from vdfmu.engine.ssp import limits, load_ssp
+from vdfmu.engine.ssp.read import read_system
 from vdfmu.errors import SspError
-from vdfmu.ssp import limits, load_ssp
-from vdfmu.ssp.read import read_system
 
 HEAD = (
     '<ssd:SystemStructureDescription xmlns:ssd="http://ssp-standard.org/SSP1/SystemStructureDescription" '

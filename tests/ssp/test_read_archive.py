@@ -11,9 +11,9 @@ from pathlib import Path
 
 import pytest
 
+from vdfmu.engine.ssp import limits, load_ssp
+from vdfmu.engine.ssp.archive import Archive
 from vdfmu.errors import SspError
-from vdfmu.ssp import limits, load_ssp
-from vdfmu.ssp.archive import Archive
 
 SPACES = "".join(
     f'xmlns:{prefix}="http://ssp-standard.org/SSP1/{name}" '
@@ -168,7 +168,7 @@ def test_entities_are_refused_in_every_kind_of_file(tmp_path, which, kind):
         with zipfile.ZipFile(path, "w") as file:
             file.writestr("SystemStructure.ssd", evil)
     elif kind == "fmu":
-        from vdfmu.study.check import check_file
+        from vdfmu.engine.check.inspect import check_file
 
         path = tmp_path / "x.fmu"
         with zipfile.ZipFile(path, "w") as file:

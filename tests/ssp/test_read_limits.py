@@ -13,9 +13,9 @@ from pathlib import Path
 import pytest
 
 import vdfmu
+from vdfmu.engine.check.inspect import check_file
+from vdfmu.engine.ssp import limits, load_ssp
 from vdfmu.errors import SspError
-from vdfmu.ssp import limits, load_ssp
-from vdfmu.study.check import check_file
 
 SPACE = "http://ssp-standard.org/SSP1/SystemStructureDescription"
 WAYS = ["definition", "package", "id"]

@@ -9,9 +9,9 @@ from pathlib import Path
 import fmpy
 import pytest
 
-from vdfmu.cosim.check import check_system
+from vdfmu.engine.cosim.check import check_system
+from vdfmu.engine.ssp import load_ssp
 from vdfmu.errors import SspError
-from vdfmu.ssp import load_ssp
 
 SPACES = "".join(
     f'xmlns:{prefix}="http://ssp-standard.org/SSP1/{name}" '

@@ -6,8 +6,8 @@ import stat
 import pytest
 
 from vdfmu.errors import StorageError
-from vdfmu.fmu.archive import pack_zip, read_member, replacing
-from vdfmu.model import load_scenario
+from vdfmu.files import pack_zip, read_member, replacing
+from vdfmu.scenario import load_scenario
 from vdfmu.ssp.write import write_osp, write_ssp
 
 

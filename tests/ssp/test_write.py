@@ -5,13 +5,13 @@ import zipfile
 import numpy as np
 import pytest
 
-from vdfmu.cosim import check_system
+from vdfmu.engine.cosim import check_system
+from vdfmu.engine.ssp import load_ssp
+from vdfmu.engine.ssp.parse import parse_ssp_xml
 from vdfmu.errors import UsageError, VdfmuError
-from vdfmu.model import load_scenario
-from vdfmu.ssp import load_ssp
-from vdfmu.ssp.parameters import override, system_values
-from vdfmu.ssp.parse import parse_ssp_xml
-from vdfmu.ssp.parts import build_parts
+from vdfmu.scenario import load_scenario
+from vdfmu.scenario.parts import build_parts
+from vdfmu.scenario.values import override, system_values
 from vdfmu.ssp.write import write_ssp
 from vdfmu.unit.interface import Interface
 from vdfmu.units import shipped_units

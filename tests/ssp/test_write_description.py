@@ -4,11 +4,11 @@ import dataclasses
 
 import pytest
 
-from vdfmu.model import load_scenario
+from vdfmu.engine.ssp.parse import NAMESPACES
+from vdfmu.scenario import load_scenario
+from vdfmu.scenario.values import robot_parameters, system_values
 from vdfmu.ssp.description import SystemDescription
 from vdfmu.ssp.geometry import route
-from vdfmu.ssp.parameters import robot_parameters, system_values
-from vdfmu.ssp.parse import NAMESPACES
 from vdfmu.ssp.structure_file import structure_file
 
 SCENARIOS = ["estimation", "planar_tracking", "slider_tracking", "tracking", "two_joint"]

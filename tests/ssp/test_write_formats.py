@@ -14,13 +14,13 @@ from pyssp_standard.ssm import SSM
 from pyssp_standard.ssv import SSV
 
 from vdfmu.errors import StorageError, UsageError
-from vdfmu.model import load_scenario
+from vdfmu.scenario import load_scenario
+from vdfmu.scenario.parts import build_parts
+from vdfmu.scenario.values import system_values
 from vdfmu.ssp.description import SystemDescription
 from vdfmu.ssp.documentation import system_page
 from vdfmu.ssp.drawing import draw_system
 from vdfmu.ssp.parameter_files import mapping_file, parameter_file
-from vdfmu.ssp.parameters import system_values
-from vdfmu.ssp.parts import build_parts
 from vdfmu.ssp.structure_file import structure_file
 from vdfmu.ssp.versions import fmi_of_format
 from vdfmu.ssp.write import write_osp, write_ssp

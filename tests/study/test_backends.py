@@ -8,7 +8,7 @@ import pytest
 from fmpy.validation import validate_fmu
 
 import vdfmu
-from vdfmu.cosim.container import simulate_container, write_container
+from vdfmu.engine.cosim.container import simulate_container, write_container
 from vdfmu.errors import CosimError, UsageError
 from vdfmu.fmu import build
 

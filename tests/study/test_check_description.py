@@ -4,7 +4,7 @@ import zipfile
 
 import pytest
 
-from vdfmu.study.check import inspect_file
+from vdfmu.engine.check.inspect import inspect_file
 
 HEAD = """<fmiModelDescription fmiVersion="2.0" modelName="m" guid="1"><CoSimulation modelIdentifier="m">{sources}
 </CoSimulation><UnitDefinitions><Unit name="rad"/><Unit name="m"/></UnitDefinitions>

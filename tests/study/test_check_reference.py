@@ -5,11 +5,11 @@ import zipfile
 import numpy as np
 import pytest
 
+from vdfmu.engine.check.inspect import inspect_file
+from vdfmu.engine.check.reference import compare, read_table
+from vdfmu.files import pack_zip
 from vdfmu.fmu import build_fmus
-from vdfmu.fmu.archive import pack_zip
-from vdfmu.model import load_scenario
-from vdfmu.study.check import inspect_file
-from vdfmu.study.check_reference import compare, read_table
+from vdfmu.scenario import load_scenario
 
 FOLDER = "extra/org.fmi-standard.fmi-ls-ref/"
 

@@ -5,7 +5,7 @@ import zipfile
 
 import pytest
 
-from vdfmu.study.check import check_file, inspect_file
+from vdfmu.engine.check.inspect import check_file, inspect_file
 
 SPACES = " ".join(
     f'xmlns:{prefix}="http://ssp-standard.org/SSP1/SystemStructure{name}"'

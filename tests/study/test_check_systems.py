@@ -8,14 +8,14 @@ import zipfile
 
 import pytest
 
+from vdfmu.engine.check.fmu import NOT_RUN
+from vdfmu.engine.check.inspect import check_file, inspect_file
 from vdfmu.errors import StorageError, UsageError
+from vdfmu.files import pack_zip
 from vdfmu.fmu import build_fmus
-from vdfmu.fmu.archive import pack_zip
-from vdfmu.model import load_scenario
-from vdfmu.ssp.parameters import system_values
+from vdfmu.scenario import load_scenario
+from vdfmu.scenario.values import system_values
 from vdfmu.ssp.write import write_ssp
-from vdfmu.study.check import check_file, inspect_file
-from vdfmu.study.check_unit import NOT_RUN
 
 REFERENCE = "extra/org.fmi-standard.fmi-ls-ref/"
 

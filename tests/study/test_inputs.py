@@ -8,8 +8,8 @@ from typer.testing import CliRunner
 
 import vdfmu
 from vdfmu.cli.commands import app
-from vdfmu.cosim import Results
 from vdfmu.data import data_path
+from vdfmu.engine.cosim import Results
 from vdfmu.errors import ModelError, UsageError
 from vdfmu.ssp.description import SystemDescription
 from vdfmu.study.reference import reference

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import vdfmu
-from vdfmu.cosim import Results, Signal
+from vdfmu.engine.cosim import Results, Signal
 from vdfmu.ssp.description import SystemDescription
 from vdfmu.study import reference as references
 from vdfmu.study import run as study

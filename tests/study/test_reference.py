@@ -3,13 +3,14 @@
 import numpy as np
 import pytest
 
-from vdfmu.cosim import simulate
+from vdfmu.engine.cosim import simulate
 from vdfmu.equations.trajectory import desired_motion
 from vdfmu.errors import UsageError
 from vdfmu.fmu import build_fmus
-from vdfmu.model import load_robot, load_scenario, robot_from_dict
+from vdfmu.model import load_robot, robot_from_dict
+from vdfmu.scenario import load_scenario
+from vdfmu.scenario.values import system_values
 from vdfmu.ssp.description import SystemDescription
-from vdfmu.ssp.parameters import system_values
 from vdfmu.ssp.write import write_ssp
 from vdfmu.study.reference import REFERENCE_OF, reference
 

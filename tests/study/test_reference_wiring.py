@@ -9,8 +9,8 @@ from scipy.linalg import expm
 
 from vdfmu.errors import UsageError
 from vdfmu.fmu import build_fmus
-from vdfmu.model import load_scenario
-from vdfmu.model.system_file import Part, SystemFile
+from vdfmu.scenario import load_scenario
+from vdfmu.scenario.system_file import Part, SystemFile
 from vdfmu.ssp.description import SystemDescription
 from vdfmu.study.reference import reference
 from vdfmu.unit import Derivative, Input, Output, Parameter, Sampled, State, Unit

@@ -11,13 +11,13 @@ import numpy as np
 import pytest
 
 import vdfmu
-from vdfmu.cosim import Results
-from vdfmu.cosim.exchange import Exchange
+from vdfmu.engine.cosim import Results
+from vdfmu.engine.cosim.exchange import Exchange
 from vdfmu.errors import CosimError, ModelError, UsageError
-from vdfmu.model import load_scenario
 from vdfmu.report.sheets import reference_sheet
 from vdfmu.report.tables import to_markdown
-from vdfmu.ssp.parts import cached_fmus
+from vdfmu.scenario import load_scenario
+from vdfmu.scenario.parts import cached_fmus
 from vdfmu.ssp.write import write_ssp
 from vdfmu.study.reference import BLOCK, Reference
 

@@ -6,9 +6,9 @@ from pathlib import Path
 import pytest
 
 import vdfmu
+from vdfmu.scenario.parts import build_parts
+from vdfmu.scenario.values import system_values
 from vdfmu.ssp.description import SystemDescription
-from vdfmu.ssp.parameters import system_values
-from vdfmu.ssp.parts import build_parts
 from vdfmu.ssp.write import write_osp, write_ssp
 from vdfmu.units import find_unit
 

@@ -11,12 +11,12 @@ from typer.testing import CliRunner
 import vdfmu
 from benchmarks.importers import ask_rows, missing
 from vdfmu.cli.commands import app
-from vdfmu.cosim import simulate
+from vdfmu.engine.cosim import simulate
 from vdfmu.equations.kinematics import end_effector_pose
 from vdfmu.errors import SspError
 from vdfmu.fmu import build_fmus
+from vdfmu.scenario.values import system_values
 from vdfmu.ssp.description import SystemDescription
-from vdfmu.ssp.parameters import system_values
 from vdfmu.study.reference import reference
 from vdfmu.unit.evaluate import Plain, Traced
 from vdfmu.unit.interface import Interface

@@ -49,10 +49,11 @@ def build(
     """Build the FMUs of a scenario's system, with the scenario's values as start values, or the FMU of a unit."""
     from vdfmu.fmu import build_fmus
     from vdfmu.fmu.build import build_notes
-    from vdfmu.model import load_robot, load_scenario
-    from vdfmu.model.check import model_notes
-    from vdfmu.ssp.parameters import start_values, system_values
-    from vdfmu.ssp.parts import build_parts
+    from vdfmu.model import load_robot
+    from vdfmu.scenario import load_scenario
+    from vdfmu.scenario.check import model_notes
+    from vdfmu.scenario.parts import build_parts
+    from vdfmu.scenario.values import start_values, system_values
     from vdfmu.unit.base import unit_name
     from vdfmu.units import find_unit
 
@@ -88,11 +89,11 @@ def container(
     settings: SetOption = None,
 ) -> None:
     """Fold the system of a scenario into one native FMU that steps its units without a master."""
-    from vdfmu.cosim.container import write_container
+    from vdfmu.engine.cosim.container import write_container
     from vdfmu.fmu.build import build_notes
-    from vdfmu.model.check import model_notes
-    from vdfmu.ssp.parameters import system_values
-    from vdfmu.ssp.parts import cached_fmus
+    from vdfmu.scenario.check import model_notes
+    from vdfmu.scenario.parts import cached_fmus
+    from vdfmu.scenario.values import system_values
     from vdfmu.ssp.write import write_ssp
     from vdfmu.study.run import prepare
     from vdfmu.temporary import temporary_folder
@@ -133,10 +134,10 @@ def ssp(
     The FMUs have the scenario's values as start values too, for importers that do not apply all parameter sets.
     """
     from vdfmu.fmu.build import build_notes
-    from vdfmu.model import load_scenario
-    from vdfmu.model.check import model_notes
-    from vdfmu.ssp.parameters import system_values
-    from vdfmu.ssp.parts import build_parts
+    from vdfmu.scenario import load_scenario
+    from vdfmu.scenario.check import model_notes
+    from vdfmu.scenario.parts import build_parts
+    from vdfmu.scenario.values import system_values
     from vdfmu.ssp.versions import fmi_of_format
     from vdfmu.ssp.write import write_osp, write_ssp
     from vdfmu.temporary import temporary_folder
@@ -165,8 +166,8 @@ def check(
 
     Steps run code of the file, in a process of its own that is limited in time and memory; not with --no-run.
     """
-    from vdfmu.ssp.limits import package_limit
-    from vdfmu.study.check import inspect_file
+    from vdfmu.engine.check.inspect import inspect_file
+    from vdfmu.engine.ssp.limits import package_limit
 
     if not no_run:
         errors.print(

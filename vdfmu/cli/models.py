@@ -17,7 +17,8 @@ app = typer.Typer(no_args_is_help=True, help="List and show robots and scenarios
 @app.command("list", epilog="Example: [bold]vdfmu models list[/bold]")
 def list_models() -> None:
     """List the robots and scenarios that travel with the package."""
-    from vdfmu.model import load_robot, load_scenario, robot_names, scenario_names
+    from vdfmu.model import load_robot, robot_names
+    from vdfmu.scenario import load_scenario, scenario_names
 
     for title, names, load in (
         ("Robots", robot_names(), load_robot),
@@ -35,8 +36,9 @@ def show_model(
 ) -> None:
     """Show a robot's parameters with their sources, or a scenario's file."""
     from vdfmu.data import data_path
-    from vdfmu.model import load_robot, scenario_names
+    from vdfmu.model import load_robot
     from vdfmu.model.parameters import PARAMETERS, section
+    from vdfmu.scenario import scenario_names
 
     if name in scenario_names():
         say((data_path("models") / "scenarios" / f"{name}.toml").read_text(encoding="utf-8"))

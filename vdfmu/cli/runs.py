@@ -81,7 +81,7 @@ def run(
 ) -> None:
     """Run a scenario: build what is stale, co-simulate, solve the references, compare, write tables and figures."""
     from vdfmu.report import tables
-    from vdfmu.study.folder import RUN_OUTPUTS
+    from vdfmu.study.run import RUN_OUTPUTS
     from vdfmu.study.run import run as run_study
 
     if Path(scenario).suffix.lower() == ".ssp":
@@ -173,16 +173,20 @@ def simulate(
         float | None,
         typer.Option(help="Memory in MB that isolated components have; default half of the machine's."),
     ] = None,
+    plot: Annotated[bool, typer.Option("--plot", help="Draw the signals: signals.png.")] = False,
 ) -> None:
-    """Run a system package, and write its signals and a picture of them.
+    """Run a system package, and write its signals.
 
     Start, stop, step and master that are not given are those of the package's default experiment and its annotations.
     """
+    from vdfmu.engine.folder import SYSTEM_OUTPUTS
+    from vdfmu.engine.simulate import default_folder, run_system
+    from vdfmu.engine.ssp.limits import package_limit
     from vdfmu.report import tables
-    from vdfmu.ssp.limits import package_limit
-    from vdfmu.study.folder import SYSTEM_OUTPUTS
-    from vdfmu.study.system import default_folder, run_system
 
+    draw = None
+    if plot:
+        from vdfmu.report.signals import signals_figure as draw
     with Bars() as bars, package_limit(unpack_limit):
         results = run_system(
             package,
@@ -205,12 +209,13 @@ def simulate(
             overwrite=overwrite,
             progress=bars.update,
             log=bars.log,
+            draw=draw,
         )
     console.print(tables.run_panel(results.summary))
     _say_written(out if out is not None else default_folder(package), SYSTEM_OUTPUTS)
 
 
 def _say_written(folder: Path, outputs: Sequence[str]) -> None:
-    from vdfmu.study.folder import written
+    from vdfmu.engine.folder import written
 
     say(f"Written to {folder}: {', '.join(written(folder, outputs))}")

@@ -27,7 +27,7 @@ from vdfmu.progress import showing
 from vdfmu.text import shown, told
 
 if TYPE_CHECKING:
-    from vdfmu.cosim import LogMessage
+    from vdfmu.engine.cosim import LogMessage
 
 __all__ = [
     "BackendOption", "Bars", "RobotOption", "ScenarioArgument", "SetOption", "UnpackOption", "building",

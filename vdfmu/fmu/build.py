@@ -8,7 +8,8 @@ from importlib import import_module
 from pathlib import Path
 
 from vdfmu.errors import StorageError, UsageError
-from vdfmu.fmu.archive import is_built, keep_record, regular_target
+from vdfmu.files import regular_target
+from vdfmu.fmu.built import is_built, keep_record
 from vdfmu.fmu.content import BACKENDS, FMI_VERSIONS, Content
 from vdfmu.fmu.native import native_available
 from vdfmu.fmu.python.behaviour import robot_problems

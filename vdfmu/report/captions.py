@@ -8,9 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vdfmu.cosim.results import Results
-from vdfmu.model import Robot, Scenario
-from vdfmu.model.scenario import MODES
+from vdfmu.engine.cosim.results import Results
+from vdfmu.model import Robot
+from vdfmu.scenario import Scenario
+from vdfmu.scenario.scenario import MODES
 
 __all__ = ["contrast_caption", "paper_table", "run_caption"]
 

@@ -18,11 +18,12 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
-from vdfmu.cosim.results import Results
-from vdfmu.model import Robot, Scenario
+from vdfmu.engine.cosim.results import Results
+from vdfmu.model import Robot
 from vdfmu.report import style
 from vdfmu.report.captions import contrast_caption, paper_table, run_caption
 from vdfmu.report.joints import UNITS, Group, group_joints, panel_letter
+from vdfmu.scenario import Scenario
 
 __all__ = [
     "Contrast",

@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
-from vdfmu.cosim.results import Results
+from vdfmu.engine.cosim.results import Results
 from vdfmu.report import style
 
 __all__ = ["draw_signals", "signals_figure"]

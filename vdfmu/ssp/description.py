@@ -12,10 +12,10 @@ import numpy as np
 
 from vdfmu.errors import SspError
 from vdfmu.kernel.structure import parameters
-from vdfmu.model import Scenario
-from vdfmu.model.system_file import Box, SystemFile
-from vdfmu.ssp.parameters import system_values
-from vdfmu.ssp.parts import Variables, tables_of
+from vdfmu.scenario import Scenario
+from vdfmu.scenario.parts import Variables, tables_of
+from vdfmu.scenario.system_file import Box, SystemFile
+from vdfmu.scenario.values import system_values
 from vdfmu.unit.interface import Interface, general_description
 from vdfmu.unit.variable import Variable
 
@@ -109,7 +109,7 @@ class SystemDescription:
     ----------
     scenario : Scenario
     values : mapping of unit to mapping of variable to value, optional
-        Default :func:`vdfmu.ssp.parameters.system_values`.
+        Default :func:`vdfmu.scenario.values.system_values`.
     version : "1.0" or "2.0"
         Of SSP: with 2.0, groups of signals are the arrays of the FMI 3.0 units.
     """

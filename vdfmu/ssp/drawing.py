@@ -8,7 +8,7 @@ from html import escape
 from itertools import groupby
 from typing import Any
 
-from vdfmu.ssp.parse import NAMESPACES
+from vdfmu.engine.ssp.parse import NAMESPACES
 
 __all__ = ["draw_system"]
 

@@ -10,8 +10,8 @@ from typing import Any
 from lxml import etree  # pyright: ignore[reportAttributeAccessIssue]  # lxml ships no stubs
 
 from vdfmu.errors import StorageError
-from vdfmu.fmu.archive import replacing
-from vdfmu.model import Scenario
+from vdfmu.files import replacing
+from vdfmu.scenario import Scenario
 from vdfmu.ssp.description import SystemDescription
 from vdfmu.ssp.versions import require_fmi
 from vdfmu.ssp.xml import number, to_bytes, value_text
@@ -37,7 +37,7 @@ def write_osp(
     folder : path
         Made if it does not exist. Files of other names in it are left alone.
     values : mapping of unit to mapping of variable to value, optional
-        Parameter values, see :func:`vdfmu.ssp.parameters.system_values`; default those of robot and scenario.
+        Parameter values, see :func:`vdfmu.scenario.values.system_values`; default those of robot and scenario.
 
     Returns
     -------

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
+from vdfmu.engine.ssp.experiment import EXPERIMENT_TYPE, FOREIGN, OSP_TYPE
 from vdfmu.ssp.description import Signal, SystemDescription, positions
-from vdfmu.ssp.experiment import EXPERIMENT_TYPE, FOREIGN, OSP_TYPE
 from vdfmu.ssp.geometry import route
 from vdfmu.ssp.xml import META, add, add_foreign, add_units, root
 

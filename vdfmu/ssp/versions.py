@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from vdfmu.errors import StorageError, UsageError
-from vdfmu.fmu.archive import read_member
+from vdfmu.files import read_member
 from vdfmu.fmu.native import native_available
 
 __all__ = ["FMI_OF_SSP", "FORMATS", "fmi_of_format", "require_fmi", "require_version"]

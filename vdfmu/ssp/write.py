@@ -8,14 +8,14 @@ from pathlib import Path
 from typing import Any
 
 from vdfmu.data import data_path
+from vdfmu.engine.ssp.parse import validate
 from vdfmu.errors import StorageError
-from vdfmu.fmu.archive import pack_zip, regular_target
-from vdfmu.model import Scenario
+from vdfmu.files import pack_zip, regular_target
+from vdfmu.scenario import Scenario
 from vdfmu.ssp.description import SystemDescription
 from vdfmu.ssp.documentation import system_page
 from vdfmu.ssp.osp import write_osp
 from vdfmu.ssp.parameter_files import mapping_file, parameter_file
-from vdfmu.ssp.parse import validate
 from vdfmu.ssp.structure_file import mapping_name, structure_file
 from vdfmu.ssp.versions import require_fmi, require_version
 from vdfmu.ssp.xml import to_bytes
@@ -45,7 +45,7 @@ def write_ssp(
     path : path
         File to write, ``name.ssp``.
     values : mapping of unit to mapping of variable to value, optional
-        Parameter values, see :func:`vdfmu.ssp.parameters.system_values`; default those of robot and scenario.
+        Parameter values, see :func:`vdfmu.scenario.values.system_values`; default those of robot and scenario.
     version : "1.0" or "2.0", optional
         Version of SSP. With 2.0 connectors and parameters are arrays where the units of FMI 3.0 have arrays.
 

@@ -8,8 +8,8 @@ from typing import Any
 from lxml import etree  # pyright: ignore[reportAttributeAccessIssue]  # lxml ships no stubs
 
 from vdfmu import __version__
+from vdfmu.engine.ssp.parse import NAMESPACES
 from vdfmu.measure import measure
-from vdfmu.ssp.parse import NAMESPACES
 
 __all__ = ["META", "add", "add_foreign", "add_units", "number", "root", "to_bytes", "value_text"]
 

@@ -7,11 +7,12 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from vdfmu.cosim.results import Results, Signal
+from vdfmu.engine.cosim.results import Results, Signal
 from vdfmu.equations.trajectory import desired_motion
 from vdfmu.kernel import Kernel
 from vdfmu.measure import unit_of
-from vdfmu.model import Robot, Scenario
+from vdfmu.model import Robot
+from vdfmu.scenario import Scenario
 
 __all__ = ["Contrast", "contrast"]
 

@@ -22,7 +22,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.integrate import LSODA
 
-from vdfmu.cosim.inputs import Course, Table, read_inputs
+from vdfmu.engine.cosim.inputs import Course, Table, read_inputs
 from vdfmu.errors import UsageError, VdfmuError
 from vdfmu.ssp.description import SystemDescription
 from vdfmu.unit.evaluate import Evaluation, evaluation

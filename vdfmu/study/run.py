@@ -12,26 +12,27 @@ from typing import Any
 import numpy as np
 
 from vdfmu import __version__
-from vdfmu.cosim import Interrupted, LogMessage, Results, simulate
-from vdfmu.cosim.container import simulate_container, write_container
-from vdfmu.cosim.inputs import Inputs, read_inputs
-from vdfmu.cosim.master import check_coupling
+from vdfmu.engine.algorithms import ALGORITHMS
+from vdfmu.engine.cosim import Interrupted, LogMessage, Results, simulate
+from vdfmu.engine.cosim.container import simulate_container, write_container
+from vdfmu.engine.cosim.inputs import Inputs, read_inputs
+from vdfmu.engine.cosim.master import check_coupling
+from vdfmu.engine.folder import DRAWN, SYSTEM_OUTPUTS, keep, replacing_results, write_summary
+from vdfmu.engine.ssp.read import load_ssp
 from vdfmu.errors import CosimError, UsageError
 from vdfmu.fmu.build import build_notes, choose_backend
-from vdfmu.model import Robot, Scenario, load_robot, load_scenario
-from vdfmu.model.check import check_step, model_notes
+from vdfmu.model import Robot, load_robot
 from vdfmu.model.read import Problems
-from vdfmu.model.scenario import MASTERS
 from vdfmu.progress import Progress, showing
 from vdfmu.report.plots import contrast_figures, run_figures
 from vdfmu.report.signals import signals_figure
+from vdfmu.scenario import Scenario, load_scenario
+from vdfmu.scenario.check import check_step, model_notes
+from vdfmu.scenario.parts import cached_fmus, with_units
+from vdfmu.scenario.values import system_values
 from vdfmu.ssp.description import SystemDescription
-from vdfmu.ssp.parameters import system_values
-from vdfmu.ssp.parts import cached_fmus, with_units
-from vdfmu.ssp.read import load_ssp
 from vdfmu.ssp.write import write_ssp
 from vdfmu.study.contrast import contrast
-from vdfmu.study.folder import DRAWN, RUN_OUTPUTS, keep, replacing_results, write_summary
 from vdfmu.study.reference import BLOCK, REFERENCE_OF, reference_blocks
 from vdfmu.study.summary import (
     compare,
@@ -44,8 +45,17 @@ from vdfmu.study.summary import (
 )
 from vdfmu.temporary import temporary_folder
 
-__all__ = ["prepare", "run"]
+__all__ = ["RUN_OUTPUTS", "prepare", "run"]
 
+RUN_OUTPUTS = (
+    *SYSTEM_OUTPUTS,
+    "container.fmu",
+    "system.ssp",
+    *(f"figure_{number}.png" for number in (7, 8, 10, 11, 13, 14)),
+    "torques.png",
+    "errors.png",
+)
+"""Files that the run of a scenario writes and replaces."""
 _VISIBLE = 1e-3
 """Share of the largest position error above which a difference to a reference shows in the tables of three digits."""
 _DRAWN = ("trajectory.q_d", "plant.q", "controller.tau", "controller.tau_m")
@@ -88,9 +98,9 @@ def prepare(
     scenario = dataclasses.replace(scenario, inputs=tables)
     changes = {"step": step, "stop": stop, "master": master, "adaptive": adaptive}
     scenario = dataclasses.replace(scenario, **{k: v for k, v in changes.items() if v is not None})
-    if scenario.master not in MASTERS:
+    if scenario.master not in ALGORITHMS:
         raise UsageError(
-            f"master: expected {', '.join(MASTERS[:-1])} or {MASTERS[-1]}, got {scenario.master!r}."
+            f"master: expected {', '.join(ALGORITHMS[:-1])} or {ALGORITHMS[-1]}, got {scenario.master!r}."
         )
     check_coupling(scenario.master, scenario.adaptive)
     check_options(scenario.stop, scenario.step)
@@ -130,7 +140,7 @@ def run(
     master : "gauss-seidel", "jacobi", "extrapolated" or "iterative", optional
     adaptive : float, optional
         Largest relative error of a coupled signal in a communication step, which is shortened to it and never longer
-        than `step`; see :func:`vdfmu.cosim.simulate`.
+        than `step`; see :func:`vdfmu.engine.cosim.simulate`.
     out : path, optional
         Folder for the files; default ``results/<scenario>``. Files of an earlier run in it are replaced once this one
         is complete.
@@ -151,7 +161,7 @@ def run(
         out, and connections to signals that it lacks, with a note in the log and ``left_out`` in the summary.
     inputs : path, sequence of paths or mapping of str to (t, values), optional
         Signals for inputs that nothing is connected to, in place of those of the scenario; see
-        :func:`vdfmu.cosim.simulate`.
+        :func:`vdfmu.engine.cosim.simulate`.
     input_hold : bool, optional
         Whether their values hold until the next row.
     progress : callable, optional
@@ -168,7 +178,7 @@ def run(
     ------
     UsageError, ModelError, SspError
         Before the run, for what is wrong with scenario, robot, options or system.
-    CosimError, vdfmu.cosim.Interrupted
+    CosimError, vdfmu.engine.cosim.Interrupted
         A unit failed, or the user stopped the run. The rows so far are in ``partial/results.csv`` of the folder.
     """
     scenario = prepare(

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from vdfmu.cosim.results import Results
+from vdfmu.engine.cosim.results import Results
 from vdfmu.measure import unit_of
 from vdfmu.model import Robot
 from vdfmu.study.reference import BLOCK, REFERENCE_OF, Reference

@@ -14,7 +14,7 @@ import numpy as np
 
 from vdfmu.errors import UnitError, UsageError
 from vdfmu.model import Robot
-from vdfmu.model.scenario import SOLVER_TOLERANCE
+from vdfmu.scenario.scenario import SOLVER_TOLERANCE
 from vdfmu.unit.declaration import (
     JOINTS,
     Declared,

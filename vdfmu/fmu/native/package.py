@@ -12,7 +12,8 @@ from typing import Literal
 
 from vdfmu.data import PACKAGE, data_path
 from vdfmu.errors import FmuError, StorageError
-from vdfmu.fmu.archive import is_built, keep_record, pack_zip, read_member
+from vdfmu.files import pack_zip, read_member
+from vdfmu.fmu.built import is_built, keep_record
 from vdfmu.fmu.content import CONTENT_FILE, Content
 from vdfmu.fmu.description import document, model_description
 from vdfmu.fmu.description3 import build_description, model_description_3

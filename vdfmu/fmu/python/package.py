@@ -9,7 +9,7 @@ from pathlib import Path
 from pythonfmu import FmuBuilder
 
 from vdfmu.data import data_path
-from vdfmu.fmu.archive import pack_zip
+from vdfmu.files import pack_zip
 from vdfmu.fmu.content import CONTENT_FILE, Content
 from vdfmu.fmu.documentation import documentation_files
 from vdfmu.interrupt import InterruptGuard

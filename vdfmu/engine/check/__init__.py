@@ -1,0 +1,1 @@
+"""Inspection of FMUs and system packages."""

@@ -1,0 +1,227 @@
+"""Check of an FMU or a system: schema, rules of the standard, binaries, a short run, reference results."""
+
+from __future__ import annotations
+
+import html
+import os
+import posixpath
+import re
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+from urllib.parse import unquote
+
+from vdfmu.engine.check.findings import Findings, one_line
+from vdfmu.engine.check.fmu import NOT_RUN, check_unit
+from vdfmu.engine.check.osp import NAMESPACE as OSP_NAMESPACE
+from vdfmu.engine.check.osp import check_osp
+from vdfmu.engine.check.ssp1 import check_ssp1, package_faults, same_names
+from vdfmu.engine.check.ssp2 import check_ssp2
+from vdfmu.engine.ssp.archive import Archive, is_inside
+from vdfmu.engine.ssp.parse import parse_xml
+from vdfmu.engine.ssp.read import DEFAULT, variants
+from vdfmu.errors import SspError, StorageError, UsageError
+from vdfmu.files import pack_zip
+from vdfmu.temporary import temporary_folder
+
+__all__ = ["FORMAT", "Report", "check_file", "inspect_file"]
+
+FORMAT = 1
+"""Version of the structure of `Report`; it changes when a key changes its meaning or goes."""
+_ENDINGS = ".fmu, .ssp, .ssd, or an OspSystemStructure.xml"
+
+
+@dataclass
+class Report:
+    """What the check of a file found; `vdfmu check --json` prints these keys.
+
+    Attributes
+    ----------
+    format : int
+        `FORMAT`.
+    file : str
+        The path as it was given.
+    kind : str
+        ``FMU``, ``SSP``, ``SSD`` or ``OSP``.
+    standard : str or None
+        Such as ``FMI 3.0``; None where the file does not get that far.
+    ran : bool
+        Whether code of the units was run.
+    compared : list of str
+        Files of reference results whose values were compared.
+    problems, notes : list of str
+    """
+
+    file: str
+    kind: str
+    standard: str | None = None
+    ran: bool = False
+    compared: list[str] = field(default_factory=list[str])
+    problems: list[str] = field(default_factory=list[str])
+    notes: list[str] = field(default_factory=list[str])
+    format: int = FORMAT
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the report for JSON."""
+        values = asdict(self)
+        return {"format": values.pop("format"), **values}
+
+
+def check_file(path: str | os.PathLike[str], run: bool = True) -> list[str]:
+    """Return the problems of a file, every one; an empty list for none. See :func:`inspect_file`."""
+    return inspect_file(path, run).problems
+
+
+def inspect_file(path: str | os.PathLike[str], run: bool = True) -> Report:
+    """Check an FMU, an SSP, an SSD or an OSP system structure, by the ending of its name.
+
+    Parameters
+    ----------
+    path : path
+        ``.fmu``; ``.ssp``; ``.ssd`` with its resources beside it; ``.xml`` of OSP with the FMUs beside it.
+    run : bool, optional
+        Whether to make ten steps of the unit or system and to compare an FMU with the reference results that it
+        may carry (FMI-LS-REF). That runs the units' code, in a process of its own.
+
+    Raises
+    ------
+    UsageError
+        If there is no such file, or one that cannot be opened, or of another ending.
+    StorageError
+        If the temporary folder cannot be written.
+    """
+    path = Path(path)
+    suffix = path.suffix.lower()
+    _require(path, suffix)
+    try:
+        return _inspect(path, suffix, run)
+    except OSError as error:
+        raise StorageError(
+            f"{path}: was not checked: {error}. The check needs a temporary folder with free space; "
+            "TMPDIR names another one."
+        ) from error
+
+
+def _inspect(path: Path, suffix: str, run: bool) -> Report:
+    if suffix == ".fmu":
+        return _report(path, "FMU", *check_unit(path, run))
+    if suffix == ".xml":
+        return _report(path, "OSP", check_osp(path, run), "OSP system structure 0.1")
+    with temporary_folder("vdfmu_check_") as folder:
+        package = path
+        if suffix == ".ssd":
+            package = Path(folder, path.name)  # the name in messages: there is no package
+            try:
+                _pack(path, package)
+            except SspError as error:
+                return _report(path, "SSD", Findings(error.problems), None)
+        findings, standard = _check_package(package, Path(folder), run)
+        if suffix == ".ssd":
+            findings = findings.renamed(f"{path.name}: {DEFAULT}", path.name)
+    return _report(path, suffix[1:].upper(), findings, standard)
+
+
+def _report(path: Path, kind: str, findings: Findings, standard: str | None) -> Report:
+    problems, notes = (
+        list(dict.fromkeys(map(one_line, texts))) for texts in (findings.problems, findings.notes)
+    )
+    return Report(str(path), kind, standard, findings.ran, findings.compared, problems, notes)
+
+
+def _require(path: Path, suffix: str) -> None:
+    """Raise UsageError for what is no file that can be checked."""
+    if path.is_dir():
+        inside = path / DEFAULT
+        hint = f"; give {inside}" if inside.is_file() else f"; expected a file, {_ENDINGS}"
+        raise UsageError(f"{path}: is a folder{hint}.")
+    if not path.is_file():
+        raise UsageError(f"{path}: there is no such file.")
+    try:
+        with path.open("rb") as file:
+            head = file.read(4096)
+    except OSError as error:
+        raise UsageError(f"{path}: cannot be opened: {error.strerror}.") from error
+    known = suffix in (".fmu", ".ssp", ".ssd") or (suffix == ".xml" and OSP_NAMESPACE.encode() in head)
+    if not known:
+        raise UsageError(f"{path}: is not of a kind that can be checked; expected {_ENDINGS}.")
+
+
+def _check_package(path: Path, folder: Path, run: bool) -> tuple[Findings, str | None]:
+    """Check every SSD of a package, and run the default one."""
+    findings = Findings()
+    try:
+        with Archive(path, path.name) as archive:
+            findings.notes += [
+                f"entry {name!r} occurs more than once, with the same content" for name in archive.doubled
+            ]
+            names = variants(archive)
+            if DEFAULT not in names:
+                has = f"; it has {', '.join(names)}" if names else ""
+                has += "; it is an FMU, name it .fmu" if "modelDescription.xml" in archive else ""
+                return Findings([f"{path.name}: the package has no {DEFAULT!r}{has}"]), None
+            versions: dict[str, str | None] = {}
+            titles: dict[str, str | None] = {}
+            for name in names:
+                versions[name], titles[name], told = _head(archive, path.name, name)
+                findings.add(told, "" if name == DEFAULT else name)
+            findings.problems += package_faults(archive)
+            findings.notes += same_names(titles)
+    except SspError as error:
+        return Findings(error.problems), None
+    checked: set[str] = set()
+    for name, version in versions.items():
+        place = "" if name == DEFAULT else name
+        if (version or "").startswith("2"):
+            findings.add(check_ssp2(path, name, folder, run, checked), place)
+        else:
+            findings.add(check_ssp1(path, name, folder, checked), place)
+    default = versions[DEFAULT] or ""
+    if run and not default.startswith("2"):
+        if findings.problems:
+            findings.notes.append(NOT_RUN)
+        else:
+            from vdfmu.engine.check.run import run_apart
+
+            findings.add(run_apart(path, "SSP"))
+    return findings, f"SSP {default}" if default else None
+
+
+def _head(archive: Archive, label: str, name: str) -> tuple[str | None, str | None, Findings]:
+    """Return the version and name that an SSD states, None where it cannot be read, and notes on it."""
+    try:
+        root = parse_xml(archive.read(name), f"{label}: {name}")
+    except SspError:
+        return None, None, Findings()  # reported by its check
+    version = root.get("version")
+    notes: list[str] = []
+    if version and version not in ("1.0", "2.0"):
+        taken = "2.0" if version.startswith("2") else "1.0"
+        notes.append(f"the SSD states version {version!r}; it was checked as SSP {taken}")
+    for element in root.iter():
+        icon = element.get("iconSource")
+        member = posixpath.normpath(unquote(icon)) if icon else ""
+        if is_inside(member) and member not in archive:
+            notes.append(
+                f"{element.getparent().get('name') or 'the system'}: icon: the package has no {icon!r}"
+            )
+    return version, root.get("name"), Findings(notes=notes)
+
+
+def _pack(ssd: Path, package: Path) -> None:
+    """Pack an SSD with the files beside it that it names, and with those that an SSD among these names."""
+    members = {DEFAULT: ssd.read_bytes()}
+    home = ssd.parent.resolve()
+    waiting = [("", members[DEFAULT])]
+    while waiting:
+        base, text = waiting.pop()
+        for found in re.findall(rb"""source\s*=\s*["']([^"']+)["']""", text):
+            source = unquote(html.unescape(found.decode(errors="replace"))).partition("#")[0]
+            name = posixpath.normpath(posixpath.join(base, source)) if source else ""
+            if name in members or not is_inside(name):
+                continue  # what points outside is reported by the check
+            file = (home / name).resolve()
+            if len(file.name) < 256 and file.is_file() and file.is_relative_to(home):
+                members[name] = file.read_bytes()
+                if name.lower().endswith(".ssd"):
+                    waiting.append((posixpath.dirname(name), members[name]))
+    pack_zip(package, members)

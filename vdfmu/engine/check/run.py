@@ -1,0 +1,299 @@
+"""The part of a check that runs foreign code: ten steps and the reference results, in a process of their own."""
+
+from __future__ import annotations
+
+import errno
+import json
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable, Sequence
+from dataclasses import asdict
+from pathlib import Path
+from time import monotonic
+from typing import Any
+
+import fmpy
+import fmpy.fmi1
+import numpy as np
+import numpy.typing as npt
+
+from vdfmu.engine.check.findings import Findings
+from vdfmu.engine.check.reference import compare
+from vdfmu.engine.cosim.master import simulate
+from vdfmu.engine.ssp.limits import package_limit, unpack_limit
+from vdfmu.engine.ssp.read import load_ssp
+from vdfmu.engine.ssp.structure import System
+from vdfmu.errors import StorageError, VdfmuError
+from vdfmu.interrupt import listening
+from vdfmu.process import Listener, end_group
+from vdfmu.temporary import temporary_folder
+
+__all__ = ["master_of", "run_apart"]
+
+STEPS = 10
+SECONDS = 60.0
+"""Time that the short run may take, with the start of Python and the preparation of the unit."""
+NAMING = 10.0
+"""Part of it [s] before whose begin a call of a package's component must end, so that the component can be named."""
+MEMORY = 4 * 2**30
+"""Address space that the process may have [byte], on Linux; Python and fmpy take 0.3 GiB of it."""
+FILE_SIZE = 2**30
+"""Largest file that it may write [byte], on Linux and macOS."""
+_PATIENCE = 2.0
+"""Time [s] that it has, after the time limit or Ctrl-C, to end isolated components."""
+_MESSAGES = 20
+"""Most messages of a unit that are kept: the first."""
+_TEXT = 1000
+"""Most characters of one of them."""
+_ANSWER_LIMIT = 16 * 2**20
+"""Largest text of findings that is read [byte]."""
+_ANSWER = "findings.json"
+_PHASE = "phase.txt"
+_FULL = (errno.ENOSPC, errno.EDQUOT)
+_FULL_SAID = "vdfmu: no space left in the temporary folder"
+"""Last line of the error output of a process that could not write."""
+
+
+def run_apart(path: Path, kind: str = "FMU") -> Findings:
+    """Run an FMU or a package for ten steps in another process, which a foreign unit may crash or never leave.
+
+    Parameters
+    ----------
+    path : Path
+    kind : str, optional
+        ``FMU``, or ``SSP`` for a package, whatever the name of the file ends with.
+
+    Raises
+    ------
+    StorageError
+        If the temporary folder is full.
+    """
+    findings = Findings(ran=True)
+    with temporary_folder("vdfmu_check_") as folder:
+        try:
+            code, words = _contained(
+                [
+                    sys.executable,
+                    "-P",
+                    "-m",
+                    "vdfmu.engine.check.run",
+                    kind,
+                    str(path.resolve()),
+                    str(monotonic() + SECONDS - NAMING),
+                    folder,
+                    str(unpack_limit()),
+                ]
+            )
+        except OSError as error:
+            return Findings([f"{STEPS} steps could not be tried: {error}"])
+        if code is None:
+            phase = Path(folder, _PHASE)
+            what = phase.read_text(encoding="utf-8") if phase.is_file() else "the start of the process"
+            return Findings([f"{what} did not end within {SECONDS:g} s"], ran=True)
+        answer = Path(folder, _ANSWER)
+        answered = False
+        try:
+            if answer.stat().st_size > _ANSWER_LIMIT:
+                raise ValueError(f"they have more than {_ANSWER_LIMIT} bytes")
+            findings.add(Findings(**json.loads(answer.read_text(encoding="utf-8"))))
+            answered = True
+        except FileNotFoundError:
+            pass
+        except (ValueError, TypeError) as error:  # cut off, or written by the unit
+            findings.problems.append(f"the findings of the run of {STEPS} steps cannot be read: {error}")
+            answered = True
+    said = words.strip().splitlines()[-1:]
+    if code and said == [_FULL_SAID]:
+        raise StorageError(
+            f"{path.name}: the run needs a temporary folder, and {tempfile.gettempdir()} is full; "
+            "free space there, or name another folder in TMPDIR"
+        )
+    if code:
+        how = f"signal {-code}" if code < 0 else f"exit code {code}"
+        findings.problems.append(
+            f"the process crashed ({how}) in a run of {STEPS} steps{''.join(f': {s}' for s in said)}"
+        )
+    elif not answered:
+        findings.problems.append(f"the unit ended the process in a run of {STEPS} steps")
+    return findings
+
+
+def _contained(command: Sequence[str]) -> tuple[int | None, str]:
+    """Run a process that may do anything; its children end with it.
+
+    Returns
+    -------
+    int or None
+        Its exit code; None if it did not end in time.
+    str
+        The end of its error output: no more is kept.
+    """
+    process = subprocess.Popen(
+        command, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE,
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
+        start_new_session=os.name == "posix",
+    )  # fmt: skip
+    assert process.stderr is not None
+    listener = Listener(process.stderr)
+    try:
+        code = process.wait(SECONDS)
+    except subprocess.TimeoutExpired:
+        code = None
+    finally:
+        end_group(process, _PATIENCE)
+        process.wait()
+    return code, listener.finish()
+
+
+def _limit() -> None:
+    """Limit what this process may take, before foreign code runs in it."""
+    if sys.platform == "win32":
+        return
+    import resource
+
+    for kind, size in (
+        (resource.RLIMIT_AS, MEMORY),
+        (resource.RLIMIT_FSIZE, FILE_SIZE),
+        (resource.RLIMIT_CORE, 0),
+    ):
+        _, most = resource.getrlimit(kind)
+        size = size if most == resource.RLIM_INFINITY else min(size, most)
+        try:
+            resource.setrlimit(kind, (size, size))
+        except (OSError, ValueError):  # macOS has no limit of the address space
+            continue
+
+
+def _run_unit(path: Path, phase: Callable[[str], None]) -> Findings:
+    """Make ten steps of an FMU, then compare with the reference results that it carries."""
+    messages: list[str] = []
+
+    def note(status: int, message: bytes | str) -> None:
+        if status not in (0, 1) and len(messages) <= _MESSAGES:
+            text = message if isinstance(message, str) else message.decode(errors="replace")
+            text = text if len(text) <= _TEXT else f"{text[:_TEXT]} ... ({len(text) - _TEXT} characters more)"
+            messages.append(text if len(messages) < _MESSAGES else f"more than {_MESSAGES} messages")
+
+    def logger(_environment: int, _instance: bytes, status: int, _category: bytes, message: bytes) -> None:
+        note(status, message)
+
+    def logger_3(_environment: int, status: int, _category: bytes, message: bytes) -> None:
+        note(status, message)
+
+    description = fmpy.read_model_description(str(path), validate=False)
+    if description.coSimulation is None and description.modelExchange is None:
+        return Findings(notes=["not run: it has neither co-simulation nor model exchange"])
+    experiment = description.defaultExperiment
+    start = float(experiment.startTime) if experiment and experiment.startTime else 0.0
+    step = float(experiment.stepSize) if experiment and experiment.stepSize else 1e-3
+    try:
+        results = fmpy.simulate_fmu(
+            str(path),
+            validate=False,  # its problems are known by now
+            start_time=start,
+            stop_time=start + STEPS * step,
+            output_interval=step,
+            logger=logger_3 if (description.fmiVersion or "").startswith("3") else logger,
+            debug_logging=True,
+            remote_platform=None,  # pyright: ignore[reportArgumentType]  # None: never another process
+        )
+    except Exception as error:  # whatever a foreign unit does, it is reported
+        if isinstance(error, OSError) and error.errno in _FULL:
+            raise
+        return Findings([f"{STEPS} steps of {step:g} s failed: {'; '.join([*messages, str(error)])}"])
+    if messages:
+        return Findings([f"{STEPS} steps of {step:g} s gave: {message}" for message in messages])
+    findings = Findings()
+    kind = description.coSimulation or description.modelExchange
+    if kind is not None and kind.canBeInstantiatedOnlyOncePerProcess:
+        findings.notes.append(
+            "reference results not compared: the unit can be instantiated only once per process"
+        )
+    else:
+        phase("the comparison with the reference results")
+        findings = compare(path)
+    findings.notes += _not_finite(results)
+    return findings
+
+
+def _refuse_negative_statuses() -> None:
+    """Have fmpy raise for a status below 0, which it takes for none, as it does for one that is too large."""
+    base: Any = fmpy.fmi1._FMU  # pyright: ignore[reportPrivateUsage]
+    plain = base._call
+
+    def call(fmu: Any, name: str, *arguments: Any) -> Any:
+        status = plain(fmu, name, *arguments)
+        if isinstance(status, int) and status < 0:
+            raise fmpy.fmi1.FMICallException(function=name, status=status)
+        return status
+
+    base._call = call
+
+
+def _not_finite(results: npt.NDArray[Any]) -> list[str]:
+    """Return a note on each signal of a run that is not finite all the time, with its first time."""
+    notes: list[str] = []
+    for name in (results.dtype.names or ())[1:]:
+        rows = results[name].reshape(len(results), -1)
+        bad = np.argwhere(~np.isfinite(rows)) if rows.dtype.kind == "f" else np.empty((0, 2), int)
+        for row, column in bad[:1]:
+            notes.append(
+                f"{name} is {rows[row, column]} at t = {results['time'][row]:.9g} s, inputs at their start values; "
+                "a co-simulation that reads or records it ends there"
+            )
+    return notes
+
+
+def master_of(system: System) -> str:
+    """Return the master algorithm of a system, else jacobi: it steps whatever there is, loops too."""
+    return system.experiment.algorithm or "jacobi"
+
+
+def _run_system(path: Path, deadline: float) -> Findings:
+    """Make ten steps of a system; at `deadline`, of `monotonic`, a call that began with the run is ended."""
+    system = load_ssp(path)
+    experiment = system.experiment
+    start = experiment.start or 0.0
+    step = experiment.step or 1e-3
+    if experiment.stop is not None:
+        step = min(step, (experiment.stop - start) / STEPS)
+    try:
+        with listening(signal.SIGTERM):  # the time limit, or Ctrl-C: the components are in another session
+            simulate(
+                system, start=start, stop=start + STEPS * step, step=step, algorithm=master_of(system),
+                ignore_unmatched=True, log=lambda message: None, isolate=True,
+                time_limit=max(1.0, round(deadline - monotonic(), 1)),
+            )  # fmt: skip
+    except (VdfmuError, OSError) as error:
+        if isinstance(error, OSError) and error.errno in _FULL:
+            raise
+        return Findings([f"{STEPS} steps of {step:g} s failed: {error}"])
+    return Findings()
+
+
+def _main(kind: str, path: str, deadline: str, folder: str, unpacked: str) -> None:
+    tempfile.tempdir = folder  # what a crash leaves there goes with the folder
+
+    def phase(what: str) -> None:
+        Path(folder, _PHASE).write_text(what, encoding="utf-8")
+
+    try:
+        _limit()
+        _refuse_negative_statuses()
+        phase(f"a run of {STEPS} steps")
+        with package_limit(int(unpacked)):
+            findings = (
+                _run_system(Path(path), float(deadline)) if kind == "SSP" else _run_unit(Path(path), phase)
+            )
+        Path(folder, _ANSWER).write_text(json.dumps(asdict(findings)), encoding="utf-8")
+    except OSError as error:
+        if error.errno not in _FULL:
+            raise
+        sys.exit(_FULL_SAID)
+
+
+if __name__ == "__main__":
+    _main(*sys.argv[1:])

@@ -1,0 +1,19 @@
+"""The co-simulation master: checks and runs any SSP 1.0 of FMI 2.0 co-simulation units."""
+
+from vdfmu.engine.algorithms import ALGORITHMS
+from vdfmu.engine.cosim.check import check_system
+from vdfmu.engine.cosim.checked import Checked
+from vdfmu.engine.cosim.component import LogMessage
+from vdfmu.engine.cosim.master import Interrupted, simulate
+from vdfmu.engine.cosim.results import Results, Signal
+
+__all__ = [
+    "ALGORITHMS",
+    "Checked",
+    "Interrupted",
+    "LogMessage",
+    "Results",
+    "Signal",
+    "check_system",
+    "simulate",
+]

@@ -1,0 +1,385 @@
+"""Everything that can be said about a system before it runs: all problems at once."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
+
+from vdfmu.engine.algorithms import ALGORITHMS
+from vdfmu.engine.cosim.abilities import check_abilities
+from vdfmu.engine.cosim.checked import Checked
+from vdfmu.engine.cosim.conversion import Conversion, Value, as_type, compose
+from vdfmu.engine.cosim.description import Description, Variable, inspect_description, limit_fault
+from vdfmu.engine.cosim.feed import feed_inputs
+from vdfmu.engine.cosim.inputs import Table
+from vdfmu.engine.cosim.link import SOURCE, Link, Port
+from vdfmu.engine.cosim.schedule import choose_schedule
+from vdfmu.engine.ssp.archive import Archive
+from vdfmu.engine.ssp.structure import Component, Parameter, System, Unit, spread
+from vdfmu.errors import SspError, UsageError
+
+_PAIRS = {("output", "input"), ("calculatedParameter", "parameter"), ("calculatedParameter", "input")}
+
+
+def check_system(
+    system: System,
+    parameters: Mapping[str, Value] | None = None,
+    *,
+    inputs: Sequence[Table] = (),
+    algorithm: str | None = None,
+    repeats: bool = False,
+    strict: bool = False,
+    ignore_unmatched: bool = False,
+) -> Checked:
+    """Check a system against its FMUs and prepare its run.
+
+    Parameters
+    ----------
+    system : System
+    parameters : mapping of str to value, optional
+        Values of ``component.variable``, in the unit of the FMU; without an index, of all ``component.variable[...]``:
+        one value, or a list or array with one for each. They win over those of the package.
+    inputs : sequence of Table
+        Signals for inputs that nothing is connected to.
+    algorithm : str, optional
+        One of `vdfmu.engine.cosim.ALGORITHMS`; default as `vdfmu.engine.cosim.schedule.choose_schedule` has it.
+    repeats : bool
+        Whether steps may be repeated and vary, so that units must save and restore their state.
+    strict : bool
+        Makes an input that has neither a connection nor a bound value a problem instead of a note.
+    ignore_unmatched : bool
+        Makes a bound parameter that no variable matches a note, as SSP 1.0 has it. By default it is a
+        problem, because it is nearly always a misspelling.
+
+    Returns
+    -------
+    Checked
+
+    Raises
+    ------
+    SspError
+        With all problems: of the wiring, connectors, types, units, parameters, FMUs and algebraic loops.
+    UsageError
+        An unknown algorithm, `inputs` that fit no free input, or `parameters` that name something unknown, not settable
+        or of another type.
+    """
+    if algorithm not in (None, *ALGORITHMS):
+        raise UsageError(f"unknown algorithm {algorithm!r}; there are {', '.join(ALGORITHMS)}")
+    checker = _Checker(system, strict, ignore_unmatched)
+    checker.read()
+    links = checker.link()
+    known = {
+        c.name: checker.descriptions[c.name] for c in system.components if c.name in checker.descriptions
+    }
+    feed, wrong = feed_inputs(inputs, known, links, checker.port_unit, system.units)
+    if wrong and not checker.problems:
+        raise UsageError("\n".join(wrong))
+    if feed is not None:
+        links += feed.links
+        checker.notes += feed.notes
+    checker.inputs(links)
+    starts = checker.start_values()
+    # start values of inputs in parameter sets are common, and worth no word
+    fixed = {link.end: link.start for link in links if not link.stepped}
+    for name, values in starts.items():
+        checker.notes += _fed(name, values, fixed, "the value of the parameter set")
+    sources = known if feed is None else {**known, SOURCE: feed.description}
+    algorithm, schedule, loops, notes = choose_schedule(sources, links, algorithm)
+    if feed is not None:
+        blocks = tuple(block for block in schedule.blocks if SOURCE not in block)
+        schedule = replace(schedule, units=tuple(u for u in schedule.units if u != SOURCE), blocks=blocks)
+    checker.problems += loops
+    checker.notes += notes
+    for loop in dict.fromkeys(schedule.initial.loops):
+        checker.notes.append(f"algebraic loop during initialization, solved: {loop}")
+    problems, notes = check_abilities(known, links, schedule, algorithm, repeats)
+    checker.problems += problems
+    checker.notes += notes
+    if checker.problems:
+        raise SspError(list(dict.fromkeys(checker.problems)))
+    fed = {link.end: link.start for link in links}
+    for name, values in _overrides(known, parameters or {}).items():
+        starts.setdefault(name, {}).update(values)
+        checker.notes += _fed(name, values, fed, "the value that was given")
+    return Checked(
+        system=system,
+        descriptions=known,
+        links=tuple(links),
+        algorithm=algorithm,
+        schedule=schedule,
+        starts={name: list(values.values()) for name, values in starts.items()},
+        notes=tuple(checker.notes),
+        feed=feed,
+    )
+
+
+Starts = dict[str, dict[str, tuple[Variable, Value]]]
+
+
+class _Checker:
+    def __init__(self, system: System, strict: bool, ignore_unmatched: bool) -> None:
+        self.system = system
+        self.strict = strict
+        self.problems = list(system.problems)
+        self.notes = list(system.notes)
+        self.descriptions: dict[str, Description] = {}
+        self.ignore_unmatched = ignore_unmatched
+        for text in system.unmatched:
+            self._unmatched(text)
+
+    def _unmatched(self, text: str) -> None:
+        if self.ignore_unmatched:
+            self.notes.append(f"{text}; the value is ignored")
+        else:
+            way = "ignore_unmatched, 'vdfmu simulate --ignore-unmatched'"
+            self.problems.append(f"{text}; correct the name, or have it ignored: {way}")
+
+    def read(self) -> None:
+        """Read the FMUs and check the connectors against their variables."""
+        if not self.system.components:
+            self.problems.append(f"{self.system.path.name}: the system has no components")
+        read: dict[tuple[str, str], Description | None] = {}
+        with Archive(self.system.path, self.system.path.name) as archive:
+            for component in self.system.components:
+                if not component.source:
+                    continue  # among the system's problems
+                key = component.source, component.implementation
+                if key not in read:
+                    try:
+                        with archive.opened(component.source, component.source) as unit:
+                            read[key], problems = inspect_description(unit, *key)
+                    except SspError as error:
+                        read[key], problems = None, error.problems
+                    self.problems += [f"{component.name}: {problem}" for problem in problems]
+                description = read[key]
+                if description is not None:
+                    self.descriptions[component.name] = description
+                    self._connectors(component, description)
+        self._same_names()
+        users: dict[str, list[str]] = {}
+        for name, description in self.descriptions.items():
+            if description.once_per_process:
+                users.setdefault(description.source, []).append(name)
+        for source, names in users.items():
+            if len(names) > 1:
+                self.problems.append(
+                    f"{', '.join(names)}: {source} can be instantiated only once per process"
+                )
+
+    def _same_names(self) -> None:
+        """Note variables of two components that have one dotted name; the results show one of them."""
+        for name, description in self.descriptions.items():
+            parts = name.split(".")
+            for i in range(1, len(parts)):
+                outer = self.descriptions.get(".".join(parts[:i]))
+                for variable in description.variables if outer is not None else ():
+                    full = ".".join((*parts, variable))
+                    if outer is not None and ".".join((*parts[i:], variable)) in outer.variables:
+                        self.notes.append(
+                            f"{full}: two variables have this name, of {'.'.join(parts[:i])} and of {name}; "
+                            "rename a component to tell them apart"
+                        )
+
+    def _connectors(self, component: Component, description: Description) -> None:
+        for connector in component.connectors.values():
+            where = f"{component.name}.{connector.name}"
+            variable = description.variables.get(connector.name)
+            if variable is None:
+                self.problems.append(
+                    f"{where}: {description.source} has no such variable"
+                    + _hint(connector.name, description.variables)
+                )
+                continue
+            if connector.kind != variable.causality:
+                self.problems.append(
+                    f"{where}: the SSD declares kind {connector.kind!r}, the FMU causality "
+                    f"{variable.causality!r}"
+                )
+            if connector.type is not None and connector.type != variable.type:
+                self.problems.append(
+                    f"{where}: the SSD declares type {connector.type}, the FMU {variable.type}"
+                )
+            elif connector.unit and variable.unit is not None:
+                declared = self._unit(connector.unit)
+                if not declared.same_as(variable.unit):
+                    self.problems.append(
+                        f"{where}: unit mismatch, the SSD declares {declared.name!r} ({_full(declared)}), "
+                        f"the FMU {variable.unit.name!r} ({_full(variable.unit)})"
+                    )
+
+    def _unit(self, name: str) -> Unit:
+        return self.system.units.get(name, Unit(name))
+
+    def port_unit(self, port: Port, variable: Variable) -> Unit | None:
+        """Return the unit of the FMU, else the one that the SSD declares for the connector."""
+        if variable.unit is not None:
+            return variable.unit
+        connector = self.system.component(port[0]).connectors.get(port[1])
+        return self._unit(connector.unit) if connector is not None and connector.unit else None
+
+    def link(self) -> list[Link]:
+        """Check every connection."""
+        links: list[Link] = []
+        for connection in self.system.connections:
+            ends = [
+                self.descriptions[unit].variables.get(name) if unit in self.descriptions else None
+                for unit, name in (connection.start, connection.end)
+            ]
+            source, sink = ends
+            if source is None or sink is None:
+                continue  # reported with the connectors
+            where = f"connection {connection}"
+            types = [source.type, *(h.type for h in connection.hops[:-1] if h.type), sink.type]
+            if len(set(types)) > 1:
+                self.problems.append(f"{where}: type mismatch, {' to '.join(types)}")
+                continue
+            if (source.causality, sink.causality) not in _PAIRS:
+                self.problems.append(
+                    f"{where}: direction error, it joins {source.causality} and {sink.causality}"
+                )
+                continue
+            if sink.causality == "parameter" and not (sink.settable and sink.variability != "constant"):
+                self.problems.append(f"{where}: parameter {'.'.join(connection.end)} is not settable")
+            try:
+                conversion = compose(
+                    connection.hops,
+                    self.port_unit(connection.start, source),
+                    self.port_unit(connection.end, sink),
+                    source.type,
+                    self.system.units,
+                    sink.relative,
+                    (source.items, sink.items),
+                )
+            except ValueError as error:
+                self.problems.append(f"{where}: {error}")
+                conversion = Conversion()
+            stepped = source.causality == "output"
+            links.append(Link(connection.start, connection.end, source, sink, conversion, stepped))
+        return links
+
+    def inputs(self, links: Sequence[Link]) -> None:
+        """Report the inputs that nothing feeds."""
+        fed = {c.end for c in self.system.connections} | {link.end for link in links}
+        bound = {(p.component, p.name) for c in self.system.components for p in c.parameters}
+        report = self.problems if self.strict else self.notes
+        for name, description in self.descriptions.items():
+            for variable in description.named("input"):
+                if (name, variable.name) not in fed | bound:
+                    report.append(f"{name}.{variable.name}: input is not connected and keeps its start value")
+
+    def start_values(self) -> Starts:
+        """Check the bound parameters and convert them to the units of the FMUs."""
+        starts: Starts = {}
+        for component in self.system.components:
+            description = self.descriptions.get(component.name)
+            for parameter in component.parameters if description is not None else ():
+                where = f"{component.name}: parameter {parameter.name!r} ({parameter.origin})"
+                assert description is not None
+                variable = description.variables.get(parameter.name)
+                if variable is None:
+                    if not any(self._exists(*place) for place in parameter.elsewhere):
+                        self._unmatched(
+                            f"{where}: {description.source} has no such variable"
+                            + _hint(parameter.name, description.variables)
+                        )
+                elif not variable.settable:
+                    self.problems.append(f"{where}: {_why_not(variable)}")
+                else:
+                    try:
+                        value = self._converted(parameter, variable)
+                        if not isinstance(value, str) and (fault := limit_fault(value, variable.limits)):
+                            raise ValueError(fault)
+                    except ValueError as error:
+                        self.problems.append(f"{where}: {error}")
+                        continue
+                    starts.setdefault(component.name, {})[variable.name] = (variable, value)
+        return starts
+
+    def _exists(self, component: str, name: str) -> bool:
+        """Whether a component has a variable; connectors of systems exist."""
+        description = self.descriptions.get(component)
+        return description is None or name in description.variables
+
+    def _converted(self, parameter: Parameter, variable: Variable) -> Value:
+        value, hops = parameter.value, parameter.hops
+        if isinstance(value, str) and variable.type == "Enumeration":  # mapped by the names of its items
+            for hop in hops:
+                if hop.transformation is not None and hop.transformation.kind == "enumeration":
+                    value = hop.transformation.names.get(value, value)
+            hops = ()
+        value = as_type(value, variable, exact=parameter.type)
+        unit = self.port_unit((parameter.component, parameter.name), variable)
+        conversion = compose(
+            hops, parameter.unit, unit, variable.type, self.system.units, variable.relative,
+            (variable.items, variable.items),
+        )  # fmt: skip
+        if conversion.table is not None:
+            return as_type(conversion.table.get(int(value), int(value)), variable)
+        if isinstance(value, float) and not conversion.trivial:
+            return conversion.factor * value + conversion.offset
+        return value
+
+
+def _overrides(descriptions: Mapping[str, Description], parameters: Mapping[str, Value]) -> Starts:
+    """Resolve ``component.variable`` names given by the user; one without an index stands for all elements."""
+    starts: Starts = {}
+    problems: list[str] = []
+    for full, value in parameters.items():
+        owners = [name for name in descriptions if full.startswith(name + ".")]
+        if not owners:
+            problems.append(
+                f"parameter {full!r}: no component of that name; there are {', '.join(descriptions)}"
+            )
+            continue
+        wanted = {
+            owner: named
+            for owner in owners
+            if (named := _named(descriptions[owner].variables, full[len(owner) + 1 :]))
+        }
+        if not wanted:
+            owner = max(owners, key=len)
+            name = full[len(owner) + 1 :]
+            whole = dict.fromkeys(v.partition("[")[0] for v in descriptions[owner].variables)
+            problems.append(f"parameter {full!r}: {owner} has no variable {name!r}" + _hint(name, whole))
+        for owner, named in wanted.items():
+            try:
+                for one, element in zip(named, spread(value, named), strict=True):
+                    variable = descriptions[owner].variables[one]
+                    if not variable.settable:
+                        raise ValueError(_why_not(variable))
+                    starts.setdefault(owner, {})[one] = (variable, as_type(element, variable))
+            except ValueError as error:
+                problems.append(f"parameter {full!r}: {error}")
+    if problems:
+        raise UsageError("\n".join(problems))
+    return starts
+
+
+def _named(variables: Mapping[str, Variable], name: str) -> list[str]:
+    return [name] if name in variables else [v for v in variables if v.startswith(f"{name}[")]
+
+
+def _fed(name: str, values: Iterable[str], sources: Mapping[Port, Port], what: str) -> list[str]:
+    """Return the notes on values of variables of a component that a connection feeds, by what feeds each."""
+    return [
+        f"{name}.{variable}: {what} has no effect; it is that of {'.'.join(sources[name, variable])}, which feeds it"
+        for variable in values
+        if (name, variable) in sources
+    ]
+
+
+def _why_not(variable: Variable) -> str:
+    text = f"is not settable: causality {variable.causality}, variability {variable.variability}"
+    return text + (f", initial {variable.initial}" if variable.initial else "")
+
+
+def _hint(name: str, known: Mapping[str, object]) -> str:
+    close = difflib.get_close_matches(name, known, n=3)
+    return f"; did you mean {', '.join(close)}?" if close else ""
+
+
+def _full(unit: Unit) -> str:
+    factor, offset = (repr(value).removesuffix(".0") for value in (unit.factor, unit.offset))
+    scale = f", factor {factor}, offset {offset}"
+    return unit.dimension + (scale if (unit.factor, unit.offset) != (1.0, 0.0) else "")

@@ -1,0 +1,51 @@
+"""A system that can be run."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from vdfmu.engine.cosim.conversion import Value
+from vdfmu.engine.cosim.description import Description, Variable
+from vdfmu.engine.cosim.feed import Feed
+from vdfmu.engine.cosim.link import SOURCE, Link
+from vdfmu.engine.cosim.schedule import Schedule
+from vdfmu.engine.ssp.structure import System
+
+__all__ = ["Checked"]
+
+
+@dataclass(frozen=True)
+class Checked:
+    """A system that can be run.
+
+    Attributes
+    ----------
+    descriptions : mapping of str to Description
+        By component name, in the order of the SSD.
+    links : tuple of Link
+        With those from the signals of `feed`.
+    algorithm : str
+        The master algorithm that `schedule` is for.
+    schedule : Schedule
+    starts : mapping of str to list of (Variable, value)
+        What to set in each component before initialization, in the units of the FMU.
+    notes : tuple of str
+        Notes, not errors: inputs that nothing feeds, for example.
+    feed : Feed or None
+        Signals from outside.
+    """
+
+    system: System
+    descriptions: Mapping[str, Description]
+    links: tuple[Link, ...]
+    algorithm: str
+    schedule: Schedule
+    starts: Mapping[str, Sequence[tuple[Variable, Value]]]
+    notes: tuple[str, ...]
+    feed: Feed | None = None
+
+    @property
+    def sources(self) -> Mapping[str, Description]:
+        """All that has outputs: the components, and after them the signals from outside."""
+        return {**self.descriptions, **({SOURCE: self.feed.description} if self.feed else {})}

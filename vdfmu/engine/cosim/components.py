@@ -1,0 +1,117 @@
+"""The components of one run in this process: loading, initialization, coupling, freeing."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vdfmu.engine.algorithms import CONTINUOUS
+from vdfmu.engine.cosim.checked import Checked
+from vdfmu.engine.cosim.component import LogMessage, MessageBox, Slave, Watch
+from vdfmu.engine.cosim.continuous import ContinuousStepper
+from vdfmu.engine.cosim.exchange import Exchange, SampledStepper
+from vdfmu.errors import CosimError
+from vdfmu.interrupt import InterruptGuard
+
+__all__ = ["CONVERGENCE", "Components"]
+
+CONVERGENCE = 1e-8
+"""Default relative change at which repetitions end."""
+
+
+class Components:
+    """The components of one run.
+
+    Parameters
+    ----------
+    checked : Checked
+    folders : mapping of str to Path
+        Where the FMUs are unpacked, by source.
+    box : MessageBox
+    words : array, optional
+        Memory of the exchange; see `Exchange`.
+    watch : callable, optional
+        Around all that runs code of an FMU; see `Slave`.
+    """
+
+    def __init__(
+        self,
+        checked: Checked,
+        folders: Mapping[str, Path],
+        box: MessageBox,
+        words: NDArray[np.float64] | None = None,
+        watch: Watch | None = None,
+    ) -> None:
+        self.checked, self.folders, self.box = checked, folders, box
+        self.slaves: dict[str, Slave] = {}
+        self.exchange = Exchange(checked, self.slaves, box, words)
+        self._watch = watch
+        self._stepper: SampledStepper | ContinuousStepper | None = None
+
+    def load(self) -> None:
+        """Load the libraries and create the instances."""
+        corrupt: set[str] = set()
+        for name, description in self.checked.descriptions.items():
+            folder = self.folders[description.source]
+            self.slaves[name] = Slave(name, description, folder, self.box, corrupt, self._watch)
+            with InterruptGuard():  # of which units written in Python would make an error
+                self.slaves[name].instantiate()
+
+    def initialize(
+        self, begin: float, end: float, tolerance: float | None, convergence: float = CONVERGENCE
+    ) -> None:
+        """Take all through initialization; leaves the outputs at `begin` in the exchange."""
+        self.box.time = begin
+        with InterruptGuard():
+            for name, slave in self.slaves.items():
+                slave.setup(tolerance, begin, end)
+                slave.set_all(list(self.checked.starts.get(name, ())))
+            for slave in self.slaves.values():
+                slave.call("EnterInitializationMode")
+            self.exchange.initialize(begin, convergence)
+            for slave in self.slaves.values():
+                slave.call("ExitInitializationMode")
+                slave.stage = "initialized"
+            self.exchange.read_outputs()
+        self.box.flush()
+
+    def couple(
+        self, adaptive: float | None, convergence: float | None, span: float, record: Sequence[str] | None
+    ) -> SampledStepper | ContinuousStepper:
+        """Return what steps them, with the algorithm of `checked`; parameters as of `simulate`."""
+        if self.checked.algorithm in CONTINUOUS:
+            self._stepper = ContinuousStepper(
+                self.exchange,
+                self.box,
+                repeat=self.checked.algorithm == "iterative",
+                convergence=convergence or (CONVERGENCE if adaptive is None else 0.01 * adaptive),
+                error=adaptive,
+                span=span,
+            )
+        else:
+            self._stepper = SampledStepper(self.exchange)
+        return self._stepper
+
+    def close(self) -> CosimError | None:
+        """Terminate and free them all; return the first failure in that. The others are messages."""
+        failures: list[CosimError] = []
+        try:
+            if isinstance(self._stepper, ContinuousStepper):
+                self._stepper.close()
+        except CosimError as error:
+            failures.append(error)
+        failures += [
+            error for error in [slave.close() for slave in self.slaves.values()] if error is not None
+        ]
+        for error in failures[1:]:
+            self.box.pending.append(failure_message(error))
+        self.box.flush()
+        return failures[0] if failures else None
+
+
+def failure_message(error: CosimError) -> LogMessage:
+    """Return a failure as a message."""
+    return LogMessage("", error.time, "error", "", str(error))

@@ -1,0 +1,212 @@
+"""The plan of a continuous coupling: units with inputs that run on lines, in blocks that depend on themselves."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from ctypes import byref, c_double, c_int, c_size_t, c_uint
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vdfmu.engine.cosim.bank import Bank, Call, component_argument
+from vdfmu.engine.cosim.broyden import Broyden
+from vdfmu.engine.cosim.component import Slave
+from vdfmu.engine.cosim.exchange import Exchange
+from vdfmu.engine.cosim.link import SOURCE
+
+__all__ = ["Block", "Coupled", "Unit"]
+
+Floats = NDArray[np.float64]
+Indices = NDArray[np.intp]
+
+
+@dataclass
+class Unit:
+    """One unit: its calls and its real inputs, which are windows of one array each."""
+
+    slave: Slave
+    gathers: list[Callable[[], None]]
+    parts: list[tuple[Floats, list[Call]]]
+    """The equal parts of a step: where on the line through the whole step each input begins, and the calls. It is 0 for
+    an input that runs; any other stays there."""
+    inputs: Floats
+    """What is set before a part."""
+    starts: Floats
+    ends: Floats
+    slopes: Floats
+    held: Indices
+    """Those that keep their value at the start of the step."""
+
+
+@dataclass
+class Block:
+    """Units that depend on each other, in the order of their steps; or a unit alone.
+
+    `torn` are the continuous outputs that a unit of the block reads before they are computed: those that are guessed.
+    """
+
+    units: list[Unit]
+    torn: Indices
+    stepwise: list[tuple[NDArray[Any], NDArray[Any], Indices]]
+    """Of each type: outputs, those at the start of the step, and which are discrete."""
+    solver: Broyden = field(default_factory=Broyden)
+
+
+class Coupled:
+    """What a step works on: memory of inputs and outputs, and the units in the order of their steps.
+
+    Attributes
+    ----------
+    outputs : array [all real outputs], the latest
+    inputs : array [all connected real inputs], as they are set
+    starts, ends, slopes : array
+        Of the real inputs: at the start and the end of the step, and what the units are told of the way between.
+    begun : list of array
+        Outputs at the start of the step, of each type.
+    waiting : dict of type to array
+        Inputs at the start of the step, of the other types.
+    discrete : array of bool
+        Which real outputs change at communication points only.
+    lines : array of int
+        Real outputs of which a step uses the line from start to end.
+    passing : array of bool
+        Which of `lines` depend directly on an input.
+    switches : list of (array, array, array of int)
+        Of each type: outputs, those at the start of the step, and which of them are read and discrete.
+    blocks : list of Block
+    """
+
+    def __init__(self, exchange: Exchange) -> None:
+        self.exchange = exchange
+        bank = self.bank = exchange.banks[0]
+        self.outputs, self.inputs = bank.outputs, bank.inputs
+        n = len(bank.links)
+        self.starts, self.ends, self.slopes = np.zeros(n), np.zeros(n), np.zeros(max(n, 1))
+        self._rates = (c_double * self.slopes.size).from_buffer(self.slopes)  # pyright: ignore[reportArgumentType]
+        variables = [v for _, v in bank.variables[: bank.outputs.size]]
+        self.discrete = np.array([v.variability == "discrete" for v in variables], bool)
+        self.nominal = np.array([v.size for v in variables])
+        self.begun = [each.outputs.copy() for each in exchange.banks]
+        self.waiting = {each.kind: np.zeros_like(each.inputs) for each in exchange.banks[1:]}
+        self._gathers = [each.gather(slice(0, len(each.links))) for each in exchange.banks]
+        self.blocks = self._cut([self._unit(name) for name in exchange.checked.schedule.units])
+        lines = {bank.position[k.start] for k in bank.links if not k.discrete and k.start[0] != SOURCE}
+        self.lines = np.array(sorted(lines), np.intp)
+        direct = {bank.position[port] for port in exchange.checked.schedule.direct if port in bank.position}
+        self.passing = np.isin(self.lines, list(direct))
+        self.switches: list[tuple[NDArray[Any], NDArray[Any], Indices]] = []
+        for each, before in zip(exchange.banks, self.begun, strict=True):
+            read = {each.position[k.start] for k in each.links if k.discrete and k.start[0] != SOURCE}
+            read -= set() if each is not bank else set(np.flatnonzero(~self.discrete))
+            self.switches.append((each.outputs, before, np.array(sorted(read), np.intp)))
+
+    def begin(self) -> None:
+        """Keep the outputs and the inputs at the start of a step."""
+        for bank, before in zip(self.exchange.banks, self.begun, strict=True):
+            np.copyto(before, bank.outputs)
+        for bank, gather in zip(self.exchange.banks, self._gathers, strict=True):
+            if gather is not None:
+                gather()
+                np.copyto(self.waiting.get(bank.kind, self.starts), bank.inputs)
+
+    def undo(self) -> None:
+        """Bring the outputs at the start of the step back."""
+        for bank, before in zip(self.exchange.banks, self.begun, strict=True):
+            np.copyto(bank.outputs, before)
+
+    def _unit(self, name: str) -> Unit:
+        exchange, bank = self.exchange, self.bank
+        slave, window, calls = exchange.slaves[name], bank.input_windows[name], exchange.calls(name)
+        moving = slave.description.interpolates_inputs
+        if moving and window.stop > window.start:
+            calls.insert([call[-1] for call in calls].index("doStep"), self._rate_call(slave, window))
+        # An input that cannot run is needed at the end of the step if an output depends on it directly. Any other is
+        # integrated: the middle of a line has the line's integral, and a discrete one stays as it is at the start.
+        schedule = exchange.checked.schedule
+        gathers = [self._gather_of(each, name) for each in exchange.banks]
+        links = bank.links[window]
+        through = [not k.discrete and not moving and k.end in schedule.through for k in links]
+        hold = np.array([
+            1.0 if k.discrete or needed else 0.0 if moving else 0.5 for k, needed in zip(links, through, strict=True)
+        ])  # fmt: skip
+        parts = [(hold, calls)]
+        if any(through) and slave.description.varies_steps:
+            # The unit may integrate such an input, too. Half the step with the value at the start and half with that
+            # at the end have the integral of the line, and end with the value at the end.
+            gets = [call for call in calls if call[-1].startswith("get")]
+            first = np.array([1.0 if k.discrete else 0.0 for k in links])
+            parts = [(first, calls[: len(calls) - len(gets)]), (np.ones(len(links)), calls)]
+        held = [i for i, k in enumerate(links) if k.discrete and k.end not in schedule.fresh]
+        return Unit(
+            slave, [gather for gather in gathers if gather is not None], parts,
+            self.inputs[window], self.starts[window], self.ends[window], self.slopes[window],
+            np.array(held, np.intp),
+        )  # fmt: skip
+
+    def _gather_of(self, bank: Bank, name: str) -> Callable[[], None] | None:
+        """Return the function that brings a unit's inputs of one type up to date.
+
+        Discrete ones wait for the next step; reals of them in the sweep.
+        """
+        window = bank.input_windows[name]
+        gather = bank.gather(window)
+        fresh = self.exchange.checked.schedule.fresh
+        held = np.array([i for i, k in enumerate(bank.links[window]) if k.end not in fresh], np.intp)
+        if gather is None or bank is self.bank or not held.size:
+            return gather
+        inputs, starts = bank.inputs[window], self.waiting[bank.kind][window]
+
+        def some() -> None:
+            gather()
+            inputs[held] = starts[held]
+
+        return some
+
+    def _rate_call(self, slave: Slave, window: slice) -> Call:
+        """Return the call that gives the first derivatives of a unit's inputs."""
+        bank = self.bank
+        n = window.stop - window.start
+        first = bank.outputs.size + window.start
+        references = (c_uint * n)(*(v.reference for _, v in bank.variables[first : first + n]))
+        orders = (c_int * n)(*([1] * n))
+        function = slave.function("fmi2SetRealInputDerivatives")
+
+        def call(component: Any, references: Any, count: Any, values: Any) -> int:
+            return function(component, references, count, orders, values)
+
+        values = byref(self._rates, self.slopes.itemsize * window.start)
+        return (
+            call,
+            component_argument(slave),
+            references,
+            c_size_t.from_param(n),
+            values,
+            "setRealInputDerivatives",
+        )
+
+    def _cut(self, units: list[Unit]) -> list[Block]:
+        """Put the units of each loop into a block, with the outputs to be guessed."""
+        by_name = {unit.slave.name: unit for unit in units}
+        position = self.bank.position
+        blocks: list[Block] = []
+        for names in self.exchange.checked.schedule.blocks:
+            rank = {name: i for i, name in enumerate(names)}
+            torn = {
+                position[k.start]
+                for k in self.bank.links
+                if k.start[0] in rank
+                and k.end[0] in rank
+                and rank[k.start[0]] >= rank[k.end[0]]
+                and not k.discrete
+            }
+            stepwise: list[tuple[NDArray[Any], NDArray[Any], Indices]] = []
+            for bank, before in zip(self.exchange.banks, self.begun, strict=True):
+                windows = [range(w.start, w.stop) for w in (bank.output_windows[name] for name in names)]
+                own = np.array([i for w in windows for i in w], np.intp)
+                chosen = own[self.discrete[own]] if bank is self.bank else own
+                if chosen.size:
+                    stepwise.append((bank.outputs, before, chosen))
+            blocks.append(Block([by_name[name] for name in names], np.array(sorted(torn), np.intp), stepwise))
+        return blocks

@@ -1,0 +1,239 @@
+"""What the master needs to know of an FMU, read from its model description."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import fmpy
+from fmpy.model_description import ModelDescription, ValidationError, read_model_description
+
+from vdfmu.engine.ssp.archive import Archive
+from vdfmu.engine.ssp.parse import parse_xml
+from vdfmu.engine.ssp.structure import BASE_UNITS, Unit
+from vdfmu.errors import SspError
+
+
+@dataclass(frozen=True)
+class Variable:
+    """A scalar variable of an FMU.
+
+    `reference` is its value reference, `items` those of an enumeration, `nominal` the size of its values, in its unit,
+    None where the FMU does not say, `limits` the least and the largest value.
+    """
+
+    name: str
+    reference: int
+    type: str
+    causality: str
+    variability: str
+    initial: str | None
+    unit: Unit | None = None
+    relative: bool = False
+    items: Mapping[str, int] | None = None
+    nominal: float | None = None
+    limits: tuple[float, float] = (-math.inf, math.inf)
+
+    @property
+    def fmi_type(self) -> str:
+        """Type in the names of the FMI functions that get and set it."""
+        return "Integer" if self.type == "Enumeration" else self.type
+
+    @property
+    def size(self) -> float:
+        """The nominal value; 1, as FMI has it, where the FMU states none."""
+        return self.nominal or 1.0
+
+    @property
+    def settable(self) -> bool:
+        """Whether FMI 2.0 lets the value be set before initialization mode."""
+        return self.causality == "input" or (
+            self.variability != "constant" and self.initial in {"exact", "approx"}
+        )
+
+
+@dataclass(frozen=True)
+class Description:
+    """An FMI 2.0 co-simulation FMU.
+
+    Attributes
+    ----------
+    variables : mapping of str to Variable
+    step_dependencies, initial_dependencies : mapping of str to frozenset of str or None
+        For each output (and each other initial unknown) the names it depends on, in the steps and during
+        initialization. None where the FMU does not say, which means: on all.
+    saves_state : bool
+        Whether its state can be saved and restored, so that a step can be repeated.
+    interpolates_inputs : bool
+        Whether it takes derivatives of its real inputs, and lets them run linearly over a step.
+    varies_steps : bool
+        Whether its steps may differ in length.
+    """
+
+    source: str
+    identifier: str
+    guid: str
+    once_per_process: bool
+    variables: Mapping[str, Variable]
+    step_dependencies: Mapping[str, frozenset[str] | None]
+    initial_dependencies: Mapping[str, frozenset[str] | None]
+    saves_state: bool = False
+    interpolates_inputs: bool = False
+    varies_steps: bool = True
+
+    def named(self, causality: str) -> list[Variable]:
+        """Return the variables of one causality, in the order of the FMU."""
+        return [v for v in self.variables.values() if v.causality == causality]
+
+
+def limits_of(variable: Any) -> tuple[float, float]:
+    """Return the limits of fmpy's variable, else those of its type; infinite where there are none that can be read."""
+    found = [-math.inf, math.inf]
+    for k, name in enumerate(("min", "max")):
+        text = getattr(variable, name)
+        if text is None:
+            text = getattr(variable.declaredType, name, None)
+        try:
+            found[k] = found[k] if text is None else float(text)
+        except ValueError:  # reported by the check of the unit
+            pass
+    return found[0], found[1]
+
+
+def limit_fault(value: float, limits: tuple[float, float]) -> str | None:
+    """Say that a value lies outside of limits; None if it does not."""
+    low, high = limits
+    if value < low or value > high:
+        side = f"least {low:g}" if value < low else f"most {high:g}"
+        return f"expected at {side}, the limit of the FMU, got {value:g}"
+    return None
+
+
+def library_name(identifier: str) -> str:
+    """Return the member of an FMU that holds the binary for this platform."""
+    return f"binaries/{fmpy.platform}/{identifier}{fmpy.sharedLibraryExtension}"
+
+
+def inspect_description(
+    unit: Archive, source: str, implementation: str = "any"
+) -> tuple[Description | None, list[str]]:
+    """Read an FMU as far as it goes, with all problems.
+
+    Parameters
+    ----------
+    unit : Archive
+        The FMU.
+    source : str
+        Its name in messages.
+    implementation : str
+        What the SSD asks for.
+
+    Returns
+    -------
+    Description or None
+        None when the model description cannot be understood.
+    list of str
+        The problems, empty for an FMU that the master can use.
+    """
+    try:
+        return _inspect(unit, source, implementation)
+    except SspError as error:
+        return None, error.problems
+
+
+def _inspect(unit: Archive, source: str, implementation: str) -> tuple[Description | None, list[str]]:
+    xml, names = unit.read("modelDescription.xml"), unit.names
+    root = parse_xml(xml, f"{source}: modelDescription.xml")
+    version = root.get("fmiVersion")
+    if version != "2.0":
+        raise SspError(f"{source}: is an FMU of FMI {version}; the master runs FMI 2.0")
+    problems: list[str] = []
+    try:
+        model = read_model_description(unit.file)
+    except Exception as error:  # fmpy raises bare exceptions
+        faults = error.problems if isinstance(error, ValidationError) else [error]
+        problems += [f"{source}: faulty model description: {fault}" for fault in faults]
+        try:
+            model = read_model_description(unit.file, validate=False)
+        except Exception:
+            raise SspError(problems) from None
+    if model.coSimulation is None:
+        problems.append(f"{source}: has no co-simulation part; the master does not integrate model exchange")
+    elif implementation == "ModelExchange":
+        problems.append(f"{source}: the SSD asks for model exchange; the master runs co-simulation")
+    identifier = "" if model.coSimulation is None else str(model.coSimulation.modelIdentifier)
+    library = library_name(identifier)
+    if identifier and library not in names:
+        found = sorted({n.split("/")[1] for n in names if n.startswith("binaries/") and n.count("/") > 1})
+        problems.append(
+            f"{source}: has no binary for this platform ({library}); it has {', '.join(found) or 'none'}"
+        )
+    try:
+        return _describe(model, root, source, identifier), problems
+    except (ValueError, TypeError, AttributeError):  # texts that the schema refuses
+        if not problems:
+            raise
+        return None, problems
+
+
+def _describe(model: ModelDescription, root: Any, source: str, identifier: str) -> Description:
+    relative = {
+        v.get("name") for v in root.iterfind("ModelVariables/ScalarVariable[Real]")
+        if v.find("Real").get("relativeQuantity") in {"true", "1"}
+    }  # fmt: skip
+    return Description(
+        source=source,
+        identifier=identifier,
+        guid=str(model.guid),
+        once_per_process=bool(model.coSimulation and model.coSimulation.canBeInstantiatedOnlyOncePerProcess),
+        variables=_variables(model, relative),
+        step_dependencies=_unknowns(model.outputs),
+        initial_dependencies=_unknowns(model.initialUnknowns),
+        saves_state=bool(model.coSimulation and model.coSimulation.canGetAndSetFMUstate),
+        varies_steps=bool(model.coSimulation and model.coSimulation.canHandleVariableCommunicationStepSize),
+        interpolates_inputs=bool(model.coSimulation and model.coSimulation.canInterpolateInputs),
+    )
+
+
+def _unknowns(unknowns: Iterable[Any]) -> dict[str, frozenset[str] | None]:
+    return {
+        u.variable.name: None if u.dependencies is None else frozenset(v.name for v in u.dependencies)
+        for u in unknowns
+    }
+
+
+def _variables(model: ModelDescription, relative: set[str]) -> dict[str, Variable]:
+    units: dict[str, Unit] = {}
+    for unit in model.unitDefinitions:
+        base = unit.baseUnit
+        name = str(unit.name)
+        units[name] = (
+            Unit(name)
+            if base is None
+            else Unit(name, tuple(int(getattr(base, b)) for b in BASE_UNITS), base.factor, base.offset)
+        )
+    variables: dict[str, Variable] = {}
+    for v in model.modelVariables:
+        declared = v.declaredType
+        unit = v.unit or (declared.unit if declared is not None else None)
+        variables[v.name] = Variable(
+            name=v.name,
+            reference=v.valueReference,
+            type=v.type,
+            causality=v.causality,
+            variability=v.variability,
+            initial=v.initial,
+            unit=units.get(unit, Unit(unit)) if unit else None,
+            relative=v.name in relative or bool(declared is not None and declared.relativeQuantity),
+            items={str(i.name): int(str(i.value)) for i in declared.items} if declared is not None else None,
+            nominal=_nominal(v.nominal or (declared.nominal if declared is not None else None)),
+            limits=limits_of(v),
+        )
+    return variables
+
+
+def _nominal(text: Any) -> float | None:
+    """Size of a variable's values; None where the FMU states none or zero."""
+    return abs(float(text)) if text is not None and float(text) != 0.0 else None

@@ -1,0 +1,332 @@
+"""What flows between units and master: initialization, the calls of a step, recording."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from ctypes import c_double, c_int
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vdfmu.engine.cosim.bank import Bank, Call, component_argument
+from vdfmu.engine.cosim.broyden import Broyden
+from vdfmu.engine.cosim.checked import Checked
+from vdfmu.engine.cosim.component import MessageBox, Slave, Value
+from vdfmu.engine.cosim.inputs import Course
+from vdfmu.engine.cosim.link import SOURCE, Link
+from vdfmu.engine.cosim.results import Signal
+from vdfmu.errors import CosimError, UsageError
+
+_KINDS = ("Real", "Integer", "Boolean", "String")
+_HEAD = 4
+"""Words before the values: clock, size, running, pressed."""
+
+
+def words_of(checked: Checked) -> int:
+    """Return the number of 8-byte words that an exchange needs at most."""
+    return _HEAD + sum(len(description.variables) for description in checked.sources.values()) + len(_KINDS)
+
+
+def largest_step(time: float, stop: float) -> float:
+    """Return the step from `time` to `stop` that, added to `time`, is not beyond `stop` for any rounding."""
+    step = stop - time
+    while time + step > stop:
+        step = math.nextafter(step, 0.0)
+    return step
+
+
+class Exchange:
+    """Plans the data flow of a run: initialization, the stages of a step and the recording.
+
+    Parameters
+    ----------
+    checked : Checked
+    slaves : mapping of str to Slave
+        Empty where only the values are read, of components in another process.
+    box : MessageBox
+    words : (`words_of`,) array, optional
+        The memory for all values, zeros; default one of its own.
+
+    Attributes
+    ----------
+    clock, size : c_double
+        Arguments currentCommunicationPoint and communicationStepSize of every doStep.
+    running, pressed : c_int
+        For two processes that share the memory: what the components' process is doing, and whether to stop.
+    """
+
+    def __init__(
+        self,
+        checked: Checked,
+        slaves: Mapping[str, Slave],
+        box: MessageBox,
+        words: NDArray[np.float64] | None = None,
+    ) -> None:
+        self.checked = checked
+        self.slaves = slaves
+        self.box = box
+        words = np.zeros(words_of(checked)) if words is None else words
+        self.clock, self.size = (c_double.from_buffer(words, 8 * i) for i in (0, 1))  # pyright: ignore[reportArgumentType]
+        self.running, self.pressed = (c_int.from_buffer(words, 8 * i) for i in (2, 3))  # pyright: ignore[reportArgumentType]
+        self.banks: list[Bank] = []
+        taken = _HEAD
+        for kind in _KINDS:
+            self.banks.append(Bank(kind, checked, words[taken:]))
+            taken += self.banks[-1].words
+        self._watched = np.zeros(0, np.intp)
+        self._zeros = np.zeros(0)
+        self._fed: list[tuple[NDArray[Any], NDArray[np.intp], Course]] = []
+        for kind, names, course in checked.feed.courses if checked.feed else ():
+            bank = self._bank(kind)
+            places = np.array([bank.position[SOURCE, name] for name in names], np.intp)
+            self._fed.append((bank.memory, places, course))
+        self.breaks = np.unique(np.concatenate([np.zeros(0), *(course.breaks for *_, course in self._fed)]))
+        """Times [s] at which a signal from outside jumps or bends."""
+        self.close = max((course.tolerance for *_, course in self._fed), default=0.0)
+        """Difference [s] within which a time is one of them."""
+
+    def _bank(self, kind: str) -> Bank:
+        return next(bank for bank in self.banks if bank.kind == kind)
+
+    def feed(self, time: float) -> None:
+        """Give the signals from outside their values at a time."""
+        for memory, places, course in self._fed:
+            memory[places] = course.at(time)
+
+    def initialize(self, time: float, convergence: float) -> None:
+        """Carry the values over the connections in initialization mode, in the order of dependencies.
+
+        Where they depend on themselves, until they agree: to `convergence`, relative to their size and at least to
+        their nominal value. CosimError if they do not.
+        """
+        self.feed(time)
+        initial = self.checked.schedule.initial
+        if not initial.torn:
+            for link in initial.links:
+                self._carry(link, self._value(link))
+            return
+        texts = [link for link in initial.torn if link.sink.type == "String"]  # no guess improves them
+        torn = [link for link in initial.torn if link.sink.type != "String"]
+        values = np.array([self._value(link) for link in torn], np.float64)
+        least = np.array([1.0 if link.discrete else link.sink.size for link in torn])
+
+        def repeat(guess: NDArray[np.float64]) -> NDArray[np.float64]:
+            for link, value in zip(torn, guess.tolist(), strict=True):
+                self._carry(link, value if link.sink.fmi_type == "Real" else round(value))
+            for link in (*texts, *initial.links):
+                self._carry(link, self._value(link))
+            values[:] = [self._value(link) for link in torn]
+            return values
+
+        def size(residual: NDArray[np.float64]) -> NDArray[np.float64]:
+            sizes = np.abs(residual) / np.maximum(np.abs(values), least)
+            return np.where(np.isnan(sizes), np.inf, sizes)
+
+        sizes, count = Broyden().solve(values.copy(), repeat, size, convergence)
+        if not np.all(sizes <= convergence):
+            worst = int(np.argmax(sizes))
+            link = torn[worst]
+            still = (
+                f"still changes by {sizes[worst]:.3g} of its size"
+                if np.isfinite(sizes[worst])
+                else "is not a number"
+            )
+            raise CosimError(
+                link.start[0], "initialization", time,
+                f"the values do not agree after {count} repetitions: {link} {still} "
+                f"(wanted: {convergence:g}). Algebraic loop: {initial.loops[initial.torn.index(link)]}. Give "
+                "start values nearer to the solution, or break the loop",
+            )  # fmt: skip
+
+    def _value(self, link: Link) -> Any:
+        """Return what a connection carries now."""
+        bank = self._bank(link.source.fmi_type)
+        outside = link.start[0] == SOURCE
+        value: Any = (
+            bank.memory[bank.position[link.start]].item()
+            if outside
+            else self.slaves[link.start[0]].get(link.source)
+        )
+        if link.conversion.table is not None:
+            return link.conversion.table.get(int(value), int(value))
+        return value if link.conversion.trivial else link.conversion.factor * value + link.conversion.offset
+
+    def _carry(self, link: Link, value: Value) -> None:
+        self.slaves[link.end[0]].set(link.sink, value)
+        if link.stepped:
+            bank = self._bank(link.sink.fmi_type)
+            text = isinstance(value, str)
+            bank.memory[bank.position[link.end]] = (
+                bank.kept(value.encode("utf-8", "surrogateescape")) if text else value
+            )
+
+    def read_outputs(self) -> None:
+        """Get all outputs."""
+        for slave in self.slaves.values():
+            for bank in self.banks:
+                call = bank.call(slave, "Get")
+                if call is not None:
+                    status = call[0](*call[1:5])
+                    if status:
+                        slave.judge(status, call[5])
+
+    def calls(self, name: str) -> list[Call]:
+        """Return the calls of a unit in a step: set its inputs, step, get its outputs."""
+        slave, keep = self.slaves[name], 1
+        sets = [bank.call(slave, "Set") for bank in self.banks]
+        gets = [bank.call(slave, "Get") for bank in self.banks]
+        step: Call = (
+            slave.function("fmi2DoStep"), component_argument(slave), self.clock, self.size, keep, "doStep",
+        )  # fmt: skip
+        return [call for call in (*sets, step, *gets) if call is not None]
+
+    def recorders(
+        self, rows: int, record: Sequence[str] | None
+    ) -> tuple[list[Signal], dict[str, NDArray[Any]], Callable[[int], None]]:
+        """Return the recorded signals, their arrays, and the function that stores row k.
+
+        Names may have ``*`` for any text. Signals come unit by unit in the order of the SSD, outputs first.
+        """
+        wanted = None if record is None else self._match(record)
+        order = {unit: i for i, unit in enumerate(self.checked.descriptions)}
+        found: list[tuple[int, int, Signal]] = []
+        data: dict[str, NDArray[Any]] = {}
+        stores: list[Callable[[int], None]] = []
+        for bank in self.banks[:-1]:  # tables hold no texts
+            kind = bank.kind.lower()
+            picked = [
+                i for i, (unit, v) in enumerate(bank.variables)
+                if unit != SOURCE and (wanted is None or f"{unit}.{v.name}" in wanted)
+            ]  # fmt: skip
+            try:
+                rec = np.empty((rows, len(picked)), bank.memory.dtype)
+            except (MemoryError, ValueError):
+                raise UsageError(
+                    f"{rows} rows of {len(picked)} signals do not fit into memory; record fewer signals"
+                ) from None
+            data[kind] = rec
+            for column, i in enumerate(picked):
+                unit, v = bank.variables[i]
+                is_input = int(i >= bank.outputs.size)
+                signal = Signal(f"{unit}.{v.name}", kind, v.unit.name if v.unit else "", column)
+                found.append((2 * order[unit] + is_input, v.reference, signal))
+            if bank is self.banks[0]:
+                read = {bank.position[link.start] for link in bank.links}
+                self._watched = np.array(sorted(read | {i for i in picked if i < bank.outputs.size}), np.intp)
+                self._zeros = np.zeros(self._watched.size)
+            if picked:
+                stores.append(_store(rec, bank.memory, picked))
+        found.sort(key=lambda item: item[0])
+
+        def store(k: int) -> None:
+            for each in stores:
+                each(k)
+
+        return [signal for *_, signal in found], data, stores[0] if len(stores) == 1 else store
+
+    def finite(self) -> bool:
+        """Whether all real outputs that are read or recorded are finite numbers."""
+        return float(self.banks[0].outputs.take(self._watched).dot(self._zeros)) == 0.0
+
+    def refuse_not_finite(self, call: str, time: float) -> None:
+        """Raise CosimError if an output that is read or recorded is no finite number at `time`."""
+        bank = self.banks[0]
+        order = {unit: i for i, unit in enumerate(self.checked.schedule.units)}
+        found = sorted(
+            (i for i in self._watched if not math.isfinite(bank.outputs[i])),
+            key=lambda i: order[bank.variables[i][0]],
+        )
+        if not found:
+            return
+        unit, variable = bank.variables[found[0]]
+        others = [".".join((owner, v.name)) for owner, v in (bank.variables[i] for i in found[1:])]
+        also = f" (also {', '.join(others[:3])}{', ...' if others[3:] else ''})" if others else ""
+        read = any((unit, variable.name) == link.start for link in bank.links)
+        way = (
+            "" if read else ". No component reads it: run on without it by what you record (record, --record)"
+        )
+        raise CosimError(
+            unit, call, self.box.time,
+            f"{variable.name} is {bank.outputs[found[0]]} at t = {time:.9g} s, expected a finite number{also}{way}",
+        )  # fmt: skip
+
+    def _match(self, record: Iterable[str]) -> set[str]:
+        variables = [each for bank in self.banks[:-1] for each in bank.variables if each[0] != SOURCE]
+        names = [f"{unit}.{v.name}" for unit, v in variables]
+        wanted: set[str] = set()
+        for text in record:
+            pattern = re.compile(".*".join(map(re.escape, text.split("*"))))
+            hits = [name for name in names if pattern.fullmatch(name)]
+            if not hits:
+                raise UsageError(f"record: no output or connected input matches {text!r}")
+            wanted.update(hits)
+        return wanted
+
+
+class SampledStepper:
+    """Steps the units as `gauss-seidel` or `jacobi`: inputs are held over a step.
+
+    Attributes
+    ----------
+    opening : list of callable
+        Bring all inputs to the outputs at the start of the step.
+    stages : list of tuple
+        Unit by unit: the slave, what brings its fresh inputs up to date, its calls.
+    """
+
+    def __init__(self, exchange: Exchange) -> None:
+        self._clock, self._size = exchange.clock, exchange.size
+        self.pressed: Callable[[], bool] = lambda: False
+        """Whether the user wants to stop; the master asks between the rows, which are the steps here."""
+        gathers = [bank.gather(slice(0, bank.inputs.size)) for bank in exchange.banks]
+        self.opening = [gather for gather in gathers if gather is not None]
+        if exchange.checked.feed is not None:
+            self.opening.insert(0, lambda: exchange.feed(exchange.clock.value))
+        self.stages: list[tuple[Slave, list[Callable[[], None]], list[Call]]] = []
+        for name in exchange.checked.schedule.units:
+            fresh: list[Callable[[], None]] = []
+            for bank in exchange.banks:
+                start = bank.input_windows[name].start
+                gather = bank.gather(slice(start, start + bank.fresh_counts[name]))
+                if gather is not None:
+                    fresh.append(gather)
+            self.stages.append((exchange.slaves[name], fresh, exchange.calls(name)))
+
+    def advance(self, time: float, step: float, _: float) -> None:
+        """Step all units from `time` by `step`."""
+        self._clock.value, self._size.value = time, step
+        for gather in self.opening:
+            gather()
+        for slave, gathers, calls in self.stages:
+            for gather in gathers:
+                gather()
+            for function, a, b, c, d, name in calls:
+                status = function(a, b, c, d)
+                if status:
+                    slave.judge(status, name)
+
+    def notes(self) -> list[str]:
+        """Return notes on the run: none."""
+        return []
+
+    def facts(self) -> dict[str, Any]:
+        """Return what the summary says of the steps: nothing."""
+        return {}
+
+
+def _store(rec: NDArray[Any], memory: NDArray[Any], picked: list[int]) -> Callable[[int], None]:
+    if len(picked) == memory.size:
+
+        def whole(k: int) -> None:
+            rec[k] = memory
+
+        return whole
+    columns = np.array(picked, np.intp)
+
+    def part(k: int) -> None:
+        memory.take(columns, None, rec[k], "clip")
+
+    return part

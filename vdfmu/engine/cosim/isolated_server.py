@@ -1,0 +1,137 @@
+"""The process of isolated components; see `vdfmu.engine.cosim.isolated`."""
+
+from __future__ import annotations
+
+import json
+import logging
+import math
+import os
+import pickle
+import signal
+import sys
+from contextlib import suppress
+from ctypes import CDLL
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any, BinaryIO
+
+import numpy as np
+
+from vdfmu.engine.cosim.component import LogMessage, MessageBox
+from vdfmu.engine.cosim.components import Components
+from vdfmu.engine.cosim.exchange import Exchange
+from vdfmu.engine.cosim.isolated import CALLS, REPLY, REQUEST, mapped
+from vdfmu.errors import CosimError, UsageError, VdfmuError
+
+_PDEATHSIG = 1
+"""Of prctl: a signal that comes when the master's thread has ended, however that was."""
+
+
+class Server:
+    """What runs in the process: the methods of `Isolated` call those of the same name here."""
+
+    def __init__(self, memory: str) -> None:
+        self._said: list[LogMessage] = []
+        self._box = MessageBox(self._said.append)
+        self._words = mapped(Path(memory))
+
+    def load(self, start: bytes) -> None:
+        """Load what `start`, pickled, holds: a Checked, and where its FMUs are unpacked."""
+        checked, folders = pickle.loads(start)
+        positions = {name: i for i, name in enumerate(checked.descriptions)}
+        running = Exchange(checked, {}, self._box, self._words).running
+
+        def watch(unit: str, call: str, function: Any) -> Any:
+            number = len(CALLS) * positions[unit] + CALLS.index(call) + 1
+
+            def noted(*arguments: Any) -> Any:
+                running.value = number
+                return function(*arguments)
+
+            return noted
+
+        self._components = Components(checked, folders, self._box, self._words, watch)
+        self._components.load()
+
+    def initialize(self, *arguments: Any) -> None:
+        """See `Components.initialize`."""
+        self._components.initialize(*arguments)
+
+    def couple(self, adaptive: float | None, convergence: float | None, span: float, record: Any) -> None:
+        """See `Components.couple`."""
+        exchange = self._components.exchange
+        self._stepper = self._components.couple(adaptive, convergence, span, record)
+        self._stepper.pressed = lambda: bool(exchange.pressed.value)
+        with suppress(UsageError):  # the master says so
+            exchange.recorders(1, record)
+
+    def facts(self) -> dict[str, Any]:
+        """Return what the summary says of the steps."""
+        return self._stepper.facts()
+
+    def notes(self) -> list[str]:
+        """Return what is worth knowing after the run."""
+        return self._stepper.notes()
+
+    def close(self, time: float) -> list[Any] | None:
+        """See `Components.close`; `time` is that of the last row."""
+        self._box.time = time
+        failure = self._components.close()
+        return None if failure is None else list(failure.args[:4])
+
+    def answer(self, requests: BinaryIO) -> bytes | None:
+        """Serve a request; return the reply, None when there is no request any more."""
+        head = requests.read(REQUEST.size)
+        if len(head) < REQUEST.size:
+            return None
+        size, *times = REQUEST.unpack(head)
+        said: dict[str, Any] = {"result": None, "failure": None, "fault": None, "interrupted": False}
+        try:
+            if not size:
+                self._box.time = times[0]
+                self._stepper.advance(*times)
+                if not (self._box.pending or self._box.ended):
+                    return REPLY.pack(0)
+            else:
+                name, arguments = pickle.loads(requests.read(size))
+                said["result"] = getattr(self, name)(*arguments)
+        except CosimError as error:
+            said["failure"] = error.args[:4]
+        except VdfmuError as error:
+            said["fault"] = str(error)
+        except KeyboardInterrupt:
+            said["interrupted"] = True
+        messages = [*self._said, *self._box.pending]
+        self._said.clear()
+        self._box.pending.clear()
+        said |= {"messages": [asdict(message) for message in messages], "ended": self._box.ended}
+        answer = json.dumps(said, default=np.generic.item).encode()
+        return REPLY.pack(len(answer)) + answer
+
+
+def _main(memory: str, limit: str) -> None:
+    # what components print goes to the error output; they read nothing
+    requests, replies = os.fdopen(os.dup(0), "rb"), os.dup(1)
+    nothing = os.open(os.devnull, os.O_RDONLY)
+    os.dup2(nothing, 0)
+    os.dup2(2, 1)
+    if sys.platform == "linux":
+        CDLL(None).prctl(_PDEATHSIG, signal.SIGKILL)
+    if sys.platform != "win32" and math.isfinite(float(limit)):
+        import resource
+
+        _, hard = resource.getrlimit(resource.RLIMIT_DATA)
+        most = int(float(limit) * 2**20)
+        most = most if hard == resource.RLIM_INFINITY else min(most, hard)
+        resource.setrlimit(resource.RLIMIT_DATA, (most, most))
+    logging.getLogger("vdfmu.fmu").addHandler(logging.NullHandler())  # what it says comes back as messages
+    server = Server(memory)
+    reply: bytes | None = REPLY.pack(0)  # it has started
+    while reply is not None:
+        while reply:
+            reply = reply[os.write(replies, reply) :]
+        reply = server.answer(requests)
+
+
+if __name__ == "__main__":
+    _main(*sys.argv[1:])

@@ -1,0 +1,264 @@
+"""What a co-simulation recorded."""
+
+from __future__ import annotations
+
+import csv
+import difflib
+import io
+import math
+import mmap
+import os
+import re
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vdfmu.errors import UsageError, VdfmuError
+
+KINDS = ("real", "integer", "boolean")
+_BLOCK = 512
+
+
+class Signal(NamedTuple):
+    """Where a signal is: `column` of the array of its `kind`."""
+
+    name: str
+    kind: str
+    unit: str
+    column: int
+
+
+class Results:
+    """Recorded signals on the communication points.
+
+    A row holds the outputs at its communication point; an input has the value that its unit used in the step
+    that ended there (first row: as set during initialization).
+
+    Parameters
+    ----------
+    time : (m,) array [s]
+    signals : sequence of Signal
+        In the order in which they are shown and written.
+    data : mapping of str to (m, columns) array
+        By kind: ``real`` float64, ``integer`` and ``boolean`` int32.
+    summary : dict, optional
+        Facts about the run.
+    messages : sequence, optional
+        The messages of the units (`vdfmu.engine.cosim.LogMessage`).
+
+    Examples
+    --------
+    >>> results["plant.q[1]"]            # one signal, (m,)
+    >>> results.array("plant.q")         # plant.q[1] ... plant.q[n], (m, n)
+    >>> results.array("plant.R_O")       # plant.R_O[1,1] ... plant.R_O[3,3], (m, 3, 3)
+    """
+
+    def __init__(
+        self,
+        time: NDArray[np.float64],
+        signals: Sequence[Signal],
+        data: Mapping[str, NDArray[Any]],
+        summary: dict[str, Any] | None = None,
+        messages: Sequence[Any] = (),
+    ) -> None:
+        self.time = time
+        self.summary: dict[str, Any] = {} if summary is None else summary
+        self.messages = list(messages)
+        self._signals = {signal.name: signal for signal in signals}
+        self._data = dict(data)
+
+    @property
+    def names(self) -> list[str]:
+        """The names of the signals, without time."""
+        return list(self._signals)
+
+    @property
+    def units(self) -> dict[str, str]:
+        """The unit of each signal; empty where it has none."""
+        return {s.name: s.unit for s in self._signals.values()}
+
+    @property
+    def kinds(self) -> dict[str, str]:
+        """``real``, ``integer`` or ``boolean`` for each signal."""
+        return {s.name: s.kind for s in self._signals.values()}
+
+    def __len__(self) -> int:
+        return len(self.time)
+
+    def __contains__(self, name: object) -> bool:
+        return name in self._signals
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._signals)
+
+    def __getitem__(self, name: str) -> NDArray[Any]:
+        """Return one signal, shape (m,); UsageError when there is none of that name."""
+        signal = self._signals.get(name)
+        if signal is None:
+            close = difflib.get_close_matches(name, self._signals, n=3)
+            hint = f"; did you mean {', '.join(close)}?" if close else ""
+            raise UsageError(f"the results have no signal {name!r}{hint}")
+        column = np.asarray(self._data[signal.kind])[:, signal.column]
+        return column.astype(bool) if signal.kind == "boolean" else column
+
+    def array(self, name: str) -> NDArray[Any]:
+        """Return the elements of an array in the order of their indices.
+
+        Parameters
+        ----------
+        name : str
+            Without indices.
+
+        Returns
+        -------
+        (m, n) array of ``name[1]`` ... ``name[n]``, (m, j, k) array of ``name[1,1]`` ... ``name[j,k]``, and so on
+
+        Raises
+        ------
+        UsageError
+            There are no such signals, or they do not fill an array.
+        """
+        pattern = re.compile(re.escape(name) + r"\[(\d+(?:,\d+)*)\]")
+        found = {
+            tuple(map(int, match[1].split(","))): s for s in self._signals if (match := pattern.fullmatch(s))
+        }
+        if not found:
+            raise UsageError(f"the results have no signals {name}[1], {name}[2], ...")
+        ranks = {len(index) for index in found}
+        shape = [len(set(axis)) for axis in zip(*found, strict=False)]
+        if len(ranks) > 1 or math.prod(shape) != len(found):
+            raise UsageError(
+                f"the signals {', '.join(found.values())} are not all elements of an array; take them one by one"
+            )
+        return np.stack([self[found[i]] for i in sorted(found)], axis=1).reshape(-1, *shape)
+
+    def renamed(self, rename: Callable[[str], str]) -> Results:
+        """Return the same results with other names of the signals."""
+        signals = [signal._replace(name=rename(signal.name)) for signal in self._signals.values()]
+        return Results(self.time, signals, self._data, self.summary, self.messages)
+
+    def thinned(self, most: int) -> Results:
+        """Return at most `most` rows at equal distances, with the first; the same results if there are no more."""
+        stride = -(-len(self) // most)
+        if stride <= 1:
+            return self
+        size = stride * -(-_BLOCK // stride)
+        parts = [
+            {kind: array[::stride].copy() for kind, array in block._data.items()}
+            for block in self.blocks(size)
+        ]
+        data = {kind: np.concatenate([part[kind] for part in parts]) for kind in self._data}
+        return Results(self.time[::stride], list(self._signals.values()), data, self.summary, self.messages)
+
+    def blocks(self, rows: int) -> Iterator[Results]:
+        """Yield stretches of at most `rows` rows; of an array that is on disk no page stays in memory."""
+        signals = list(self._signals.values())
+        for first in range(0, len(self), rows):
+            part = slice(first, first + rows)
+            yield Results(self.time[part], signals, {kind: array[part] for kind, array in self._data.items()})
+            for array in self._data.values():
+                if isinstance(array.base, mmap.mmap) and hasattr(mmap, "MADV_DONTNEED"):
+                    array.base.madvise(mmap.MADV_DONTNEED)
+
+    def with_reals(self, signals: Mapping[str, tuple[NDArray[np.float64], str]]) -> Results:
+        """Return the same results with more signals, each an array (m,) and its unit."""
+        real = self._data["real"]
+        added = [
+            Signal(name, "real", unit, real.shape[1] + i)
+            for i, (name, (_, unit)) in enumerate(signals.items())
+        ]
+        data = self._data | {"real": np.column_stack([real, *[array for array, _ in signals.values()]])}
+        return Results(self.time, [*self._signals.values(), *added], data, self.summary, self.messages)
+
+    def to_csv(self, path: str | Path) -> None:
+        """Write all signals.
+
+        The first line has the names, the second the units (``integer`` and ``boolean`` for these kinds),
+        then follows a line a communication point. Numbers have the shortest form that reads back to the
+        same bits. The file appears under its name only when it is complete.
+
+        Raises
+        ------
+        VdfmuError
+            The file cannot be written.
+        """
+        path = Path(path)
+        temporary = path.with_name(f".{path.name}.{os.getpid()}.part")
+        try:
+            with open(temporary, "w", encoding="utf-8", newline="") as file:
+                signals = list(self._signals.values())
+                file.write(csv_head(signals))
+                for first in range(0, len(self.time), _BLOCK):
+                    rows = slice(first, first + _BLOCK)
+                    file.write(csv_lines(self.time[rows], signals, self._data, rows))
+            os.replace(temporary, path)
+        except OSError as error:
+            kind = UsageError if isinstance(error, (FileNotFoundError, PermissionError)) else VdfmuError
+            raise kind(f"cannot write {path}: {error.strerror or error}") from None
+        finally:
+            temporary.unlink(missing_ok=True)
+
+    @classmethod
+    def from_csv(cls, path: str | Path) -> Results:
+        """Read what `to_csv` wrote; UsageError when the file is missing or of another form."""
+        path = Path(path)
+        try:
+            text = path.read_bytes().decode()
+        except (OSError, UnicodeDecodeError) as error:
+            raise UsageError(f"cannot read {path}: {getattr(error, 'strerror', None) or error}") from None
+        stream = io.StringIO(text, newline="")
+        reader = csv.reader(stream)
+        try:
+            names, units = next(reader), next(reader)
+        except (StopIteration, csv.Error):
+            raise UsageError(f"{path}: expected a line of names and a line of units") from None
+        if len(names) != len(units) or names[:1] != ["time"]:
+            raise UsageError(f"{path}: expected as many units as names, and 'time' as the first column")
+        body = stream.read()
+        try:
+            table = (
+                np.loadtxt(io.StringIO(body), delimiter=",", ndmin=2, comments=None)
+                if body.strip()
+                else np.empty((0, len(names)))
+            )
+        except ValueError as error:
+            raise UsageError(f"{path}: {error}") from None
+        if table.shape[1] != len(names):
+            raise UsageError(f"{path}: expected {len(names)} columns, got {table.shape[1]}")
+        signals: list[Signal] = []
+        chosen: dict[str, list[int]] = {kind: [] for kind in KINDS}
+        for index, (name, unit) in enumerate(zip(names[1:], units[1:], strict=True), start=1):
+            kind = unit if unit in KINDS[1:] else "real"
+            signals.append(Signal(name, kind, unit if kind == "real" else "", len(chosen[kind])))
+            chosen[kind].append(index)
+        data = {
+            kind: table[:, columns].astype(np.float64 if kind == "real" else np.int32)
+            for kind, columns in chosen.items()
+        }
+        return cls(table[:, 0].copy(), signals, data)
+
+
+def csv_head(signals: Sequence[Signal]) -> str:
+    """Return the lines of names and of units."""
+    head = ""
+    for row in (
+        ["time", *(s.name for s in signals)],
+        ["s", *(s.unit if s.kind == "real" else s.kind for s in signals)],
+    ):
+        line = io.StringIO()
+        csv.writer(line, lineterminator="\r\n").writerow(row)  # both of which are then quoted in names
+        head += line.getvalue().removesuffix("\r\n") + "\n"
+    return head
+
+
+def csv_lines(
+    time: NDArray[np.float64], signals: Sequence[Signal], data: Mapping[str, NDArray[Any]], rows: slice
+) -> str:
+    """Return a line for each `time` and its row of `data`; numbers in their shortest form of the same bits."""
+    columns = [map(repr, time.tolist())]
+    blocks = {kind: array[rows].T.tolist() for kind, array in data.items()}
+    columns += [map(repr, blocks[s.kind][s.column]) for s in signals]
+    return "".join(line + "\n" for line in map(",".join, zip(*columns, strict=True)))

@@ -1,0 +1,143 @@
+"""The folder of a run's results: a run is written beside an earlier one and takes its place when it is complete."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Generator, Iterable, Mapping, Sequence
+from contextlib import contextmanager, suppress
+from itertools import islice
+from pathlib import Path
+from typing import Any
+
+from vdfmu.engine.cosim import Interrupted
+from vdfmu.engine.json_text import to_json
+from vdfmu.errors import CosimError, UsageError, VdfmuError
+from vdfmu.interrupt import InterruptGuard
+
+__all__ = ["DRAWN", "SYSTEM_OUTPUTS", "keep", "replacing_results", "write_summary", "written"]
+
+SYSTEM_OUTPUTS = ("results.csv", "signals.png", "summary.json")
+"""Files that a run of a package writes, and replaces in the folder of an earlier one; no package is among them."""
+DRAWN = 20_000
+"""Rows that a picture shows at most: 8 for each of its pixels."""
+
+
+@contextmanager
+def replacing_results(folder: Path, outputs: Sequence[str], overwrite: bool) -> Generator[Path]:
+    """Give a run a folder in `folder` to write to; what it holds in the end replaces an earlier run.
+
+    A run that fails or is stopped leaves its rows in ``partial``, which its error says, and the earlier run as it was.
+    Without rows it leaves nothing. One that is killed leaves ``partial_PID``.
+
+    Raises
+    ------
+    UsageError
+        If the folder cannot be written to, or has files of these names that no run wrote, without `overwrite`.
+    """
+    partial = folder / f"partial_{os.getpid()}"
+    made = not folder.exists()
+    try:
+        _prepare(partial, folder, outputs, overwrite)
+        yield partial
+        with InterruptGuard():
+            _publish(partial, folder, outputs)
+    except BaseException as error:
+        if _has_rows(partial / "results.csv"):
+            others = f"; {folder} is as it was" if written(folder, outputs) else ""
+            error.add_note(f"The rows so far are in {_set_aside(partial, outputs)}{others}.")
+        else:
+            with suppress(OSError):
+                _remove(partial, outputs)
+            for empty in (partial, folder) if made else (partial,):
+                with suppress(OSError):
+                    empty.rmdir()
+        raise
+
+
+def _prepare(partial: Path, folder: Path, outputs: Sequence[str], overwrite: bool) -> None:
+    try:
+        foreign = sorted(set(written(folder, outputs)) - _ours(folder))
+        if foreign and not overwrite:
+            raise UsageError(
+                f"{folder}: has {', '.join(foreign)}, which no run wrote there; expected a new folder, or that of an "
+                "earlier run. Choose another one with --out, or let them be replaced with --overwrite."
+            )
+        partial.mkdir(parents=True, exist_ok=True)
+        _remove(partial, outputs)
+    except OSError as error:
+        raise UsageError(
+            f"{folder}: cannot hold the results: {error}. Choose another folder with --out."
+        ) from error
+
+
+def _has_rows(path: Path) -> bool:
+    try:
+        with open(path, "rb") as file:
+            return len(list(islice(file, 3))) == 3  # names, units, a row
+    except OSError:
+        return False
+
+
+def _set_aside(partial: Path, outputs: Sequence[str]) -> Path:
+    """Give the folder of a failed run its name, in place of that of the one before."""
+    target = partial.with_name("partial")
+    with suppress(OSError):
+        if target.exists():
+            _remove(target, outputs)
+            target.rmdir()
+        return partial.rename(target)
+    return partial
+
+
+def _ours(folder: Path) -> set[str]:
+    """Return the names of the files that the last run wrote."""
+    try:
+        return set(json.loads((folder / "summary.json").read_text(encoding="utf-8"))["files"])
+    except (OSError, ValueError, KeyError, TypeError):
+        return set()
+
+
+def _remove(folder: Path, names: Iterable[str]) -> None:
+    for name in names:
+        (folder / name).unlink(missing_ok=True)
+
+
+def _publish(partial: Path, folder: Path, outputs: Sequence[str]) -> None:
+    """Move the files of a complete run to their place, the summary, which says what is ours, as the last."""
+    new = [name for name in written(partial, outputs) if name != "summary.json"]
+    try:
+        _remove(folder, _ours(folder).intersection(outputs).difference(new, ["summary.json"]))
+        for name in (*new, "summary.json"):
+            os.replace(partial / name, folder / name)
+        with suppress(OSError):  # something else is in it
+            partial.rmdir()
+    except OSError as error:
+        raise VdfmuError(
+            f"{folder}: cannot be written: {error}. Choose another folder with --out."
+        ) from error
+
+
+def written(folder: Path, outputs: Sequence[str]) -> list[str]:
+    """Return the names of the files that a run has written."""
+    return sorted(name for name in outputs if (folder / name).exists())
+
+
+def write_summary(summary: dict[str, Any], folder: Path) -> None:
+    """Write ``summary.json``, with the names of the files of the run, by which a later one knows them as ours."""
+    path = folder / "summary.json"
+    summary["files"] = sorted({*(file.name for file in folder.iterdir()), path.name})
+    try:
+        path.write_text(to_json(summary) + "\n", encoding="utf-8")
+    except OSError as error:
+        raise VdfmuError(
+            f"{path}: cannot be written: {error}. Free space or choose another folder."
+        ) from error
+
+
+def keep(error: CosimError | Interrupted, folder: Path, summary: Mapping[str, Any]) -> None:
+    """Write the summary of a failed run, with why it ended; the rows are there."""
+    results = error.results
+    if results is not None:
+        results.summary = {**summary, **results.summary, "error": str(error)}
+        write_summary(results.summary, folder)

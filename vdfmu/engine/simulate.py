@@ -1,0 +1,136 @@
+"""Run a system package, of this project or of any other."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Collection, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from vdfmu import __version__
+from vdfmu.engine.cosim import Interrupted, LogMessage, Results, simulate
+from vdfmu.engine.cosim.inputs import Inputs, read_inputs
+from vdfmu.engine.folder import DRAWN, SYSTEM_OUTPUTS, keep, replacing_results, write_summary
+from vdfmu.engine.ssp.read import DEFAULT, load_ssp
+from vdfmu.errors import CosimError, UsageError, VdfmuError
+from vdfmu.progress import Progress
+
+__all__ = ["default_folder", "run_system"]
+
+
+def default_folder(package: str | os.PathLike[str]) -> Path:
+    """Return ``results/NAME_ssp``."""
+    return Path("results") / f"{Path(package).stem}_ssp"
+
+
+def run_system(
+    package: str | os.PathLike[str],
+    *,
+    variant: str = DEFAULT,
+    start: float | None = None,
+    stop: float | None = None,
+    step: float | None = None,
+    master: str | None = None,
+    adaptive: float | None = None,
+    tolerance: float | None = None,
+    settings: Mapping[str, Any] | None = None,
+    inputs: Inputs = None,
+    input_hold: bool = False,
+    record: Sequence[str] | None = None,
+    ignore_unmatched: bool = False,
+    isolate: bool | None = None,
+    time_limit: float | None = None,
+    memory_limit: float | None = None,
+    out: str | os.PathLike[str] | None = None,
+    overwrite: bool = False,
+    progress: Progress | None = None,
+    log: Callable[[LogMessage], None] | None = None,
+    draw: Callable[[Results, Path, Collection[str]], object] | None = None,
+) -> Results:
+    """Run an SSP 1.0 and write ``results.csv`` and ``summary.json``.
+
+    Parameters
+    ----------
+    package : path
+        The ``.ssp`` file.
+    variant : str, optional
+        The SSD to run, where the package has several at its root.
+    start, stop, step : float, optional [s]
+        Simulated time and communication step; default those of the package's default experiment and its annotations.
+    master, adaptive, tolerance, record, ignore_unmatched, isolate, time_limit, memory_limit : optional
+        As ``algorithm`` and the others of these names of :func:`vdfmu.engine.cosim.simulate`.
+    settings : mapping of str to value, optional
+        Values of ``component.variable``, as ``parameters`` of :func:`vdfmu.engine.cosim.simulate`.
+    out : path, optional
+        Folder for the files; default :func:`default_folder`. Files of an earlier run in it are replaced once
+        this one is complete.
+    overwrite : bool, optional
+        Whether to replace files of these names too that no run wrote.
+    inputs, input_hold : optional
+        Signals for inputs that nothing is connected to, as of :func:`vdfmu.engine.cosim.simulate`.
+    progress : callable, optional
+        Called with stage, done, total.
+    log : callable, optional
+        Receives the messages of the units.
+    draw : callable, optional
+        Draws a picture: called with the results, thinned to what it shows, a folder, and signals that need not be
+        shown, for they copy others; such as :func:`vdfmu.report.signals.signals_figure`.
+
+    Returns
+    -------
+    Results
+        Recorded signals; `summary` is what ``summary.json`` holds.
+
+    Raises
+    ------
+    UsageError, SspError
+        Before the run, for what is wrong with the package or the options.
+    CosimError, vdfmu.engine.cosim.Interrupted
+        A unit failed, or the user stopped the run. The rows so far are in ``partial/results.csv`` of the folder.
+    """
+    package = Path(package)
+    if package.suffix.lower() != ".ssp":
+        raise UsageError(f"{package}: expected a system package, NAME.ssp. 'vdfmu ssp' writes one.")
+    tables = read_inputs(inputs, input_hold)
+    system = load_ssp(package, variant)
+    folder = Path(out) if out is not None else default_folder(package)
+    summary: dict[str, Any] = {
+        "package": str(package),
+        "vdfmu": __version__,
+        "settings": {name: str(value) for name, value in (settings or {}).items()},
+        "inputs": [table.where for table in tables],
+    }
+
+    def advance(done: int, total: int) -> None:
+        if progress is not None:
+            progress("co-simulation", done, total)
+
+    with replacing_results(folder, SYSTEM_OUTPUTS, overwrite) as partial:
+        try:
+            results = simulate(
+                system, start=start, stop=stop, step=step, algorithm=master, adaptive=adaptive, tolerance=tolerance,
+                parameters=settings, inputs=tables, record=record, ignore_unmatched=ignore_unmatched, isolate=isolate,
+                time_limit=time_limit, memory_limit=memory_limit, progress=advance, log=log,
+                stream=partial / "results.csv",
+            )  # fmt: skip
+        except (CosimError, Interrupted) as error:
+            keep(error, partial, summary)
+            raise
+        done = results.summary
+        factor = (done["stop"] - done["start"]) / done["wall_s"]
+        results.summary = summary | done | {"real_time_factor": factor}
+        write_summary(results.summary, partial)
+        copies = {".".join(connection.end) for connection in system.connections}
+        try:
+            if draw is not None:
+                draw(results.thinned(DRAWN), partial, () if record else copies)
+        except VdfmuError:
+            raise
+        except Exception as error:
+            # whatever another tool's names and values do to the picture, the results are there
+            note = f"the picture could not be drawn: {error}"
+            results.summary["notes"].append(note)
+            if log is not None:
+                log(LogMessage("", float(results.time[-1]), "note", "", note))
+        write_summary(results.summary, partial)
+    return results

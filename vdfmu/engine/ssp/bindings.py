@@ -1,0 +1,266 @@
+"""Parameter bindings of SSP 1.0: parameter sets (SSV), mappings (SSM), prefixes and precedence."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from vdfmu.engine.ssp.archive import resolve
+from vdfmu.engine.ssp.elements import Node, Scope, read_boolean, read_transformation, read_units
+from vdfmu.engine.ssp.parse import NAMESPACES, parse_ssp_xml, validate
+from vdfmu.engine.ssp.structure import Hop, Parameter, Unit
+from vdfmu.engine.ssp.wiring import Key, Wiring, show
+from vdfmu.errors import SspError
+
+_SSV = f"{{{NAMESPACES['ssv']}}}"
+SET_TYPE = "application/x-ssp-parameter-set"
+MAPPING_TYPE = "application/x-ssp-parameter-mapping"
+
+
+@dataclass(frozen=True)
+class _Entry:
+    """One value of a parameter set on its way to a variable."""
+
+    name: str
+    value: float | int | bool | str
+    type: str
+    unit: Unit | None
+    hop: Hop
+    origin: str
+
+
+@dataclass(frozen=True)
+class _Bound:
+    """A value that arrived: at a variable of a component, or at a connector of a system."""
+
+    entry: _Entry
+    node: Node
+    level: int
+    """Depth of the binding in the tree; 0 for those of the whole system."""
+    elsewhere: tuple[tuple[str, str], ...]
+
+
+class Bindings:
+    """Collects the parameter bindings of a tree.
+
+    Bindings of a higher level take precedence over those of a lower one, later ones over earlier ones of the
+    same level (SSP 1.0, ParameterBindings). A prefix is put before every name of the set; with a mapping, only the
+    values that it names are applied. A value goes to everything that has its name: dots may be part of the names of
+    elements, so these need not be unique. What is connected to a connector with a value takes that value, whatever
+    it is given itself.
+    """
+
+    def __init__(self, wiring: Wiring) -> None:
+        self.wiring = wiring
+        self.fatal: list[str] = []
+        """What makes a parameter source unreadable."""
+        self.unmatched: list[str] = []
+        self.notes: list[str] = []
+        """Values without effect."""
+        self._bound: dict[Key, _Bound] = {}
+        self._values: dict[tuple[str, ...], dict[str, Parameter]] = {}
+
+    def of(self, path: tuple[str, ...]) -> tuple[Parameter, ...]:
+        """Return the values for one component."""
+        return tuple(self._values.get(path, {}).values())
+
+    def collect(self, top: Node) -> None:
+        """Apply all bindings of a tree."""
+        self._collect(top)
+        for key, bound in self._bound.items():
+            if not self._is_connector(key):
+                self._store(key, bound, (bound.entry.hop,))
+        for key, bound in self._bound.items():
+            if self._is_connector(key):
+                self._pass_on(key, bound)
+
+    def _is_connector(self, key: Key) -> bool:
+        return self.wiring.kinds.get(key, "component") != "component"
+
+    def _collect(self, node: Node) -> None:
+        """Apply the bindings below `node`, then its own, then those of a component that it stands for."""
+        for child in node.children.values():
+            self._collect(child)
+        self._own(node, node.element, node.scope)
+        if node.outer is not None:
+            self._own(node, *node.outer)
+
+    def _own(self, node: Node, element: Any, scope: Scope) -> None:
+        for binding in element.iterfind("ssd:ParameterBindings/ssd:ParameterBinding", NAMESPACES):
+            if binding.get("sourceBase") == "component" and node.kind == "component" and not node.source:
+                continue  # lies in an FMU that is not there, which is reported
+            try:
+                entries = self._entries(node, binding, scope)
+            except SspError as error:
+                self.fatal += error.problems
+                continue
+            for entry in entries:
+                places = list(node.places(entry.name))
+                for place, name in places:
+                    others = tuple((self._name(n), m) for n, m in places if n is not place)
+                    self._bound[place.path, name] = _Bound(entry, place, len(node.path), others)
+                if not places:
+                    self.unmatched.append(
+                        f"{node.label or 'the system'}: parameter {entry.name!r} ({entry.origin}) "
+                        "matches no element or connector"
+                    )
+
+    def _name(self, node: Node) -> str:
+        return self.wiring.names.get(node.path, node.label)
+
+    def _pass_on(self, key: Key, bound: _Bound) -> None:
+        """Give the value of a connector of a system to all variables that it feeds."""
+        connector = bound.node.connectors[key[1]]
+        hop = bound.entry.hop
+        where = f"{bound.node.label or 'the system'}: parameter {key[1]!r} ({bound.entry.origin})"
+        if not self._passes_on(key):
+            self.notes.append(
+                f"{where}: has no effect, {show(key)} is of kind {connector.kind} and has the value of its source"
+            )
+            return
+        for above in self.wiring.above(key):
+            if self._passes_on(above):
+                self._overruled(key, bound, above)
+                return
+        first = Hop(hop.transformation, hop.suppress_unit_conversion, connector.unit, connector.type)
+        fed = False
+        for sink, hops in self.wiring.reach(key):
+            fed = True
+            if sink in self._bound:
+                self._overruled(sink, self._bound[sink], key)
+            self._store(sink, bound, (first, *hops))
+        if not fed:
+            self.notes.append(f"{where}: has no effect, nothing of a component is connected to {show(key)}")
+
+    def _passes_on(self, key: Key) -> bool:
+        """Whether a connector of a system has a value for what it feeds; outputs get theirs from inside."""
+        bound = self._bound.get(key) if self._is_connector(key) else None
+        return bound is not None and bound.node.connectors[key[1]].kind not in {
+            "output",
+            "calculatedParameter",
+        }
+
+    def _overruled(self, key: Key, bound: _Bound, source: Key) -> None:
+        """Note a value that one would expect to win over that of the source."""
+        winner = self._bound[source]
+        if bound.level <= winner.level:
+            self.notes.append(
+                f"{bound.node.label or 'the system'}: parameter {key[1]!r} ({bound.entry.origin}): has no effect, "
+                f"{show(key)} is connected to {show(source)} and takes its value ({winner.entry.origin})"
+            )
+
+    def _store(self, key: Key, bound: _Bound, hops: tuple[Hop, ...]) -> None:
+        entry = bound.entry
+        component = self.wiring.names[key[0]]
+        elsewhere = () if self._is_connector((bound.node.path, key[1])) else bound.elsewhere
+        self._values.setdefault(key[0], {})[key[1]] = Parameter(
+            component, key[1], entry.value, entry.type, entry.unit, hops, entry.origin, elsewhere
+        )
+
+    def _document(self, node: Node, scope: Scope, element: Any, kind: str, where: str) -> Any:
+        """Return the root of an external file (`source`) or of the inline content; None when empty."""
+        source = element.get("source")
+        if source:
+            if element.get("sourceBase", "SSD") == "component":
+                member = resolve(source, where)
+                if node.outer is not None and scope is not node.scope:
+                    return parse_ssp_xml(
+                        node.scope.archive.read(member), kind, f"{node.scope.label}: {member}"
+                    )
+                if node.kind != "component":
+                    raise SspError(f"{where}: sourceBase 'component' needs a component")
+                fmu = node.source.removeprefix(scope.prefix)
+                inner = scope.archive.inside(fmu)
+                return parse_ssp_xml(inner.read(member), kind, f"{scope.label}: {member}")
+            member = scope.member(source, where)
+            return parse_ssp_xml(scope.archive.read(member), kind, f"{scope.label}: {member}")
+        tag, box = (
+            ("ssv:ParameterSet", element.find("ssd:ParameterValues", NAMESPACES))
+            if kind == "ssv"
+            else ("ssm:ParameterMapping", element)
+        )
+        root = None if box is None else box.find(tag, NAMESPACES)
+        if root is not None:
+            validate(root, kind, where)
+        return root
+
+    def _entries(self, node: Node, binding: Any, scope: Scope) -> list[_Entry]:
+        """Return the values of a binding under the names of the node; SspError with the faults of set and mapping."""
+        where = f"{scope.label}: parameter binding of {node.label or 'the system'}"
+        problems: list[str] = []
+        entries: list[_Entry] = []
+        mapping: Any = None
+        try:
+            if binding.get("type", SET_TYPE) != SET_TYPE:
+                raise SspError(f"{where}: type {binding.get('type')!r} is not supported; only {SET_TYPE} is")
+            root = self._document(node, scope, binding, "ssv", where)
+            if root is None:
+                raise SspError(f"{where}: has neither a source nor inline values")
+            label = binding.get("source") or root.get("name")
+            entries = self._values_of(root, binding.get("prefix", ""), label, scope)
+        except SspError as error:
+            problems += error.problems
+        element = binding.find("ssd:ParameterMapping", NAMESPACES)
+        if element is not None:
+            try:
+                if element.get("type", MAPPING_TYPE) != MAPPING_TYPE:
+                    raise SspError(f"{where}: mapping type {element.get('type')!r} is not supported")
+                mapping = self._document(node, scope, element, "ssm", f"{where}, mapping")
+                if mapping is None:
+                    raise SspError(f"{where}: its mapping has neither a source nor inline entries")
+            except SspError as error:
+                problems += error.problems
+        if problems:
+            raise SspError(problems)
+        return entries if mapping is None else self._mapped(entries, mapping, where)
+
+    def _mapped(self, entries: list[_Entry], mapping: Any, where: str) -> list[_Entry]:
+        by_name = {entry.name: entry for entry in entries}
+        mapped: list[_Entry] = []
+        sources: dict[str, list[str]] = {}
+        for item in mapping.iterfind("ssm:MappingEntry", NAMESPACES):
+            sources.setdefault(item.get("target"), []).append(repr(item.get("source")))
+        self.fatal += [
+            f"{where}: the mapping has several entries for target {target!r}, from {', '.join(names)}; keep one"
+            for target, names in sources.items()
+            if len(names) > 1
+        ]
+        for item in mapping.iterfind("ssm:MappingEntry", NAMESPACES):
+            entry = by_name.get(item.get("source"))
+            if entry is None:
+                self.unmatched.append(
+                    f"{where}: the mapping's source {item.get('source')!r} is not in the parameter set"
+                )
+                continue
+            hop = Hop(
+                read_transformation(item, f"{where}: {entry.name!r}"),
+                read_boolean(item.get("suppressUnitConversion")),
+            )
+            mapped.append(_Entry(item.get("target"), entry.value, entry.type, entry.unit, hop, entry.origin))
+        return mapped
+
+    def _values_of(self, root: Any, prefix: str, label: str, scope: Scope) -> list[_Entry]:
+        units = {**scope.units_here(), **read_units(root.find("ssv:Units", NAMESPACES))}
+        entries: dict[str, _Entry] = {}
+        for item in root.iterfind("ssv:Parameters/ssv:Parameter", NAMESPACES):
+            name = item.get("name")
+            typed = next(c for c in item if c.tag.startswith(_SSV))
+            kind, text = typed.tag[len(_SSV) :], typed.get("value")
+            origin = f"{label}: {name}"
+            if kind == "Binary":
+                self.fatal.append(f"{scope.label}: {origin}: binary parameters are not part of FMI 2.0")
+                continue
+            if name in entries:
+                self.fatal.append(f"{scope.label}: {origin}: occurs twice in the parameter set")
+            value: float | int | bool | str = text
+            if kind == "Real":
+                value = float(text)
+            elif kind == "Integer":
+                value = int(text)
+            elif kind == "Boolean":
+                value = read_boolean(text)
+            unit = typed.get("unit") if kind == "Real" else None
+            entries[name] = _Entry(
+                prefix + name, value, kind, units.get(unit, Unit(unit)) if unit else None, Hop(), origin
+            )
+        return list(entries.values())

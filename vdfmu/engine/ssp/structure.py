@@ -1,0 +1,221 @@
+"""The system as the master sees it: components, and connections from component to component."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from vdfmu.engine.ssp.experiment import Experiment
+
+_DIGITS = 1e-6
+"""Relative difference of units that are the same; the feet of survey and of engineering differ by 2e-6."""
+BASE_UNITS = ("kg", "m", "s", "A", "K", "mol", "cd", "rad")
+
+
+@dataclass(frozen=True)
+class Unit:
+    """A unit: ``value in base units = factor * value + offset``.
+
+    Attributes
+    ----------
+    name : str
+    exponents : tuple of int or None
+        Of `BASE_UNITS`; None where the unit has a name only.
+    factor, offset : float
+    """
+
+    name: str
+    exponents: tuple[int, ...] | None = None
+    factor: float = 1.0
+    offset: float = 0.0
+
+    def same_as(self, other: Unit) -> bool:
+        """Whether no conversion lies between two units; tools write their factors with 6 digits or more."""
+        if self.exponents is None or other.exponents is None:
+            return self.name == other.name
+        return (
+            self.exponents == other.exponents
+            and math.isclose(self.factor, other.factor, rel_tol=_DIGITS)
+            and math.isclose(self.offset, other.offset, rel_tol=_DIGITS)
+        )
+
+    @property
+    def dimension(self) -> str:
+        """The base units in words, such as ``kg.m2/s2``."""
+        if self.exponents is None:
+            return "without definition"
+        pairs = list(zip(BASE_UNITS, self.exponents, strict=True))
+        above = ".".join(f"{b}{e if e > 1 else ''}" for b, e in pairs if e > 0) or "1"
+        below = "".join(f"/{b}{-e if e < -1 else ''}" for b, e in pairs if e < 0)
+        return above + below
+
+
+def spread(value: Any, names: Sequence[str]) -> list[Any]:
+    """Return a value for each of some variables: one value is for all, a list or array has one for each, in order.
+
+    Raises
+    ------
+    ValueError
+        Another number of values than variables.
+    """
+    if not isinstance(value, (list, tuple, np.ndarray)):
+        return [value] * len(names)
+    values = np.asarray(value, dtype=object).ravel().tolist()
+    if len(values) != len(names):
+        last = f" to {names[-1]}" if len(names) > 1 else ""
+        raise ValueError(f"expected one value, or {len(names)} for {names[0]}{last}, got {len(values)}")
+    return values
+
+
+@dataclass(frozen=True)
+class Connector:
+    """A connector of a component as the SSD declares it; `type` is None when it does not say."""
+
+    name: str
+    kind: str
+    type: str | None = None
+    unit: str | None = None
+    dimensions: tuple[int | None, ...] = ()
+    """Sizes of an array (SSP 2.0); None for a size that the SSD leaves open."""
+
+
+@dataclass(frozen=True)
+class Transformation:
+    """A transformation of SSP 1.0: ``linear`` (factor * x + offset), or a mapping of values.
+
+    Values that a mapping does not mention are kept. `names` is the table of an enumeration's items.
+    """
+
+    kind: str
+    factor: float = 1.0
+    offset: float = 0.0
+    table: Mapping[int, int] = field(default_factory=dict)
+    names: Mapping[str, str] = field(default_factory=dict)
+
+    def __str__(self) -> str:
+        return f"{self.kind} transformation"
+
+
+@dataclass(frozen=True)
+class Hop:
+    """One connection of the SSD on the way of a flattened connection.
+
+    Attributes
+    ----------
+    transformation : Transformation or None
+    suppress_unit_conversion : bool
+    unit, type : str or None
+        What the connector at the end of the hop declares.
+    """
+
+    transformation: Transformation | None = None
+    suppress_unit_conversion: bool = False
+    unit: str | None = None
+    type: str | None = None
+
+
+@dataclass(frozen=True)
+class Connection:
+    """A connection from a component's connector to another component's, with the hops between them."""
+
+    start: tuple[str, str]
+    end: tuple[str, str]
+    hops: tuple[Hop, ...]
+
+    def __str__(self) -> str:
+        return f"{'.'.join(self.start)} -> {'.'.join(self.end)}"
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """A value that a parameter binding gives to a variable of a component.
+
+    Attributes
+    ----------
+    component, name : str
+    value : float, int, bool or str
+    type : str
+        ``Real``, ``Integer``, ``Boolean``, ``String`` or ``Enumeration``.
+    unit : Unit or None
+        The unit of the value.
+    hops : tuple of Hop
+        Mapping and connections the value passes; units are converted at each.
+    origin : str
+        The parameter set and the name in it, for messages.
+    elsewhere : tuple of (str, str)
+        Other components with variables, or systems with connectors, that the same name of a system's parameter set
+        means, since dots may be part of names. It is enough that one of all exists.
+    """
+
+    component: str
+    name: str
+    value: float | int | bool | str
+    type: str
+    unit: Unit | None
+    hops: tuple[Hop, ...]
+    origin: str
+    elsewhere: tuple[tuple[str, str], ...] = ()
+
+
+@dataclass(frozen=True)
+class Component:
+    """A component; nested ones are named ``system.component``, and ``system.component#2`` where that is taken.
+
+    `source` is the member of the package, ``inner.ssp!/member`` where a package inside it holds the FMU; empty
+    where there is no FMU, which the system's `problems` then tell.
+    """
+
+    name: str
+    source: str
+    implementation: str
+    connectors: Mapping[str, Connector]
+    parameters: tuple[Parameter, ...] = ()
+
+
+@dataclass(frozen=True)
+class System:
+    """A flattened system.
+
+    Attributes
+    ----------
+    path : Path
+        The package.
+    name : str
+    components : tuple of Component
+        In the order of the SSD.
+    connections : tuple of Connection
+        Component to component; nested systems and system connectors are resolved.
+    units : mapping of str to Unit
+        The unit definitions of the SSD.
+    experiment : Experiment
+        How it is run unless told otherwise.
+    problems : tuple of str
+        Faults of the wiring, and with `vdfmu.engine.ssp.read.read_system` those of the reading.
+        `vdfmu.engine.cosim.check` reports them together with those of the FMUs.
+    unmatched : tuple of str
+        Parameters of system-level bindings that name no element or connector.
+    notes : tuple of str
+        Notes, not errors: parameters without effect, components with one dotted name.
+    """
+
+    path: Path
+    name: str
+    components: tuple[Component, ...]
+    connections: tuple[Connection, ...]
+    units: Mapping[str, Unit]
+    experiment: Experiment = field(default_factory=Experiment)
+    problems: tuple[str, ...] = ()
+    unmatched: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
+
+    def component(self, name: str) -> Component:
+        """Return a component by its name."""
+        for component in self.components:
+            if component.name == name:
+                return component
+        raise KeyError(name)

@@ -1,0 +1,82 @@
+"""Files that take their place when they are whole, and zip files whose bytes depend on their members alone."""
+
+from __future__ import annotations
+
+import os
+import secrets
+import stat
+import zipfile
+import zlib
+from collections.abc import Generator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import BinaryIO
+
+from vdfmu.errors import StorageError
+
+__all__ = ["pack_zip", "read_member", "regular_target", "replacing"]
+
+_EPOCH = (1980, 1, 1, 0, 0, 0)
+
+
+def pack_zip(path: Path, members: Mapping[str, bytes]) -> None:
+    """Write a zip file whose bytes depend on its members alone: sorted names, one time stamp, one mode."""
+    with replacing(path) as stream, zipfile.ZipFile(stream, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name in sorted(members):
+            entry = zipfile.ZipInfo(name, _EPOCH)
+            entry.compress_type = zipfile.ZIP_DEFLATED
+            entry.create_system = 3
+            entry.external_attr = 0o644 << 16
+            archive.writestr(entry, members[name])
+
+
+@contextmanager
+def replacing(path: Path) -> Generator[BinaryIO]:
+    """Open a new file that takes the place of `path` once it is whole; nothing is left of one that fails.
+
+    A link stays, and what it leads to is replaced. The file has the mode that any new file gets.
+
+    Raises
+    ------
+    StorageError
+        If `path` is no regular file.
+    OSError
+        If it cannot be written.
+    """
+    target = regular_target(path)
+    temporary = target.with_name(f"{secrets.token_hex(8)}.tmp")
+    handle = os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0), 0o666)
+    try:
+        with os.fdopen(handle, "wb") as stream:
+            yield stream
+        os.replace(temporary, target)
+    except BaseException:
+        temporary.unlink(missing_ok=True)
+        raise
+
+
+def regular_target(path: Path) -> Path:
+    """Return the file that writing to `path` makes or replaces; StorageError if that is no regular file."""
+    try:
+        target = path.resolve()
+        if not os.path.lexists(target):
+            return target
+        mode = target.lstat().st_mode
+    except (OSError, RuntimeError) as error:  # RuntimeError: links in a circle, before Python 3.13
+        raise StorageError(f"{path}: cannot be written: {error}. Choose another folder.") from None
+    if stat.S_ISDIR(mode):
+        raise StorageError(f"{path}: is a folder; expected the name of a file to write")
+    if not stat.S_ISREG(mode):
+        raise StorageError(
+            f"{path}: is a device, a pipe or another special file; expected a regular file or a new name"
+        )
+    return target
+
+
+def read_member(path: Path, name: str) -> bytes | None:
+    """Content of one member; None if there is none that can be read."""
+    try:
+        with zipfile.ZipFile(path) as archive:
+            return archive.read(name)
+    except (OSError, KeyError, ValueError, zipfile.BadZipFile, zlib.error):
+        return None

@@ -1,0 +1,74 @@
+"""Checks of a scenario: its steps, and what looks like a wrong sign or unit of measurement."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from vdfmu.engine.algorithms import MOST_STEPS
+from vdfmu.model.read import Problems
+from vdfmu.scenario.scenario import Scenario
+
+__all__ = ["check_step", "model_notes"]
+
+# stop/step is one rounded division, wrong by about 1e-16 of itself.
+STEP_TOLERANCE = 1e-9
+
+
+def model_notes(scenario: Scenario) -> list[str]:
+    """Return what of a robot and its motion looks like a wrong sign or unit of measurement, though it may be meant."""
+    robot = scenario.robot
+    notes: list[str] = []
+    size = float(np.abs(robot.gravity).max())
+    if size > _STRONG_GRAVITY:
+        notes.append(f"gravity of {size:g} m/s2 looks like another unit: 9.81 m/s2 on Earth.")
+    elif -robot.gravity.min() > max(1.0, robot.gravity.max()):
+        k = int(robot.gravity.argmin())
+        notes.append(
+            f"gravity[{k + 1}] = {robot.gravity[k]:g} m/s2 pulls towards +: it is written upward, +9.81 on the axis "
+            "that points up."
+        )
+    masses = robot.mass.tolist() + ([float(robot.payload_mass)] if robot.payload else [])
+    heavy = [m for m in masses if m > _HEAVY_LINK]
+    if heavy:
+        notes.append(f"a mass of {max(heavy):g} kg looks like grams.")
+    angles = {f"trajectory.{name}": getattr(scenario.trajectory, name) for name in ("q_start", "q_end")}
+    if robot.limits:
+        angles |= {"q_min": robot.q_min, "q_max": robot.q_max}
+    revolute = np.array([joint == "revolute" for joint in robot.joint_types])
+    for name, q in angles.items():
+        wide = np.flatnonzero(revolute & (np.abs(q) > _WIDE_ANGLE))
+        if wide.size:
+            i = int(wide[0])
+            notes.append(f"{name}[{i + 1}] = {q[i]:g} rad looks like degrees: {np.radians(q[i]):.4g} rad.")
+    return notes
+
+
+_STRONG_GRAVITY = 30.0
+"""Above that of every planet [m/s2], below 980 cm/s2."""
+_HEAVY_LINK = 500.0
+"""Links of the largest industrial robots have some hundred kg; a link of half a kilogram has 500 g."""
+_WIDE_ANGLE = 4.0 * np.pi
+"""Two turns [rad]: more than the joints of common arms make, less than 13 degrees."""
+
+
+def check_step(problems: Problems, stop: float, step: float) -> None:
+    """Note a stop time that is not a whole number of communication steps."""
+    if not (stop > 0 and step > 0):
+        return
+    steps = stop / step
+    if steps > MOST_STEPS:
+        problems.add(
+            "stop",
+            f"at most {MOST_STEPS:g} steps of {step:g} s",
+            f"{stop:g} s",
+            "Give an earlier end or a longer step.",
+        )
+        return
+    whole = max(1, round(steps))
+    if abs(steps - whole) > STEP_TOLERANCE * whole:
+        problems.add(
+            "stop",
+            f"a multiple of step = {step:g} s",
+            f"{stop:g} s",
+            f"The nearest is {whole * step:.12g} s.",
+        )

@@ -1,0 +1,108 @@
+"""Loading of scenarios and systems by name or path."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+from vdfmu.errors import ModelError, UsageError
+from vdfmu.model.load import load_robot
+from vdfmu.model.read import Problems
+from vdfmu.model.robot import Robot
+from vdfmu.model.robot_file import robot_from_dict
+from vdfmu.model.toml_file import locate, read_toml, toml_names
+from vdfmu.scenario.scenario import Scenario
+from vdfmu.scenario.scenario_file import read_scenario
+from vdfmu.scenario.system_file import SystemFile, read_system_file
+
+__all__ = ["load_scenario", "load_system", "scenario_names"]
+
+
+def scenario_names() -> list[str]:
+    """Return the names of the scenarios that travel with the package."""
+    return toml_names("scenarios")
+
+
+def load_scenario(path_or_name: str | os.PathLike[str], robot: Robot | str | None = None) -> Scenario:
+    """Load a scenario by the name of a shipped one or by the path of a TOML file.
+
+    Parameters
+    ----------
+    path_or_name : str or path
+        As for `load_robot`. A relative path of a robot in the file starts at the file's folder.
+    robot : Robot, str or None
+        Robot in place of the one that the file names; a str as for `load_robot`. The paper's numbers are
+        left out where its name is not the file's.
+
+    Raises
+    ------
+    UsageError
+        If no shipped scenario, or robot given here, has the name.
+    ModelError
+        If the scenario or its robot has problems; it lists every one of both files.
+    """
+    path = locate(path_or_name, "scenarios")
+    data = read_toml(path)
+    problems = Problems(str(path))
+    written = data.get("robot")
+    if isinstance(robot, str):
+        robot = load_robot(robot)
+    used = robot
+    robot_problems: list[str] = []
+    if used is None and isinstance(written, str) and written:
+        try:
+            located = locate(written, "robots", path.parent)
+            used = robot_from_dict(read_toml(located), str(located))
+        except ModelError as error:
+            robot_problems = error.problems
+        except UsageError as error:
+            robot_problems = [f"{path}: robot: {error}"]
+    if robot is not None and robot.name != Path(str(written)).stem:
+        data.pop("paper", None)
+    system: SystemFile | None = None
+    named = data.get("system", "system")
+    if isinstance(named, str) and named:
+        try:
+            system = load_system(named, path.parent)
+        except ModelError as error:
+            robot_problems += error.problems
+        except UsageError as error:
+            robot_problems.append(f"{path}: system: {error}")
+    scenario = read_scenario(problems, data, used, system)
+    problems.lines.extend(robot_problems)
+    problems.raise_any()
+    assert scenario is not None  # else there are problems
+    return scenario
+
+
+def load_system(path_or_name: str | os.PathLike[str], start: Path | None = None) -> SystemFile:
+    """Load a system by the name of a shipped one or by the path of a TOML file.
+
+    Parameters
+    ----------
+    path_or_name : str or path
+        As for `load_robot`.
+    start : Path, optional
+        Folder at which a relative path starts.
+
+    Raises
+    ------
+    UsageError
+        If no shipped system has the name.
+    ModelError
+        If the file cannot be used; it lists every problem.
+    """
+    path = locate(path_or_name, "systems", start)
+    data = read_toml(path)
+    problems = Problems(str(path))
+    base: SystemFile | None = None
+    if "extends" in data:
+        try:
+            base = load_system(str(data["extends"]), path.parent)
+        except RecursionError:
+            raise ModelError(f"{path}: extends: the files extend each other.") from None
+        except UsageError as error:
+            problems.lines.append(f"{path}: extends: {error}")
+    system = read_system_file(problems, data, path, base)
+    problems.raise_any()
+    return system

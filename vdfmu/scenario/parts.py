@@ -1,0 +1,158 @@
+"""The components of a scenario's system: their variables, and their FMUs."""
+
+from __future__ import annotations
+
+import dataclasses
+import os
+from collections.abc import Collection, Mapping, Sequence
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+from vdfmu.fmu import build_fmus
+from vdfmu.fmu.build import choose_backend
+from vdfmu.fmu.content import Content
+from vdfmu.kernel.cache import cache_folder, load, store
+from vdfmu.scenario import Scenario
+from vdfmu.scenario.foreign import ForeignInterface
+from vdfmu.unit.base import Unit, unit_name
+from vdfmu.unit.interface import Interface
+from vdfmu.units import find_unit
+
+__all__ = ["Variables", "build_parts", "cached_fmus", "tables_of", "units_of", "with_units"]
+
+Variables = Interface | ForeignInterface
+"""The variables of a component."""
+
+
+def units_of(scenario: Scenario) -> dict[str, type[Unit]]:
+    """Units of the scenario's system by component, without those that are FMUs of any tool."""
+    parts = {name: part for name, part in scenario.system.parts.items() if part.fmu is None}
+    # a file is run once for all its components
+    found = {
+        unit: unit if isinstance(unit, type) else find_unit(unit)
+        for unit in {part.unit for part in parts.values()}
+    }
+    return {name: found[part.unit] for name, part in parts.items()}
+
+
+def tables_of(scenario: Scenario, components: Collection[str] | None = None) -> dict[str, Variables]:
+    """Variables of the components of the scenario's system, or of some of them, by component."""
+    units = units_of(scenario)
+    found: dict[str, Variables] = {}
+    for name, part in scenario.system.parts.items():
+        if components is not None and name not in components:
+            continue
+        if part.fmu is not None:
+            found[name] = ForeignInterface(part.fmu)
+        else:
+            robot = scenario.robot if units[name].needs_robot() else None
+            found[name] = Interface(units[name], robot)
+    return found
+
+
+def with_units(scenario: Scenario, units: Mapping[str, Any]) -> Scenario:
+    """Return the scenario with other units for some components, without connections to signals that these lack.
+
+    Raises
+    ------
+    UsageError, UnitError
+        For a name that is not that of a component, or what is no unit.
+    """
+    system = scenario.system.with_units(units)
+    tables = tables_of(dataclasses.replace(scenario, system=system), units)
+    has = {
+        name: {(v.group, v.causality) for v in table if v.causality in ("input", "output")}
+        for name, table in tables.items()
+    }
+
+    def lacks(signal: str, causality: str) -> bool:
+        component, _, group = signal.partition(".")
+        return component in has and (group, causality) not in has[component]
+
+    kept: dict[str, list[str]] = {}
+    dropped: list[str] = []
+    for source, targets in system.connections.items():
+        for target in targets:
+            if lacks(source, "output") or lacks(target, "input"):
+                dropped.append(f"{source} -> {target}")
+            else:
+                kept.setdefault(source, []).append(target)
+    return dataclasses.replace(
+        scenario, system=dataclasses.replace(system, connections=kept, dropped=tuple(dropped))
+    )
+
+
+def build_parts(
+    scenario: Scenario,
+    folder: str | os.PathLike[str],
+    values: Mapping[str, Mapping[str, Any]] | None = None,
+    *,
+    backend: str | None = None,
+    fmi_version: str = "2.0",
+    platforms: Sequence[str] | str | None = None,
+) -> dict[str, Path]:
+    """Build the FMUs of the scenario's system, or take those that are there; component to its FMU.
+
+    `values` are start values by component; other arguments as of :func:`vdfmu.fmu.build_fmus`. Components of one unit
+    have an FMU each if their start values differ.
+    """
+    units = units_of(scenario)
+    placed = _placed(units, values or {}, Path(folder))
+    found: dict[str, Path] = {
+        name: part.fmu for name, part in scenario.system.parts.items() if part.fmu is not None
+    }
+    for place in dict.fromkeys(placed.values()):
+        here = {name: unit for name, unit in units.items() if placed[name] == place}
+        built = build_fmus(
+            scenario.robot,
+            place,
+            units=list(dict.fromkeys(here.values())),
+            start_values={unit_name(unit): dict((values or {}).get(name, {})) for name, unit in here.items()},
+            backend=backend,
+            fmi_version=fmi_version,
+            platforms=platforms,
+        )
+        found |= {name: built[unit_name(unit)] for name, unit in here.items()}
+    return {name: found[name] for name in scenario.system.parts}
+
+
+def _placed(
+    units: Mapping[str, type[Unit]], values: Mapping[str, Mapping[str, Any]], folder: Path
+) -> dict[str, Path]:
+    """Folder of each component's FMU: one of its own where another unit, or other start values, have its name."""
+    placed: dict[str, Path] = {}
+    taken: dict[str, tuple[type[Unit], dict[str, Any]]] = {}
+    for name, unit in units.items():
+        mine = unit, dict(values.get(name, {}))
+        names = (unit.__name__, unit_name(unit))
+        placed[name] = folder if all(taken.get(key, mine) == mine for key in names) else folder / name
+        if placed[name] == folder:
+            taken |= dict.fromkeys(names, mine)
+    return placed
+
+
+def cached_fmus(
+    scenario: Scenario, folder: str | os.PathLike[str], backend: str | None = None
+) -> dict[str, Path]:
+    """FMUs of a scenario's system in `folder`: those that the cache has, by their content, and the others built."""
+    backend = choose_backend(backend)
+    cached: dict[str, bytes | None] = {}
+    places: dict[str, Path] = {}
+    units = units_of(scenario)
+    placed = _placed(units, {}, Path(folder))
+    for name, unit in units.items():
+        robot = scenario.robot if unit.needs_robot() else None
+        own = "python" if unit.backend == "python" else backend
+        places[name] = cache_folder() / "fmus" / Content(unit, robot, {}, own).guid.strip("{}")
+        cached[name] = content = load(places[name])
+        if content is not None:
+            with suppress(OSError):  # of which the build then says more
+                placed[name].mkdir(parents=True, exist_ok=True)
+                (placed[name] / f"{unit.__name__}.fmu").write_bytes(content)
+    fmus = build_parts(scenario, folder, backend=backend)
+    for name, place in places.items():
+        content = fmus[name].read_bytes()
+        if content != cached[name]:
+            store(place, content)
+    return fmus
