@@ -84,7 +84,7 @@ def model_description(
         "maxOutputDerivativeOrder": "0",
         "canRunAsynchronuously": "false",
     }
-    if native and states and not interface.is_sampled:
+    if native and states:
         root.set("numberOfEventIndicators", "0")
         exchange = {"completedIntegratorStepNotNeeded": "true"}
         _add_sources(SubElement(root, "ModelExchange", common | exchange), sources)

@@ -84,7 +84,7 @@ def _add_interfaces(root: Element, interface: Interface) -> None:
         "providesAdjointDerivatives": "true",
         "providesPerElementDependencies": "true",
     }
-    if has_states and not interface.is_sampled:
+    if has_states:
         exchange = {"needsCompletedIntegratorStep": "false", "providesEvaluateDiscreteStates": "false"}
         SubElement(root, "ModelExchange", common | exchange)
     simulation = {
