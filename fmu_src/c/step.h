@@ -5,7 +5,7 @@
 #include "instance.h"
 #include "values.h"
 
-/* Move from `point` by `size` [s]. `early`, if not NULL, tells whether the importer asked to stop before the end. */
+/* Move from `point` by `size` [s]. `early`, if not NULL, is whether the importer asked to stop before the end. */
 Status do_step(Instance *I, double point, double size, bool *early);
 
 /* The last sample until a time, that within its rounding included, and the one after it [s]. */

@@ -288,7 +288,7 @@ class Interface:
         return tuple(i for i, array in enumerate(self.arrays) for _ in range(array.size))
 
     def array_description(self, array: Array) -> str:
-        """Return the description of an array: that of its elements, without what tells one from the next."""
+        """Return the description of an array: that of its elements, without their indices."""
         text = self.memory[array.first].description
         return general_description(text) if array.shape else text
 
@@ -308,6 +308,6 @@ def _functions(unit: type[Unit], robot: Robot | None) -> UnitFunctions:
 
 
 def general_description(description: str) -> str:
-    """Return a description without what tells one variable of a group from the next."""
+    """Return a description without the index of the variable in its group."""
     text = re.sub(r"^Joint \d+: |,? axis [\d,]+$|, row \d+, column \d+$| [\d,]+$", "", description)
     return text[:1].upper() + text[1:]
