@@ -16,10 +16,10 @@ import numpy as np
 from vdfmu.engine.cosim import LogMessage, Results, simulate
 from vdfmu.engine.ssp.structure import Component, System
 from vdfmu.files import pack_zip
-from vdfmu.fmu import build_fmus
 from vdfmu.fmu.native.compile import compile_library
 from vdfmu.fmu.native.platforms import this_platform
 from vdfmu.scenario import Scenario
+from vdfmu.scenario.parts import build_parts
 from vdfmu.ssp.write import write_ssp
 
 __all__ = ["Clock", "container_run", "least", "median", "packed", "quiet", "quiet_run", "write_emptied"]
@@ -27,9 +27,9 @@ __all__ = ["Clock", "container_run", "least", "median", "packed", "quiet", "quie
 
 @contextmanager
 def packed(scenario: Scenario, backend: str = "python") -> Generator[Path]:
-    """Build the four FMUs and the package of a scenario in a temporary folder."""
+    """Build the FMUs and the package of a scenario in a temporary folder."""
     with tempfile.TemporaryDirectory(prefix="vdfmu-bench-") as folder:
-        fmus = build_fmus(scenario.robot, Path(folder) / "fmus", backend=backend)
+        fmus = build_parts(scenario, Path(folder) / "fmus", backend=backend)
         yield write_ssp(scenario, fmus, Path(folder) / f"{scenario.name}.ssp")
 
 

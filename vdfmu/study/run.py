@@ -21,6 +21,7 @@ from vdfmu.errors import CosimError, UsageError
 from vdfmu.fmu.build import build_notes, choose_backend
 from vdfmu.model import Robot, load_robot
 from vdfmu.model.read import Problems
+from vdfmu.once import one_job
 from vdfmu.progress import Progress, showing
 from vdfmu.report.plots import contrast_figures, run_figures
 from vdfmu.report.signals import signals_figure
@@ -105,6 +106,7 @@ def prepare(
     return scenario
 
 
+@one_job()
 def run(
     scenario: Scenario | str | os.PathLike[str],
     *,
