@@ -36,6 +36,7 @@ from vdfmu.study.contrast import contrast
 from vdfmu.study.reference import BLOCK, REFERENCE_OF, reference_blocks
 from vdfmu.study.summary import (
     compare,
+    compared,
     estimation_errors,
     has_signals,
     implied_gains,
@@ -313,8 +314,8 @@ def _references(
     show. If that shows as well, single solutions separate: then ``separation`` says how far, and the references are
     compared by their statistics too.
     """
-    compared: dict[str, Any] = {}
-    found: dict[str, Any] = {"reference": compared}
+    differences: dict[str, Any] = {}
+    found: dict[str, Any] = {"reference": differences}
     foreign = [name for name, part in scenario.system.parts.items() if part.fmu is not None]
     if foreign:
         return {"no_reference": f"{', '.join(foreign)}: an FMU has no equations to solve here"}
@@ -324,28 +325,30 @@ def _references(
             float(np.abs(part.array("trajectory.q_d") - part.array("plant.q")).max())
             for part in results.blocks(BLOCK)
         )
+    description = SystemDescription(scenario, values)
     for key, name in _wanted(scenario):
         stage = f"{name} reference"
         report(stage, 0, 1)
         solution = reference_blocks(
             name,
-            SystemDescription(scenario, values),
+            description,
             step=scenario.step,
             stop=scenario.stop,
+            groups=compared(results),
             progress=lambda done, total, stage=stage: report(stage, done, total),
         )
         try:
-            compared[key], statistics = compare(results, solution, scenario.robot)
+            differences[key], statistics = compare(results, solution, scenario.robot)
         except UsageError as error:  # of an algebraic loop, which the run may have solved
             found["no_reference"] = str(error).rstrip(".")
             continue
         report(stage, 1, 1)
-        if len(compared) == 1 and compared[key].get("max_position_difference_rad", 0.0) > visible:
+        if len(differences) == 1 and differences[key].get("max_position_difference_rad", 0.0) > visible:
             separation = _separation(scenario, package, values, results)
             if separation > visible:
                 found["separation"] = {"change": _NUDGE, "max_position_difference_rad": separation}
         if "separation" in found:
-            compared[key] |= statistics
+            differences[key] |= statistics
     return found
 
 
