@@ -9,13 +9,13 @@ import zipfile
 
 import pytest
 
+from vdfmu.engine.check import run as check_run
 from vdfmu.engine.check.inspect import check_file
 from vdfmu.engine.cosim import check_system, simulate
 from vdfmu.engine.simulate import run_system
 from vdfmu.engine.ssp import load_ssp
 from vdfmu.engine.ssp.read import read_system
 from vdfmu.errors import SspError
-from vdfmu.study import check_run
 
 
 def problems(path, **options) -> list[str]:
