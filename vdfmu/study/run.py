@@ -14,7 +14,6 @@ import numpy as np
 from vdfmu import __version__
 from vdfmu.engine.algorithms import ALGORITHMS
 from vdfmu.engine.cosim import Interrupted, LogMessage, Results, simulate
-from vdfmu.engine.cosim.container import simulate_container, write_container
 from vdfmu.engine.cosim.inputs import Inputs, read_inputs
 from vdfmu.engine.cosim.master import check_coupling
 from vdfmu.engine.folder import DRAWN, SYSTEM_OUTPUTS, keep, replacing_results, write_summary
@@ -24,8 +23,6 @@ from vdfmu.fmu.build import build_notes, choose_backend
 from vdfmu.model import Robot, load_robot
 from vdfmu.model.read import Problems
 from vdfmu.progress import Progress, showing
-from vdfmu.report.plots import contrast_figures, run_figures
-from vdfmu.report.signals import signals_figure
 from vdfmu.scenario import Scenario, load_scenario
 from vdfmu.scenario.check import check_step, model_notes
 from vdfmu.scenario.parts import cached_fmus, with_units
@@ -223,6 +220,8 @@ def run(
             built = cached_fmus(scenario, fmus, backend)
             package = write_ssp(scenario, built, partial / "system.ssp", values)
         if container:
+            from vdfmu.engine.cosim.container import write_container
+
             write_container(package, partial / "container.fmu", step=scenario.step)
         report("build", 1, 1)
         summary = _head(scenario) | {
@@ -250,8 +249,12 @@ def run(
         if reference:
             summary |= _references(scenario, package, values, results, report)
         if has_signals(results, *_DRAWN):
+            from vdfmu.report.plots import run_figures  # takes long to import
+
             run_figures(results.thinned(DRAWN), scenario, partial)
         else:
+            from vdfmu.report.signals import signals_figure
+
             signals_figure(results.thinned(DRAWN), partial)
         write_summary(summary, partial)
         return results
@@ -281,6 +284,8 @@ def _simulate(
         report("co-simulation", done, total)
 
     if container:
+        from vdfmu.engine.cosim.container import simulate_container
+
         folded = package.with_name("container.fmu")
         return simulate_container(
             folded, load_ssp(package), stop=stop, step=step, progress=progress, log=log, stream=stream
@@ -292,6 +297,8 @@ def _simulate(
 
 
 def _run_contrast(scenario: Scenario, folder: Path) -> Results:
+    from vdfmu.report.plots import contrast_figures
+
     study = contrast(scenario)
     results = study.results()
     results.summary = _head(scenario) | study.summary(dict(scenario.paper))
