@@ -5,17 +5,15 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from ctypes import PyDLL, c_double, c_void_p
 from functools import partial
-from pathlib import Path
 
 import casadi as ca
 
 from vdfmu.errors import FmuError, KernelError
-from vdfmu.fmu.native.compile import compile_library, native_available
+from vdfmu.fmu.native.compile import native_available
 from vdfmu.fmu.native.generate import kernel_source
-from vdfmu.fmu.native.platforms import PLATFORMS, this_platform
+from vdfmu.fmu.native.loaded import SHOWN, loaded
 from vdfmu.kernel.c_code import c_prototype
 from vdfmu.study.wired import Action, Carry, Clock, Run, System
-from vdfmu.temporary import temporary_folder
 from vdfmu.unit.evaluate import Traced
 from vdfmu.unit.program import Call
 from vdfmu.unit.trace import argument_name
@@ -38,23 +36,19 @@ def runs(
     """
     if files is not None and native_available():
         try:
-            return _loaded(system, compile_library(files, this_platform(), name="system"), list(lists))
+            # calls take less time than to let another thread run
+            library = loaded(files, "system", PyDLL)
         except FmuError:  # such as for want of room
             pass
+        else:
+            return {name: _bound(library, name, system.memory.ctypes.data) for name in lists}
     return {name: system.python(actions) for name, actions in lists.items()}
 
 
-def _loaded(system: System, library: bytes, names: Sequence[str]) -> dict[str, Run]:
-    with temporary_folder("vdfmu_system_") as folder:
-        path = Path(folder) / f"system{PLATFORMS[this_platform()].suffix}"
-        path.write_bytes(library)
-        loaded = PyDLL(str(path))  # keeps the lock: calls take less time than its release
-    found: dict[str, Run] = {}
-    for name in names:
-        function = loaded[name]
-        function.argtypes, function.restype = (c_void_p, c_double), None
-        found[name] = partial(function, system.memory.ctypes.data)
-    return found
+def _bound(library: PyDLL, name: str, memory: int) -> Run:
+    function = library[name]
+    function.argtypes, function.restype = (c_void_p, c_double), None
+    return partial(function, memory)
 
 
 def sources(system: System, lists: Mapping[str, Sequence[Action]]) -> dict[str, bytes] | None:
@@ -66,9 +60,7 @@ def sources(system: System, lists: Mapping[str, Sequence[Action]]) -> dict[str, 
     except KernelError:  # an operation that has no C text, or a unit in plain Python
         return None
     prototypes = "".join(f"{c_prototype(made)};\n" for made in code.called.values())
-    head = "#include <string.h>\n\n#ifdef _WIN32\n#define SHOWN __declspec(dllexport)\n#else\n"
-    head += '#define SHOWN __attribute__((visibility("default")))\n#endif\n\n'
-    return {**files, "system.c": "\n".join([head + prototypes, *functions]).encode()}
+    return {**files, "system.c": "\n".join(["#include <string.h>\n", SHOWN, prototypes, *functions]).encode()}
 
 
 class _Code:
