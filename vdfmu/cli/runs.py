@@ -16,6 +16,7 @@ from vdfmu.cli.terminal import (
     SetOption,
     UnpackOption,
     console,
+    load,
     parse_settings,
     say,
 )
@@ -77,16 +78,16 @@ def run(
     input_hold: HoldOption = False,
 ) -> None:
     """Run a scenario: build what is stale, co-simulate, solve the references, compare, write tables and figures."""
+    if Path(scenario).suffix.lower() == ".ssp":
+        raise UsageError(f"{scenario}: is no scenario but a system package; 'vdfmu simulate' runs it.")
+    chosen = load(scenario, robot)
     from vdfmu.report import tables
     from vdfmu.study.run import RUN_OUTPUTS
     from vdfmu.study.run import run as run_study
 
-    if Path(scenario).suffix.lower() == ".ssp":
-        raise UsageError(f"{scenario}: is no scenario but a system package; 'vdfmu simulate' runs it.")
     with Bars() as bars:
         results = run_study(
-            scenario,
-            robot=robot,
+            chosen,
             step=step,
             stop=stop,
             master=master,

@@ -23,8 +23,6 @@ from vdfmu.model import Robot, load_robot
 from vdfmu.model.read import Problems
 from vdfmu.once import one_job
 from vdfmu.progress import Progress, showing
-from vdfmu.report.plots import contrast_figures, run_figures
-from vdfmu.report.signals import signals_figure
 from vdfmu.scenario import Scenario, load_scenario
 from vdfmu.scenario.check import check_step, model_notes
 from vdfmu.scenario.parts import cached_fmus
@@ -36,6 +34,7 @@ from vdfmu.study.contrast import contrast
 from vdfmu.study.reference import BLOCK, REFERENCE_OF, reference_blocks
 from vdfmu.study.summary import (
     compare,
+    compared,
     estimation_errors,
     has_signals,
     implied_gains,
@@ -237,8 +236,12 @@ def run(
         if reference:
             summary |= _references(scenario, package, values, results, report)
         if has_signals(results, *_DRAWN):
+            from vdfmu.report.plots import run_figures  # takes long to import
+
             run_figures(results.thinned(DRAWN), scenario, partial)
         else:
+            from vdfmu.report.signals import signals_figure
+
             signals_figure(results.thinned(DRAWN), partial)
         write_summary(summary, partial)
         return results
@@ -261,6 +264,8 @@ def _simulate(
 
 
 def _run_contrast(scenario: Scenario, folder: Path) -> Results:
+    from vdfmu.report.plots import contrast_figures
+
     study = contrast(scenario)
     results = study.results()
     results.summary = _head(scenario) | study.summary(dict(scenario.paper))
@@ -283,8 +288,8 @@ def _references(
     show. If that shows as well, single solutions separate: then ``separation`` says how far, and the references are
     compared by their statistics too.
     """
-    compared: dict[str, Any] = {}
-    found: dict[str, Any] = {"reference": compared}
+    differences: dict[str, Any] = {}
+    found: dict[str, Any] = {"reference": differences}
     foreign = [name for name, part in scenario.system.parts.items() if part.fmu is not None]
     if foreign:
         return {"no_reference": f"{', '.join(foreign)}: an FMU has no equations to solve here"}
@@ -294,28 +299,30 @@ def _references(
             float(np.abs(part.array("trajectory.q_d") - part.array("plant.q")).max())
             for part in results.blocks(BLOCK)
         )
+    description = SystemDescription(scenario, values)
     for key, name in _wanted(scenario):
         stage = f"{name} reference"
         report(stage, 0, 1)
         solution = reference_blocks(
             name,
-            SystemDescription(scenario, values),
+            description,
             step=scenario.step,
             stop=scenario.stop,
+            groups=compared(results),
             progress=lambda done, total, stage=stage: report(stage, done, total),
         )
         try:
-            compared[key], statistics = compare(results, solution, scenario.robot)
+            differences[key], statistics = compare(results, solution, scenario.robot)
         except UsageError as error:  # of an algebraic loop, which the run may have solved
             found["no_reference"] = str(error).rstrip(".")
             continue
         report(stage, 1, 1)
-        if len(compared) == 1 and compared[key].get("max_position_difference_rad", 0.0) > visible:
+        if len(differences) == 1 and differences[key].get("max_position_difference_rad", 0.0) > visible:
             separation = _separation(scenario, package, values, results)
             if separation > visible:
                 found["separation"] = {"change": _NUDGE, "max_position_difference_rad": separation}
         if "separation" in found:
-            compared[key] |= statistics
+            differences[key] |= statistics
     return found
 
 
