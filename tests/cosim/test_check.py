@@ -9,13 +9,13 @@ import zipfile
 
 import pytest
 
+from vdfmu.engine.check import run as check_run
 from vdfmu.engine.check.inspect import check_file
 from vdfmu.engine.cosim import check_system, simulate
 from vdfmu.engine.simulate import run_system
 from vdfmu.engine.ssp import load_ssp
 from vdfmu.engine.ssp.read import read_system
 from vdfmu.errors import SspError
-from vdfmu.study import check_run
 
 
 def problems(path, **options) -> list[str]:
@@ -169,7 +169,6 @@ def test_unmatched_parameters_can_be_ignored(pack, xml, monkeypatch):
         f"{no_other}; the value is ignored",
         f"{no_b} or connector; the value is ignored",
     )
-    monkeypatch.setattr("vdfmu.engine.simulate.signals_figure", lambda *_, **__: None)
     with pytest.raises(SspError):
         run_system(path, step=0.5, out=path.parent / "out")
     results = run_system(path, step=0.5, out=path.parent / "out", ignore_unmatched=True)

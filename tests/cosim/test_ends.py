@@ -12,9 +12,9 @@ import fmpy
 import numpy as np
 import pytest
 
+from vdfmu.engine.check import run as check_run
 from vdfmu.engine.cosim import ALGORITHMS, simulate
 from vdfmu.errors import CosimError
-from vdfmu.study import check_run
 
 COUPLINGS = [{"algorithm": name} for name in ALGORITHMS] + [
     {"algorithm": name, "adaptive": 1e-4} for name in ("extrapolated", "iterative")

@@ -16,13 +16,13 @@ import fmpy
 import numpy as np
 import pytest
 
+from vdfmu.engine.check import run as check_run
 from vdfmu.engine.cosim import ALGORITHMS, Interrupted, simulate
 from vdfmu.errors import CosimError, UsageError
 from vdfmu.process import KEPT, SHOWN
 from vdfmu.scenario import load_scenario
 from vdfmu.scenario.parts import cached_fmus
 from vdfmu.ssp.write import write_ssp
-from vdfmu.study import check_run
 
 WAYS = (
     "crash", "leave", "hang", "eat", "crash_free", "error_end", "fatal_end", "strange", "negative", "error_free",

@@ -11,6 +11,7 @@ from pathlib import Path
 import fmpy
 import pytest
 
+from vdfmu.engine.check import run as check_run
 from vdfmu.engine.check.findings import Findings
 from vdfmu.engine.check.inspect import inspect_file
 from vdfmu.engine.cosim.component import MessageBox, _boxes, _on_message
@@ -18,7 +19,6 @@ from vdfmu.files import pack_zip
 from vdfmu.fmu import build_fmus
 from vdfmu.model import Robot
 from vdfmu.process import KEPT
-from vdfmu.study import check_run
 from vdfmu.text import shown
 
 XML = """<?xml version="1.0" encoding="UTF-8"?>

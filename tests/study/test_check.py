@@ -9,12 +9,12 @@ import zipfile
 
 import pytest
 
+from vdfmu.engine.check import run as check_run
 from vdfmu.engine.check.fmu import NOT_RUN
 from vdfmu.engine.check.inspect import check_file, inspect_file
 from vdfmu.errors import UsageError
 from vdfmu.fmu import build_fmus
 from vdfmu.model import load_robot
-from vdfmu.study import check_run
 
 
 @pytest.fixture(scope="module")

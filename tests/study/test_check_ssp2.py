@@ -2,13 +2,13 @@
 
 import pytest
 
+from vdfmu.engine.check import ssp2 as check_ssp2
 from vdfmu.engine.check.inspect import inspect_file
 from vdfmu.engine.ssp import load_ssp
 from vdfmu.errors import SspError
 from vdfmu.files import pack_zip
 from vdfmu.fmu import build_fmus
 from vdfmu.scenario import load_scenario
-from vdfmu.study import check_ssp2
 
 HEAD = (
     '<ssd:SystemStructureDescription xmlns:ssd="http://ssp-standard.org/SSP1/SystemStructureDescription" '
