@@ -65,6 +65,7 @@ def run(
         bool, typer.Option("--no-reference", help="Do not solve the references.")
     ] = False,
     backend: BackendOption = None,
+    fmi: Annotated[str, typer.Option(help="Version of FMI: 2.0, or 3.0 for native FMUs.")] = "2.0",
     container: Annotated[
         bool, typer.Option("--container", help="Fold the units into one container FMU and run that.")
     ] = False,
@@ -98,6 +99,7 @@ def run(
             overwrite=overwrite,
             reference=not no_reference,
             backend=backend,
+            fmi_version=fmi,
             container=container,
             settings=parse_settings(settings),
             units=parse_settings(unit),

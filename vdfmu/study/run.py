@@ -119,6 +119,7 @@ def run(
     overwrite: bool = False,
     reference: bool = True,
     backend: str | None = None,
+    fmi_version: str = "2.0",
     container: bool = False,
     settings: Mapping[str, Any] | None = None,
     units: Mapping[str, Any] | None = None,
@@ -150,6 +151,8 @@ def run(
         Whether to solve the references and compare, which takes longer than the run itself.
     backend : "native" or "python", optional
         Kind of FMU; default native where its compiler is installed.
+    fmi_version : "2.0" or "3.0", optional
+        Of the units' FMUs; Python FMUs and the container are of FMI 2.0.
     container : bool, optional
         Fold the native units into one FMU, ``container.fmu``, and run that. It steps them as ``jacobi`` does.
     settings : mapping of str to value, optional
@@ -188,9 +191,9 @@ def run(
     folder = Path(out) if out is not None else Path("results") / scenario.name
     report = progress or (lambda stage, done, total: None)
     if scenario.kind == "contrast":
-        if backend is not None or container:
+        if backend is not None or container or fmi_version != "2.0":
             raise UsageError(
-                f"scenario {scenario.name} has no units, so there is no backend and no container."
+                f"scenario {scenario.name} has no units, so there is no backend, no version of FMI and no container."
             )
         if settings or scenario.inputs:
             names = [*(settings or {}), *(table.where for table in scenario.inputs)]
@@ -200,7 +203,9 @@ def run(
         with replacing_results(folder, RUN_OUTPUTS, overwrite) as partial:
             return _run_contrast(scenario, partial)
 
-    if container and backend is None:
+    if container and fmi_version != "2.0":
+        raise UsageError("container: holds units of FMI 2.0, got fmi_version 3.0. Leave one of them out.")
+    if backend is None and (container or fmi_version != "2.0"):
         backend = "native"
     backend = choose_backend(backend)
     if container:
@@ -219,13 +224,14 @@ def run(
     with replacing_results(folder, RUN_OUTPUTS, overwrite) as partial:
         report("build", 0, 1)
         with temporary_folder("vdfmu_fmus_") as fmus, showing(report):
-            built = cached_fmus(scenario, fmus, backend)
-            package = write_ssp(scenario, built, partial / "system.ssp", values)
+            built = cached_fmus(scenario, fmus, backend, fmi_version)
+            package = write_ssp(scenario, built, partial / "system.ssp", values, mixed=True)
         if container:
             write_container(package, partial / "container.fmu", step=scenario.step)
         report("build", 1, 1)
         summary = _head(scenario) | {
             "backend": backend,
+            "fmi": fmi_version,
             "container": container,
             "settings": text_settings,
             "warnings": warnings,

@@ -10,7 +10,13 @@ from vdfmu.engine.algorithms import ALGORITHMS
 from vdfmu.engine.cosim.abilities import check_abilities
 from vdfmu.engine.cosim.checked import Checked
 from vdfmu.engine.cosim.conversion import Conversion, Value, as_type, compose
-from vdfmu.engine.cosim.description import Description, Variable, inspect_description, limit_fault
+from vdfmu.engine.cosim.description import (
+    Description,
+    Variable,
+    inspect_description,
+    limit_fault,
+    type_of,
+)
 from vdfmu.engine.cosim.feed import feed_inputs
 from vdfmu.engine.cosim.inputs import Table
 from vdfmu.engine.cosim.link import SOURCE, Link, Port
@@ -196,7 +202,7 @@ class _Checker:
                     f"{where}: the SSD declares kind {connector.kind!r}, the FMU causality "
                     f"{variable.causality!r}"
                 )
-            if connector.type is not None and connector.type != variable.type:
+            if connector.type is not None and type_of(connector.type) != variable.type:
                 self.problems.append(
                     f"{where}: the SSD declares type {connector.type}, the FMU {variable.type}"
                 )
@@ -230,7 +236,7 @@ class _Checker:
             if source is None or sink is None:
                 continue  # reported with the connectors
             where = f"connection {connection}"
-            types = [source.type, *(h.type for h in connection.hops[:-1] if h.type), sink.type]
+            types = [source.type, *(type_of(h.type) for h in connection.hops[:-1] if h.type), sink.type]
             if len(set(types)) > 1:
                 self.problems.append(f"{where}: type mismatch, {' to '.join(types)}")
                 continue
@@ -288,7 +294,9 @@ class _Checker:
                 else:
                     try:
                         value = self._converted(parameter, variable)
-                        if not isinstance(value, str) and (fault := limit_fault(value, variable.limits)):
+                        if not isinstance(value, (str, bytes)) and (
+                            fault := limit_fault(value, variable.limits)
+                        ):
                             raise ValueError(fault)
                     except ValueError as error:
                         self.problems.append(f"{where}: {error}")
