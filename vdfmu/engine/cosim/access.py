@@ -175,7 +175,7 @@ class Transfer:
         with np.errstate(over="ignore"):  # of Float32: infinite, as the type has it
             self.memory[self._places] = wanted
         if self._kind == "Binary":
-            self.sizes[:] = [len(self._heap.content(address)) for address in self.memory.tolist()]
+            self.sizes[:] = [len(self._heap.content(int(address))) for address in self.memory]
         elif self._kind == "Integer":
             bad = (self.memory[self._places] != wanted) | (wanted < 0) & (self.native == "UInt64")
             self._refuse(bad, wanted, f"a value of type {self.native}")

@@ -146,7 +146,7 @@ def library_name(identifier: str, version: str) -> str:
 
 
 def inspect_description(
-    unit: Archive, source: str, implementation: str = "any"
+    unit: Archive, source: str, implementation: str = "any", sizes: Mapping[str, Value] | None = None
 ) -> tuple[Description | None, list[str]]:
     """Read an FMU as far as it goes, with all problems.
 
@@ -158,6 +158,8 @@ def inspect_description(
         Its name in messages.
     implementation : str
         What the SSD asks for.
+    sizes : mapping of str to value, optional
+        Values of structural parameters, of which the shapes of arrays are made, in place of their start values.
 
     Returns
     -------
@@ -167,12 +169,14 @@ def inspect_description(
         The problems, empty for an FMU that the master can use.
     """
     try:
-        return _inspect(unit, source, implementation)
+        return _inspect(unit, source, implementation, sizes or {})
     except SspError as error:
         return None, error.problems
 
 
-def _inspect(unit: Archive, source: str, implementation: str) -> tuple[Description | None, list[str]]:
+def _inspect(
+    unit: Archive, source: str, implementation: str, sizes: Mapping[str, Value]
+) -> tuple[Description | None, list[str]]:
     xml, names = unit.read("modelDescription.xml"), unit.names
     root = parse_xml(xml, f"{source}: modelDescription.xml")
     version = root.get("fmiVersion")
@@ -188,6 +192,12 @@ def _inspect(unit: Archive, source: str, implementation: str) -> tuple[Descripti
             model = read_model_description(unit.file, validate=False)
         except Exception:
             raise SspError(problems) from None
+    for variable in model.modelVariables if sizes else ():
+        chosen = [
+            sizes.get(d.variable.name, d.variable.start) if d.variable else d.start
+            for d in variable.dimensions
+        ]
+        variable.shape = tuple(int(size) for size in chosen)  # pyright: ignore[reportArgumentType]
     if model.coSimulation is None:
         problems.append(f"{source}: has no co-simulation part; the master does not integrate model exchange")
     elif implementation == "ModelExchange":
