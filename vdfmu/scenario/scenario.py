@@ -15,8 +15,6 @@ from vdfmu.scenario.system_file import SystemFile
 KINDS = ("contrast", "cosimulation")
 MODES = ("inverse", "vdc")
 VELOCITIES = ("kappa_dot", "q_dot", "mixed")
-SOLVER_TOLERANCE = 1e-7
-"""Tolerance of the plant's solver where nothing else is said, relative and absolute in SI units."""
 FACTOR_FIELDS = tuple(row.name for row in PARAMETERS.values() if row.fold != "always")
 """Fields of the robot that a plant factor may scale."""
 

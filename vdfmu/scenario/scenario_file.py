@@ -20,7 +20,6 @@ from vdfmu.scenario.scenario import (
     FACTOR_FIELDS,
     KINDS,
     MODES,
-    SOLVER_TOLERANCE,
     VELOCITIES,
     Controller,
     Feedforward,
@@ -29,6 +28,7 @@ from vdfmu.scenario.scenario import (
     apply_factors,
 )
 from vdfmu.scenario.system_file import SystemFile
+from vdfmu.unit.base import SOLVER_TOLERANCE
 
 SCENARIO_KEYS = (
     "name",

@@ -14,7 +14,6 @@ import numpy as np
 
 from vdfmu.errors import UnitError, UsageError
 from vdfmu.model import Robot
-from vdfmu.scenario.scenario import SOLVER_TOLERANCE
 from vdfmu.unit.declaration import (
     JOINTS,
     Declared,
@@ -29,7 +28,10 @@ from vdfmu.unit.declaration import (
 if TYPE_CHECKING:
     from vdfmu.unit.run import LinearModel, Solution
 
-__all__ = ["Unit", "Watch", "unit_name"]
+__all__ = ["SOLVER_TOLERANCE", "Unit", "Watch", "snake_case", "unit_name"]
+
+SOLVER_TOLERANCE = 1e-7
+"""Default tolerance of the solver of units with continuous states, relative and absolute in SI units."""
 
 
 class Watch(Protocol):
@@ -292,7 +294,12 @@ def unit_name(unit: type[Unit]) -> str:
     package, _, module = unit.__module__.rpartition(".")
     if package == "vdfmu.units":
         return module
-    return re.sub(r"(?<=[a-z0-9])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])", "_", unit.__name__).lower()
+    return snake_case(unit.__name__)
+
+
+def snake_case(name: str) -> str:
+    """Return ``my_filter`` of ``MyFilter``."""
+    return re.sub(r"(?<=[a-z0-9])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])", "_", name).lower()
 
 
 def _is_number(value: Any) -> bool:
