@@ -13,10 +13,9 @@ from matplotlib.figure import Figure
 
 from benchmarks.native_plan import Plan, interpreter_parts, ready
 from benchmarks.report import COLOURS, Report, Table, new_figure, tidy
-from benchmarks.system import Clock, least, median, packed, quiet, quiet_run, write_emptied
+from benchmarks.system import Clock, container_run, least, median, packed, quiet_run, write_emptied
 from vdfmu.engine.cosim import Results
-from vdfmu.engine.cosim.container import simulate_container, write_container
-from vdfmu.engine.ssp.read import load_ssp
+from vdfmu.engine.cosim.container import write_container
 from vdfmu.fmu.native.compile import native_available
 from vdfmu.scenario import Scenario, load_scenario
 from vdfmu.scenario.parts import with_units
@@ -123,7 +122,6 @@ def study(
         container = write_container(package, folder / "container.fmu", step=step)
         empty = write_emptied(package, folder / "empty.ssp")
         empty_container = write_container(empty, folder / "empty.fmu", step=step)
-        system = load_ssp(package)
         last: dict[str, Results] = {}
         loop: dict[str, dict[str, np.ndarray]] = {}
 
@@ -137,9 +135,7 @@ def study(
 
         def in_container(case: str, fmu: Path) -> None:
             clock = Clock()
-            last[case] = simulate_container(
-                fmu, system, stop=stop, step=step, progress=clock.progress, log=quiet
-            )
+            last[case] = container_run(fmu, stop=stop, step=step, progress=clock.progress)
             _note(found, case, clock.wall, clock.processor)
 
         def in_loop(case: str, path: Path, algorithm: str) -> None:

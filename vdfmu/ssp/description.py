@@ -122,7 +122,7 @@ class SystemDescription:
         self.name, self.description = system.name, system.description
         self.groups = system.connections
         self._shared = system.shared
-        self.tables: dict[str, Variables] = tables_of(scenario)
+        self.tables: dict[str, Variables] = tables_of(system, scenario.robot)
         self.corners = _corners(system)
         self._signals = {unit: self._signals_of(table) for unit, table in self.tables.items()}
 

@@ -16,6 +16,7 @@ from vdfmu.errors import UnitError, UsageError
 from vdfmu.model import Robot
 from vdfmu.unit.declaration import (
     JOINTS,
+    SOLVER_TOLERANCE,
     Declared,
     Input,
     Parameter,
@@ -28,10 +29,7 @@ from vdfmu.unit.declaration import (
 if TYPE_CHECKING:
     from vdfmu.unit.run import LinearModel, Solution
 
-__all__ = ["SOLVER_TOLERANCE", "Unit", "Watch", "snake_case", "unit_name"]
-
-SOLVER_TOLERANCE = 1e-7
-"""Default tolerance of the solver of units with continuous states, relative and absolute in SI units."""
+__all__ = ["Unit", "Watch", "snake_case", "unit_name"]
 
 
 class Watch(Protocol):

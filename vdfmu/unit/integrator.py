@@ -10,7 +10,7 @@ import numpy.typing as npt
 from vdfmu.errors import KernelError
 from vdfmu.kernel.functions import KernelFunction
 from vdfmu.kernel.rodas import ORDER
-from vdfmu.unit.base import SOLVER_TOLERANCE
+from vdfmu.unit.declaration import SOLVER_TOLERANCE
 from vdfmu.unit.evaluate import Evaluation
 from vdfmu.unit.motion import Solver
 from vdfmu.unit.trace import argument_name
