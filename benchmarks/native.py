@@ -18,7 +18,7 @@ from vdfmu.engine.cosim import Results
 from vdfmu.engine.cosim.container import write_container
 from vdfmu.fmu.native.compile import native_available
 from vdfmu.scenario import Scenario, load_scenario
-from vdfmu.scenario.parts import with_units
+from vdfmu.scenario.replace import with_units
 
 __all__ = ["Native", "run", "study"]
 
