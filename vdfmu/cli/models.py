@@ -7,7 +7,6 @@ from typing import Annotated, Any
 
 import typer
 from rich.markup import escape
-from rich.table import Table
 
 from vdfmu.cli.terminal import console, say
 
@@ -17,6 +16,8 @@ app = typer.Typer(no_args_is_help=True, help="List and show robots and scenarios
 @app.command("list", epilog="Example: [bold]vdfmu models list[/bold]")
 def list_models() -> None:
     """List the robots and scenarios that travel with the package."""
+    from rich.table import Table
+
     from vdfmu.model import load_robot, robot_names
     from vdfmu.scenario import load_scenario, scenario_names
 
@@ -43,6 +44,8 @@ def show_model(
     if name in scenario_names():
         say((data_path("models") / "scenarios" / f"{name}.toml").read_text(encoding="utf-8"))
         return
+    from rich.table import Table
+
     robot = load_robot(name)
     console.print(f"[bold]{escape(robot.name)}[/bold]: {escape(robot.description)}")
     for row in section("robot"):

@@ -103,7 +103,10 @@ def _placed(
 
 
 def cached_fmus(
-    scenario: Scenario, folder: str | os.PathLike[str], backend: str | None = None
+    scenario: Scenario,
+    folder: str | os.PathLike[str],
+    backend: str | None = None,
+    fmi_version: str = "2.0",
 ) -> dict[str, Path]:
     """FMUs of a scenario's system in `folder`: those that the cache has, by their content, and the others built."""
     backend = choose_backend(backend)
@@ -113,14 +116,14 @@ def cached_fmus(
     placed = _placed(units, {}, Path(folder))
     for name, unit in units.items():
         robot = scenario.robot if unit.needs_robot() else None
-        own = "python" if unit.backend == "python" else backend
-        places[name] = cache_folder() / "fmus" / Content(unit, robot, {}, own).guid.strip("{}")
+        own = ("python", "2.0") if unit.backend == "python" else (backend, fmi_version)
+        places[name] = cache_folder() / "fmus" / Content(unit, robot, {}, *own).guid.strip("{}")
         cached[name] = content = load(places[name])
         if content is not None:
             with suppress(OSError):  # of which the build then says more
                 placed[name].mkdir(parents=True, exist_ok=True)
                 (placed[name] / f"{unit.__name__}.fmu").write_bytes(content)
-    fmus = build_parts(scenario, folder, backend=backend)
+    fmus = build_parts(scenario, folder, backend=backend, fmi_version=fmi_version)
     for name, place in places.items():
         content = fmus[name].read_bytes()
         if content != cached[name]:

@@ -188,7 +188,7 @@ class Interface:
         """Whether the unit has continuous states."""
         return self.states.stop > self.states.start
 
-    @property
+    @cached_property
     def is_sampled(self) -> bool:
         """Whether the unit has sampled states."""
         return any(v.variability == "discrete" for v in self)

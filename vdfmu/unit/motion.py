@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -72,37 +71,27 @@ class Motion(Solver):
     unit, start : see :class:`Solver`
     tolerance : float
         Absolute, and relative, of scipy's solver.
-    method : "LSODA" or "DOP853"
-        For long ways and stiff equations, or for short ones.
-    rtol : float
-        Relative tolerance where it is larger.
     """
 
-    def __init__(
-        self,
-        unit: Evaluation,
-        start: float = 0.0,
-        tolerance: float = TOLERANCE,
-        method: Literal["LSODA", "DOP853"] = "LSODA",
-        rtol: float = 1e-13,
-    ) -> None:
+    def __init__(self, unit: Evaluation, start: float = 0.0, tolerance: float = TOLERANCE) -> None:
         super().__init__(unit, start)
-        self.tolerance, self._method, self._rtol = tolerance, method, rtol
-        self.h = math.inf  # the last full step is a good first one for what comes next
+        self.tolerance = tolerance
+        self.h = math.inf
+        """Last full step [s], a good first one for what comes next."""
         self._calls = 0
 
     def advance(self, t: float, duration: float) -> None:
         """Move the continuous states from `t` by `duration` [s]."""
         if not self.unit.x.size or not np.isfinite(self.unit.x).all():
             return
-        from scipy import integrate  # takes half a second to import
+        from scipy.integrate import LSODA  # takes a third of a second to import
 
         self._calls = 0
         first = min(self.h, duration) if self.h < math.inf else None
         try:
-            solver = getattr(integrate, self._method)(
+            solver = LSODA(
                 self._rate, t, self.unit.x.copy(), t + duration,
-                rtol=max(self.tolerance, self._rtol), atol=self.tolerance, first_step=first,
+                rtol=max(self.tolerance, 1e-13), atol=self.tolerance, first_step=first,
             )  # fmt: skip
             while solver.status == "running":
                 if solver.step() is not None:
