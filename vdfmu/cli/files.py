@@ -160,6 +160,9 @@ def check(
     file: Annotated[Path, typer.Argument(help="An FMU, SSP, SSD or OSP file, of this or any other tool.")],
     no_run: Annotated[bool, typer.Option("--no-run", help="Read only; do not run the units' code.")] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print the findings as JSON.")] = False,
+    as_sarif: Annotated[
+        bool, typer.Option("--sarif", help="Print them as SARIF 2.1.0, for code scanners.")
+    ] = False,
     unpack_limit: UnpackOption = None,
 ) -> None:
     """Check an FMU or a system: schema, rules, binaries for this platform, ten steps, reference results.
@@ -179,11 +182,13 @@ def check(
             report = inspect_file(file, run=not no_run)
     except StorageError as error:
         fail(error, 2)
-    if as_json:
+    if as_json or as_sarif:
+        from vdfmu.engine.check.sarif import to_sarif
+
         if sys.stdout is None:
             fail("the findings cannot be written: the standard output is closed", 2)
         try:
-            print(json.dumps(report.to_dict(), indent=1), flush=True)
+            print(json.dumps(to_sarif(report) if as_sarif else report.to_dict(), indent=1), flush=True)
         except BrokenPipeError:
             raise
         except OSError as error:
@@ -191,11 +196,17 @@ def check(
             fail(f"the findings cannot be written: {error.strerror}", 2)
     else:
         for note in report.notes:
-            say(f"note: {note}")
+            say(f"note: {_ruled(note)}")
         for problem in report.problems:
-            say(f"problem: {problem}")
+            say(f"problem: {_ruled(problem)}")
         what = f" ({report.standard})" if report.standard else ""
         count = f"{len(report.problems)} problem(s)" if report.problems else "no problems"
         say(f"{file}{what}: {count}")
     if report.problems:
         raise typer.Exit(1)
+
+
+def _ruled(text: str) -> str:
+    """Return a finding with the number of its rule at its end, where no script looks for the text."""
+    number = getattr(text, "rule", None)
+    return text if number is None else f"{text} [{number.number}]"

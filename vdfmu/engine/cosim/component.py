@@ -192,7 +192,7 @@ class Slave:
         self._resources = (folder / "resources").as_uri()
         # not by fmpy's class: it changes the working directory of the process, which all threads share
         try:
-            path = str(folder / library_name(description.identifier))
+            path = str(folder / library_name(description.identifier, description.version))
             self._library: Any = self._watch(name, "load", CDLL)(path)
         except OSError as error:
             raise CosimError(name, "load", box.time, str(error)) from None

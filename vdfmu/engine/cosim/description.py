@@ -3,25 +3,43 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Any
 
 import fmpy
+import numpy as np
 from fmpy.model_description import ModelDescription, ValidationError, read_model_description
 
+from vdfmu.engine.rules import fmpy_found, found
 from vdfmu.engine.ssp.archive import Archive
+from vdfmu.engine.ssp.elements import read_units
 from vdfmu.engine.ssp.parse import parse_xml
-from vdfmu.engine.ssp.structure import BASE_UNITS, Unit
+from vdfmu.engine.ssp.structure import Unit
 from vdfmu.errors import SspError
+
+Value = float | int | bool | str
+KINDS = ("CoSimulation", "ModelExchange", "ScheduledExecution")
+_KIND = {"Enumeration": "Integer"}
+_TYPES = {"Float32": "Real", "Float64": "Real"} | {
+    f"{sign}Int{bits}": "Integer" for sign in ("", "U") for bits in (8, 16, 32, 64)
+}
+"""Types of FMI 3.0 that are one of FMI 2.0 for the master."""
+
+
+def type_of(name: str) -> str:
+    """Return what a type of FMI 2.0 or 3.0 is for the master: floats of any length are Real, integers Integer."""
+    return _TYPES.get(name, name)
 
 
 @dataclass(frozen=True)
 class Variable:
-    """A scalar variable of an FMU.
+    """A scalar variable of an FMU, or an element of an array of FMI 3.0.
 
-    `reference` is its value reference, `items` those of an enumeration, `nominal` the size of its values, in its unit,
-    None where the FMU does not say, `limits` the least and the largest value.
+    `reference` is its value reference, `type` Real, Integer, Enumeration, Boolean, String or Binary, `items` those of
+    an enumeration, `nominal` the size of its values, in its unit, None where the FMU does not say, `limits` the least
+    and the largest value, `native` the type in the names of the FMI functions that get and set it, `index` its position
+    among the `length` elements, row by row, `start` its start value.
     """
 
     name: str
@@ -35,11 +53,25 @@ class Variable:
     items: Mapping[str, int] | None = None
     nominal: float | None = None
     limits: tuple[float, float] = (-math.inf, math.inf)
+    native: str = ""
+    index: int = 0
+    length: int = 1
+    start: Value = 0
 
     @property
     def fmi_type(self) -> str:
         """Type in the names of the FMI functions that get and set it."""
-        return "Integer" if self.type == "Enumeration" else self.type
+        return self.kind
+
+    @property
+    def kind(self) -> str:
+        """How the master holds it: Real, Integer (enumerations too), Boolean, String or Binary."""
+        return _KIND.get(self.type, self.type)
+
+    @property
+    def declared(self) -> str:
+        """The type that the FMU states."""
+        return self.type if self.type == "Enumeration" else self.native
 
     @property
     def size(self) -> float:
@@ -48,7 +80,7 @@ class Variable:
 
     @property
     def settable(self) -> bool:
-        """Whether FMI 2.0 lets the value be set before initialization mode."""
+        """Whether FMI lets the value be set before initialization mode."""
         return self.causality == "input" or (
             self.variability != "constant" and self.initial in {"exact", "approx"}
         )
@@ -56,11 +88,16 @@ class Variable:
 
 @dataclass(frozen=True)
 class Description:
-    """An FMI 2.0 co-simulation FMU.
+    """An FMU for co-simulation.
 
     Attributes
     ----------
+    version : str
+        Of FMI.
     variables : mapping of str to Variable
+        Arrays by their elements.
+    shapes : mapping of str to tuple of int
+        Of the arrays.
     step_dependencies, initial_dependencies : mapping of str to frozenset of str or None
         For each output (and each other initial unknown) the names it depends on, in the steps and during
         initialization. None where the FMU does not say, which means: on all.
@@ -79,9 +116,25 @@ class Description:
     variables: Mapping[str, Variable]
     step_dependencies: Mapping[str, frozenset[str] | None]
     initial_dependencies: Mapping[str, frozenset[str] | None]
+    version: str = "2.0"
+    shapes: Mapping[str, tuple[int, ...]] = field(default_factory=dict)
     saves_state: bool = False
     interpolates_inputs: bool = False
     varies_steps: bool = True
+
+    @property
+    def names(self) -> list[str]:
+        """The variables as the FMU names them: scalars, and arrays as a whole."""
+        return [*(v.name for v in self.variables.values() if v.length == 1), *self.shapes]
+
+    def elements(self, name: str, index: Sequence[int] = ()) -> list[Variable]:
+        """Return a variable, or the elements of an array, or of a part of it; empty if there is none of the name."""
+        if name not in self.shapes:
+            return [self.variables[name]] if name in self.variables else []
+        inside = np.ndindex(*self.shapes[name])
+        names = zip(inside, element_names(name, self.shapes[name]), strict=True)
+        start = tuple(i - 1 for i in index)
+        return [self.variables[each] for at, each in names if at[: len(start)] == start]
 
     def named(self, causality: str) -> list[Variable]:
         """Return the variables of one causality, in the order of the FMU."""
@@ -111,9 +164,10 @@ def limit_fault(value: float, limits: tuple[float, float]) -> str | None:
     return None
 
 
-def library_name(identifier: str) -> str:
+def library_name(identifier: str, version: str) -> str:
     """Return the member of an FMU that holds the binary for this platform."""
-    return f"binaries/{fmpy.platform}/{identifier}{fmpy.sharedLibraryExtension}"
+    platform = fmpy.platform if version == "2.0" else fmpy.platform_tuple
+    return f"binaries/{platform}/{identifier}{fmpy.sharedLibraryExtension}"
 
 
 def inspect_description(
@@ -147,29 +201,41 @@ def _inspect(unit: Archive, source: str, implementation: str) -> tuple[Descripti
     xml, names = unit.read("modelDescription.xml"), unit.names
     root = parse_xml(xml, f"{source}: modelDescription.xml")
     version = root.get("fmiVersion")
-    if version != "2.0":
-        raise SspError(f"{source}: is an FMU of FMI {version}; the master runs FMI 2.0")
+    if version not in ("2.0", "3.0"):
+        text = f"{source}: is an FMU of FMI {version}; the master runs FMI 2.0"
+        raise SspError(found("RUN007", text, root))
     problems: list[str] = []
+    if version == "3.0":
+        problems.append(
+            found("RUN008", f"{source}: is an FMU of FMI {version}; the master runs FMI 2.0", root)
+        )
     try:
         model = read_model_description(unit.file)
     except Exception as error:  # fmpy raises bare exceptions
         faults = error.problems if isinstance(error, ValidationError) else [error]
-        problems += [f"{source}: faulty model description: {fault}" for fault in faults]
+        if version == "2.0":
+            problems += [fmpy_found(str(f), f"{source}: faulty model description: {f}") for f in faults]
         try:
             model = read_model_description(unit.file, validate=False)
         except Exception:
             raise SspError(problems) from None
+    kinds = [kind for kind in KINDS if getattr(model, kind[0].lower() + kind[1:], None) is not None]
     if model.coSimulation is None:
-        problems.append(f"{source}: has no co-simulation part; the master does not integrate model exchange")
-    elif implementation == "ModelExchange":
-        problems.append(f"{source}: the SSD asks for model exchange; the master runs co-simulation")
-    identifier = "" if model.coSimulation is None else str(model.coSimulation.modelIdentifier)
-    library = library_name(identifier)
-    if identifier and library not in names:
-        found = sorted({n.split("/")[1] for n in names if n.startswith("binaries/") and n.count("/") > 1})
+        text = f"{source}: has no co-simulation part; the master does not integrate model exchange"
+        problems.append(found("RUN007", text, root))
+    elif implementation not in ("any", "CoSimulation"):
+        text = f"the SSD asks for {implementation}, {source} has {' and '.join(kinds)}"
         problems.append(
-            f"{source}: has no binary for this platform ({library}); it has {', '.join(found) or 'none'}"
+            found("SSP045", text)
+            if implementation not in kinds
+            else found("RUN007", f"{text}; the master runs co-simulation")
         )
+    identifier = "" if model.coSimulation is None else str(model.coSimulation.modelIdentifier)
+    library = library_name(identifier, version)
+    if identifier and library not in names:
+        has = sorted({n.split("/")[1] for n in names if n.startswith("binaries/") and n.count("/") > 1})
+        text = f"{source}: has no binary for this platform ({library}); it has {', '.join(has) or 'none'}"
+        problems.append(found("FMI017", text))
     try:
         return _describe(model, root, source, identifier), problems
     except (ValueError, TypeError, AttributeError):  # texts that the schema refuses
@@ -180,17 +246,19 @@ def _inspect(unit: Archive, source: str, implementation: str) -> tuple[Descripti
 
 def _describe(model: ModelDescription, root: Any, source: str, identifier: str) -> Description:
     relative = {
-        v.get("name") for v in root.iterfind("ModelVariables/ScalarVariable[Real]")
-        if v.find("Real").get("relativeQuantity") in {"true", "1"}
+        v.get("name") for v in root.iterfind("ModelVariables/*")
+        for typed in (v, *v.iterfind("Real")) if typed.get("relativeQuantity") in {"true", "1"}
     }  # fmt: skip
     return Description(
         source=source,
         identifier=identifier,
         guid=str(model.guid),
         once_per_process=bool(model.coSimulation and model.coSimulation.canBeInstantiatedOnlyOncePerProcess),
-        variables=_variables(model, relative),
+        variables=_variables(model, relative, read_units(root.iterfind("UnitDefinitions/Unit"))),
+        shapes={v.name: tuple(v.shape) for v in model.modelVariables if v.shape},
         step_dependencies=_unknowns(model.outputs),
         initial_dependencies=_unknowns(model.initialUnknowns),
+        version=str(model.fmiVersion),
         saves_state=bool(model.coSimulation and model.coSimulation.canGetAndSetFMUstate),
         varies_steps=bool(model.coSimulation and model.coSimulation.canHandleVariableCommunicationStepSize),
         interpolates_inputs=bool(model.coSimulation and model.coSimulation.canInterpolateInputs),
@@ -199,39 +267,75 @@ def _describe(model: ModelDescription, root: Any, source: str, identifier: str) 
 
 def _unknowns(unknowns: Iterable[Any]) -> dict[str, frozenset[str] | None]:
     return {
-        u.variable.name: None if u.dependencies is None else frozenset(v.name for v in u.dependencies)
+        name: None
+        if u.dependencies is None
+        else frozenset(each for v in u.dependencies for each in element_names(v.name, v.shape))
         for u in unknowns
+        for name in element_names(u.variable.name, u.variable.shape)
     }
 
 
-def _variables(model: ModelDescription, relative: set[str]) -> dict[str, Variable]:
-    units: dict[str, Unit] = {}
-    for unit in model.unitDefinitions:
-        base = unit.baseUnit
-        name = str(unit.name)
-        units[name] = (
-            Unit(name)
-            if base is None
-            else Unit(name, tuple(int(getattr(base, b)) for b in BASE_UNITS), base.factor, base.offset)
-        )
+def element_names(name: str, shape: Sequence[int] | None) -> list[str]:
+    """Return the names of the elements of a variable, row by row, that count from 1; of a scalar its name."""
+    if not shape:
+        return [name]
+    return [f"{name}[{','.join(str(i + 1) for i in index)}]" for index in np.ndindex(*shape)]
+
+
+def _variables(model: ModelDescription, relative: set[str], units: Mapping[str, Unit]) -> dict[str, Variable]:
     variables: dict[str, Variable] = {}
     for v in model.modelVariables:
         declared = v.declaredType
         unit = v.unit or (declared.unit if declared is not None else None)
-        variables[v.name] = Variable(
-            name=v.name,
-            reference=v.valueReference,
-            type=v.type,
-            causality=v.causality,
-            variability=v.variability,
-            initial=v.initial,
-            unit=units.get(unit, Unit(unit)) if unit else None,
-            relative=v.name in relative or bool(declared is not None and declared.relativeQuantity),
-            items={str(i.name): int(str(i.value)) for i in declared.items} if declared is not None else None,
-            nominal=_nominal(v.nominal or (declared.nominal if declared is not None else None)),
-            limits=limits_of(v),
-        )
+        names = element_names(v.name, v.shape)
+        starts = _starts(v, len(names))
+        nominals = _elements(v.nominal or (declared.nominal if declared is not None else None), len(names))
+        for index, (name, start, nominal) in enumerate(zip(names, starts, nominals, strict=True)):
+            variables[name] = Variable(
+                name=name,
+                reference=v.valueReference,
+                type=type_of(v.type),
+                causality=v.causality,
+                variability=v.variability,
+                initial=v.initial,
+                unit=units.get(unit, Unit(unit)) if unit else None,
+                relative=v.name in relative or bool(declared is not None and declared.relativeQuantity),
+                items={str(i.name): int(str(i.value)) for i in declared.items}
+                if declared is not None
+                else None,
+                nominal=_nominal(nominal),
+                limits=limits_of(v),
+                native=_native(v.type, str(model.fmiVersion)),
+                index=index,
+                length=len(names),
+                start=start,
+            )
     return variables
+
+
+def _native(kind: str, version: str) -> str:
+    """Return the type in the names of the functions for a variable of a type."""
+    return kind if kind != "Enumeration" else "Integer" if version == "2.0" else "Int64"
+
+
+def _elements(text: str | None, length: int) -> list[str | None]:
+    """Return the text of each element from that of an array, or of one for all."""
+    parts: list[str | None] = [None] if text is None else [*text.split()]
+    return parts if len(parts) == length else [*parts[:1], *[None] * length][:1] * length
+
+
+def _starts(variable: Any, length: int) -> list[Value]:
+    """Return the start values of the elements; what cannot be read, which the check of the unit reports, is 0."""
+    kind, text = type_of(variable.type), variable.start
+    if kind in ("String", "Binary"):
+        return [text or ""] * length
+    found: list[Value] = []
+    for part in _elements(text, length):
+        try:
+            found.append(part in ("true", "1") if kind == "Boolean" else float(part or 0))
+        except ValueError:
+            found.append(0)
+    return found if kind in ("Real", "Boolean") else [int(value) for value in found]
 
 
 def _nominal(text: Any) -> float | None:
