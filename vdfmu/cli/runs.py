@@ -16,6 +16,7 @@ from vdfmu.cli.terminal import (
     SetOption,
     UnpackOption,
     console,
+    load,
     parse_settings,
     say,
 )
@@ -65,9 +66,7 @@ def run(
         bool, typer.Option("--no-reference", help="Do not solve the references.")
     ] = False,
     backend: BackendOption = None,
-    container: Annotated[
-        bool, typer.Option("--container", help="Fold the units into one container FMU and run that.")
-    ] = False,
+    fmi: Annotated[str, typer.Option(help="Version of FMI: 2.0, or 3.0 for native FMUs.")] = "2.0",
     settings: SetOption = None,
     unit: Annotated[
         list[str] | None,
@@ -80,16 +79,16 @@ def run(
     input_hold: HoldOption = False,
 ) -> None:
     """Run a scenario: build what is stale, co-simulate, solve the references, compare, write tables and figures."""
+    if Path(scenario).suffix.lower() == ".ssp":
+        raise UsageError(f"{scenario}: is no scenario but a system package; 'vdfmu simulate' runs it.")
+    chosen = load(scenario, robot)
     from vdfmu.report import tables
     from vdfmu.study.run import RUN_OUTPUTS
     from vdfmu.study.run import run as run_study
 
-    if Path(scenario).suffix.lower() == ".ssp":
-        raise UsageError(f"{scenario}: is no scenario but a system package; 'vdfmu simulate' runs it.")
     with Bars() as bars:
         results = run_study(
-            scenario,
-            robot=robot,
+            chosen,
             step=step,
             stop=stop,
             master=master,
@@ -98,7 +97,7 @@ def run(
             overwrite=overwrite,
             reference=not no_reference,
             backend=backend,
-            container=container,
+            fmi_version=fmi,
             settings=parse_settings(settings),
             units=parse_settings(unit),
             inputs=inputs,

@@ -176,7 +176,7 @@ RUN003 | Reference results can be read, and the unit gives them | correct the ta
 RUN004 note | All reference results are compared | see why not
 RUN005 note | All signals are finite | do not read or record it
 RUN006 note | The file is run | mend its problems; leave out `--no-run`
-RUN008 note | An FMU is of a version of FMI that the master runs | export it for that version
+RUN008 note | An FMU is of FMI 2.0 or 3.0, which the master runs | export it for one of them
 RUN007 | The master can step the system | another master, or another FMU
 """
 """Number, and "note" where that is all it is; what holds; the way out."""

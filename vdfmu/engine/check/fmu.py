@@ -105,7 +105,7 @@ def _examine(path: Path, name: str, outer: Archive | None) -> tuple[Findings, st
         findings.problems.append(found("FMI002", text, root))
         return findings, standard
     if version == "1.0":
-        text = "FMI 1.0: fmpy and other importers run it, the master of vdfmu takes FMI 2.0"
+        text = "FMI 1.0: fmpy and other importers run it, the master of vdfmu takes FMI 2.0 and 3.0"
         findings.notes.append(found("RUN008", text, root))
     told, mended = _rules(unit)
     findings.add(told)

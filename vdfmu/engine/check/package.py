@@ -10,6 +10,7 @@ from urllib.parse import unquote
 
 from vdfmu.engine.check.findings import Findings
 from vdfmu.engine.check.fmu import NOT_RUN, check_unit, store
+from vdfmu.engine.check.reference import FOLDER as REFERENCES
 from vdfmu.engine.check.run import master_of, run_apart
 from vdfmu.engine.cosim.check import check_system
 from vdfmu.engine.rules import Finding, found
@@ -32,7 +33,7 @@ def check_package(path: Path, folder: Path, run: bool) -> tuple[Findings, str | 
     folder : Path
         A place for FMUs.
     run : bool
-        Whether to run the system; its FMUs, each for itself, if it is one that the master does not run.
+        Whether to run the system, and the FMUs that carry reference results, if nothing is wrong.
     """
     findings = Findings()
     heads: dict[str, Any] = {}
@@ -57,76 +58,61 @@ def check_package(path: Path, folder: Path, run: bool) -> tuple[Findings, str | 
             findings.notes += _same_names(heads)
     except SspError as error:
         return Findings(error.problems), None
-    checked: set[str] = set()
-    stepped = {
-        name: _check_variant(path, name, folder, run, checked, findings, "" if name == DEFAULT else name)
-        for name in heads
-    }
+    stored: dict[str, Path] = {}
+    for name in heads:
+        findings.add(_check_variant(path, name, folder, stored), "" if name == DEFAULT else name)
     if run and findings.problems:
         findings.notes.append(NOT_RUN)
-    elif run and stepped[DEFAULT]:
+    elif run:
         findings.add(run_apart(path, "SSP"))
+        for source, fmu in stored.items():
+            with Archive(fmu, source) as archive:
+                has = any(name.startswith(REFERENCES) for name in archive.names)
+            if has:
+                findings.add(run_apart(fmu), source, f"{path.name}: {source}")
     version = heads[DEFAULT].get("version") if heads[DEFAULT] is not None else None
     return findings, f"SSP {version}" if version else None
 
 
-def _check_variant(
-    path: Path, variant: str, folder: Path, run: bool, checked: set[str], findings: Findings, place: str
-) -> bool:
-    """Check one SSD, and each of its FMUs that is not in `checked`, whatever else is wrong.
-
-    Returns whether the master runs the versions of its FMUs; if it does not they are run one by one.
-    """
+def _check_variant(path: Path, variant: str, folder: Path, stored: dict[str, Path]) -> Findings:
+    """Check one SSD, and each of its FMUs that is not yet among those in the folder, whatever else is wrong."""
     system, problems = read_system(path, variant)
-    own, units, told = Findings(list(problems)), dict[str, Findings](), Findings()
-    if system is not None:
-        told = _against_units(system)
-        own.problems += system.faults
-    limits = [text for text in told.problems if _severity(text) == "note"]
+    findings, units = Findings(list(problems)), dict[str, list[str]]()
     with Archive(path, path.name) as archive:
         sources = [n for n in archive.names if n.lower().endswith(".fmu")]
         if system is not None:
             sources = [c.source for c in system.components if c.source]
         for source in dict.fromkeys(sources):
-            if source in checked:
-                units[source] = Findings()
+            if source in stored:
                 continue
             try:
-                fmu = store(archive, source, folder)
-                units[source], _ = check_unit(fmu, run and bool(limits), posixpath.basename(source), archive)
+                stored[source] = store(archive, source, folder)
+                unit, _ = check_unit(stored[source], False, posixpath.basename(source), archive)
+                units[source] = unit.problems
             except SspError as error:
-                units[source] = Findings(error.problems)
-    starts = () if system is None else tuple(
-        f"{c.name}: {c.source}: " for c in system.components if c.source in units and units[c.source].problems
-    )  # fmt: skip
-    own.problems += [
-        text for text in told.problems
-        if text not in limits and not (text.startswith(starts) and _number(text).startswith(_OF_UNIT))
-    ]  # fmt: skip
-    own.problems = list(dict.fromkeys(own.problems))
-    own.notes += told.notes
-    if limits:
-        own.notes.append(found("RUN008", f"the system was not run: {limits[0]}"))
-    findings.add(own, place)
-    for source, unit in units.items():
-        if not (run and limits):
-            unit.notes = []
-        if source not in checked:
-            checked.add(source)
-            findings.add(unit, f"{place}: {source}" if place else source, f"{path.name}: {source}")
-    return not limits
+                units[source] = error.problems
+    if system is not None:
+        findings.problems += system.faults
+        told = _against_units(system)
+        starts = tuple(f"{c.name}: {c.source}: " for c in system.components if units.get(c.source))
+        findings.notes += told.notes
+        findings.problems += [
+            text
+            for text in told.problems
+            if not (
+                text.startswith(starts)
+                and isinstance(text, Finding)
+                and text.rule.number.startswith(_OF_UNIT)
+            )
+        ]
+        findings.problems = list(dict.fromkeys(findings.problems))
+    for source, faults in units.items():
+        findings.add(Findings(faults), source, f"{path.name}: {source}")
+    return findings
 
 
 _OF_UNIT = ("FMI", "PKG")
 """Rules whose breach the check of an FMU tells, too."""
-
-
-def _number(text: str) -> str:
-    return text.rule.number if isinstance(text, Finding) else ""
-
-
-def _severity(text: str) -> str:
-    return text.rule.severity if isinstance(text, Finding) else "problem"
 
 
 def _against_units(system: System) -> Findings:

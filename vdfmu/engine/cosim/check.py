@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
+from typing import Any
 
 from vdfmu.engine.algorithms import ALGORITHMS
 from vdfmu.engine.cosim.abilities import check_abilities
@@ -11,13 +13,13 @@ from vdfmu.engine.cosim.checked import Checked
 from vdfmu.engine.cosim.conversion import Conversion, MisfitError, Value, as_type, compose
 from vdfmu.engine.cosim.description import Description, Variable, inspect_description, limit_fault, type_of
 from vdfmu.engine.cosim.feed import feed_inputs
-from vdfmu.engine.cosim.given import Starts, hint, overrides, why_not
 from vdfmu.engine.cosim.inputs import Table
 from vdfmu.engine.cosim.link import SOURCE, Link, Port
+from vdfmu.engine.cosim.overrides import Starts, hint, overrides, why_not
 from vdfmu.engine.cosim.schedule import choose_schedule
 from vdfmu.engine.rules import Finding, found, within
 from vdfmu.engine.ssp.archive import Archive
-from vdfmu.engine.ssp.structure import Connection, Connector, Index, Parameter, Shape, System, Unit
+from vdfmu.engine.ssp.structure import Component, Connection, Connector, Index, Parameter, Shape, System, Unit
 from vdfmu.engine.ssp.wiring import fits, show_shape
 from vdfmu.errors import SspError, UsageError
 
@@ -68,7 +70,7 @@ def check_system(
     """
     if algorithm not in (None, *ALGORITHMS):
         raise UsageError(f"unknown algorithm {algorithm!r}; there are {', '.join(ALGORITHMS)}")
-    checker = _Checker(system, strict, ignore_unmatched)
+    checker = _Checker(system, strict, ignore_unmatched, parameters or {})
     checker.read()
     links = checker.link()
     known = {
@@ -120,8 +122,10 @@ def check_system(
 
 
 class _Checker:
-    def __init__(self, system: System, strict: bool, ignore_unmatched: bool) -> None:
-        self.system = system
+    def __init__(
+        self, system: System, strict: bool, ignore_unmatched: bool, parameters: Mapping[str, Value]
+    ) -> None:
+        self.system, self.parameters = system, parameters
         self.strict = strict
         self.problems = list(system.problems)
         self.notes = list(system.notes)
@@ -142,20 +146,14 @@ class _Checker:
         if not self.system.components:
             text = f"{self.system.path.name}: the system has no components"
             self.problems.append(found("SSP023", text))
-        read: dict[tuple[str, str], Description | None] = {}
+        read: dict[Any, Description | None] = {}
         with Archive(self.system.path, self.system.path.name) as archive:
             for component in self.system.components:
                 if not component.source:
                     continue  # among the system's problems
-                key = component.source, component.implementation
-                if key not in read:
-                    try:
-                        with archive.opened(component.source, component.source) as unit:
-                            read[key], problems = inspect_description(unit, *key)
-                    except SspError as error:
-                        read[key], problems = None, error.problems
-                    self.problems += [within(component.name, problem) for problem in problems]
-                description = read[key]
+                description = self._inspect(archive, component, {}, read)
+                if description is not None and (sizes := self._sizes(component, description)):
+                    description = self._inspect(archive, component, sizes, read)
                 if description is not None:
                     self.descriptions[component.name] = description
                     for connector in component.connectors.values():
@@ -171,6 +169,35 @@ class _Checker:
             if len(names) > 1:
                 text = f"{', '.join(names)}: {source} can be instantiated only once per process"
                 self.problems.append(found("SSP046", text))
+
+    def _inspect(
+        self,
+        archive: Archive,
+        component: Component,
+        sizes: dict[str, Value],
+        read: dict[Any, Description | None],
+    ) -> Description | None:
+        """Read an FMU once for each choice of its sizes."""
+        key = component.source, component.implementation, frozenset(sizes.items())
+        if key not in read:
+            try:
+                with archive.opened(component.source, component.source) as unit:
+                    read[key], problems = inspect_description(unit, *key[:2], sizes)
+            except SspError as error:
+                read[key], problems = None, error.problems
+            self.problems += [within(component.name, problem) for problem in problems]
+        return read[key]
+
+    def _sizes(self, component: Component, description: Description) -> dict[str, Value]:
+        """Return the values of structural parameters that differ from their start values and are whole numbers."""
+        given = {p.name: p.value for p in component.parameters if not isinstance(p.value, tuple)}
+        sizes: dict[str, Value] = {}
+        for v in description.named("structuralParameter"):
+            value = self.parameters.get(f"{component.name}.{v.name}", given.get(v.name, v.start))
+            with suppress(ValueError):  # which the check of its value reports
+                size = as_type(value, v)
+                sizes |= {v.name: size} if size != v.start and not limit_fault(float(size), v.limits) else {}
+        return sizes
 
     def _same_names(self) -> None:
         """Note variables of two components that have one dotted name; the results show one of them."""
@@ -320,7 +347,9 @@ class _Checker:
                     try:
                         value = self._converted(parameter, value, variable)
                         starts.setdefault(component.name, {})[variable.name] = (variable, value)
-                        if not isinstance(value, str) and (fault := limit_fault(value, variable.limits)):
+                        if not isinstance(value, (str, bytes)) and (
+                            fault := limit_fault(value, variable.limits)
+                        ):
                             faults.append(("SSP056", fault))
                     except MisfitError as error:
                         faults.append((_OF_VALUE[error.what], str(error)))
@@ -361,9 +390,10 @@ _SAME = {"Real": "Float64", "Integer": "Int32"}
 
 
 def _same_type(stated: str, declared: str) -> bool:
-    """Whether a connector has the type of a variable; Real is also that of Float32."""
-    same = _SAME.get(stated, stated) == _SAME.get(declared, declared)
-    return same or (stated, declared) == ("Real", "Float32")
+    """Whether a connector has the type of a variable; those of SSP 1.0 are of any length."""
+    if stated in _SAME:
+        return stated == type_of(declared)
+    return stated == _SAME.get(declared, declared)
 
 
 def _fed(name: str, values: Iterable[str], sources: Mapping[Port, Port], what: str) -> list[str]:

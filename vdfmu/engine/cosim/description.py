@@ -18,9 +18,15 @@ from vdfmu.engine.ssp.parse import parse_xml
 from vdfmu.engine.ssp.structure import Unit
 from vdfmu.errors import SspError
 
-Value = float | int | bool | str
+Value = float | int | bool | str | bytes
 KINDS = ("CoSimulation", "ModelExchange", "ScheduledExecution")
 _KIND = {"Enumeration": "Integer"}
+RANGES = {"Integer": (-(2**31), 2**31 - 1)} | {
+    f"{sign}Int{bits}": (0, min(2**bits, 2**63) - 1) if sign else (-(2 ** (bits - 1)), 2 ** (bits - 1) - 1)
+    for sign in ("", "U")
+    for bits in (8, 16, 32, 64)
+}
+"""Least and largest value of types of integers; of those of UInt64 that the master passes on."""
 _TYPES = {"Float32": "Real", "Float64": "Real"} | {
     f"{sign}Int{bits}": "Integer" for sign in ("", "U") for bits in (8, 16, 32, 64)
 }
@@ -57,11 +63,6 @@ class Variable:
     index: int = 0
     length: int = 1
     start: Value = 0
-
-    @property
-    def fmi_type(self) -> str:
-        """Type in the names of the FMI functions that get and set it."""
-        return self.kind
 
     @property
     def kind(self) -> str:
@@ -171,7 +172,7 @@ def library_name(identifier: str, version: str) -> str:
 
 
 def inspect_description(
-    unit: Archive, source: str, implementation: str = "any"
+    unit: Archive, source: str, implementation: str = "any", sizes: Mapping[str, Value] | None = None
 ) -> tuple[Description | None, list[str]]:
     """Read an FMU as far as it goes, with all problems.
 
@@ -183,6 +184,8 @@ def inspect_description(
         Its name in messages.
     implementation : str
         What the SSD asks for.
+    sizes : mapping of str to value, optional
+        Values of structural parameters, of which the shapes of arrays are made, in place of their start values.
 
     Returns
     -------
@@ -192,33 +195,36 @@ def inspect_description(
         The problems, empty for an FMU that the master can use.
     """
     try:
-        return _inspect(unit, source, implementation)
+        return _inspect(unit, source, implementation, sizes or {})
     except SspError as error:
         return None, error.problems
 
 
-def _inspect(unit: Archive, source: str, implementation: str) -> tuple[Description | None, list[str]]:
+def _inspect(
+    unit: Archive, source: str, implementation: str, sizes: Mapping[str, Value]
+) -> tuple[Description | None, list[str]]:
     xml, names = unit.read("modelDescription.xml"), unit.names
     root = parse_xml(xml, f"{source}: modelDescription.xml")
     version = root.get("fmiVersion")
     if version not in ("2.0", "3.0"):
-        text = f"{source}: is an FMU of FMI {version}; the master runs FMI 2.0"
+        text = f"{source}: is an FMU of FMI {version}; the master runs FMI 2.0 and 3.0"
         raise SspError(found("RUN007", text, root))
     problems: list[str] = []
-    if version == "3.0":
-        problems.append(
-            found("RUN008", f"{source}: is an FMU of FMI {version}; the master runs FMI 2.0", root)
-        )
     try:
         model = read_model_description(unit.file)
     except Exception as error:  # fmpy raises bare exceptions
         faults = error.problems if isinstance(error, ValidationError) else [error]
-        if version == "2.0":
-            problems += [fmpy_found(str(f), f"{source}: faulty model description: {f}") for f in faults]
+        problems += [fmpy_found(str(f), f"{source}: faulty model description: {f}") for f in faults]
         try:
             model = read_model_description(unit.file, validate=False)
         except Exception:
             raise SspError(problems) from None
+    for variable in model.modelVariables if sizes else ():
+        chosen = [
+            sizes.get(d.variable.name, d.variable.start) if d.variable else d.start
+            for d in variable.dimensions
+        ]
+        variable.shape = tuple(int(size) for size in chosen)  # pyright: ignore[reportArgumentType]
     kinds = [kind for kind in KINDS if getattr(model, kind[0].lower() + kind[1:], None) is not None]
     if model.coSimulation is None:
         text = f"{source}: has no co-simulation part; the master does not integrate model exchange"
@@ -288,7 +294,7 @@ def _variables(model: ModelDescription, relative: set[str], units: Mapping[str, 
         declared = v.declaredType
         unit = v.unit or (declared.unit if declared is not None else None)
         names = element_names(v.name, v.shape)
-        starts = _starts(v, len(names))
+        starts = start_values(v)
         nominals = _elements(v.nominal or (declared.nominal if declared is not None else None), len(names))
         for index, (name, start, nominal) in enumerate(zip(names, starts, nominals, strict=True)):
             variables[name] = Variable(
@@ -321,14 +327,19 @@ def _native(kind: str, version: str) -> str:
 def _elements(text: str | None, length: int) -> list[str | None]:
     """Return the text of each element from that of an array, or of one for all."""
     parts: list[str | None] = [None] if text is None else [*text.split()]
-    return parts if len(parts) == length else [*parts[:1], *[None] * length][:1] * length
+    return parts if len(parts) == length else [parts[0] if parts else None] * length
 
 
-def _starts(variable: Any, length: int) -> list[Value]:
-    """Return the start values of the elements; what cannot be read, which the check of the unit reports, is 0."""
+def start_values(variable: Any) -> list[Value]:
+    """Return the start values of the elements of fmpy's variable.
+
+    What cannot be read, which the check of the unit reports, is 0.
+    """
     kind, text = type_of(variable.type), variable.start
+    length = math.prod(variable.shape or ())
     if kind in ("String", "Binary"):
-        return [text or ""] * length
+        value: Value = text or ""
+        return [bytes.fromhex(text or "") if kind == "Binary" else value] * length
     found: list[Value] = []
     for part in _elements(text, length):
         try:

@@ -110,7 +110,7 @@ def feed_inputs(
                 variability="discrete" if held else "continuous",
             )  # fmt: skip
             made[name] = source, Link((SOURCE, name), port, source, sink, conversion, stepped=True)
-            groups.setdefault((sink.fmi_type, held), []).append(i)
+            groups.setdefault((sink.kind, held), []).append(i)
         for (kind, held), columns in groups.items():
             course = Course(table.t, table.values[:, columns], held)
             courses.append(Fed(kind, tuple(table.names[i] for i in columns), course))

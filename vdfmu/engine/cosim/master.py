@@ -17,13 +17,13 @@ from numpy.typing import NDArray
 from vdfmu.engine.algorithms import ALGORITHMS, CONTINUOUS, MOST_STEPS
 from vdfmu.engine.cosim.check import Value, check_system
 from vdfmu.engine.cosim.checked import Checked
-from vdfmu.engine.cosim.component import LogMessage, MessageBox
 from vdfmu.engine.cosim.components import CONVERGENCE, Components, failure_message
 from vdfmu.engine.cosim.continuous import ContinuousStepper
 from vdfmu.engine.cosim.exchange import SampledStepper, largest_step
 from vdfmu.engine.cosim.exits import exits_said
 from vdfmu.engine.cosim.inputs import Inputs, outside, read_inputs
 from vdfmu.engine.cosim.isolated import Isolated, Limits
+from vdfmu.engine.cosim.messages import LogMessage, MessageBox
 from vdfmu.engine.cosim.recorder import ROWS, Recorder
 from vdfmu.engine.cosim.results import Results
 from vdfmu.engine.cosim.schedule import DEFAULT

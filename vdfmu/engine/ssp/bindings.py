@@ -259,7 +259,7 @@ class Bindings:
             name = item.get("name")
             typed = next(c for c in item if c.tag.startswith(_SSV))
             kind, origin = typed.tag[len(_SSV) :], f"{label}: {name}"
-            if kind == "Binary":
+            if kind == "Binary" and scope.version == "1.0":
                 text = f"{scope.label}: {origin}: binary parameters are not part of FMI 2.0"
                 self.fatal.append(found("SSP054", text, item))
                 continue

@@ -1,4 +1,4 @@
-"""Values that the user gives to variables of components."""
+"""Values that the user gives: what they are for, checked."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from vdfmu.errors import UsageError
 __all__ = ["Starts", "hint", "overrides", "why_not"]
 
 Starts = dict[str, dict[str, tuple[Variable, Value]]]
+"""Variables and their values by component and name."""
 
 
 def overrides(descriptions: Mapping[str, Description], parameters: Mapping[str, Value]) -> Starts:
@@ -55,12 +56,12 @@ def _named(variables: Mapping[str, Variable], name: str) -> list[str]:
 
 
 def why_not(variable: Variable) -> str:
-    """Say that a variable cannot be set."""
+    """Say why a variable cannot be set."""
     text = f"is not settable: causality {variable.causality}, variability {variable.variability}"
     return text + (f", initial {variable.initial}" if variable.initial else "")
 
 
 def hint(name: str, known: Iterable[str]) -> str:
-    """Return the known names that are like a name, as the end of a message."""
+    """Return known names that are close to one, as the end of a message."""
     close = difflib.get_close_matches(name, list(known), n=3)
     return f"; did you mean {', '.join(close)}?" if close else ""
