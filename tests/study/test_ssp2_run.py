@@ -59,3 +59,16 @@ def test_ssp_2_runs_to_the_bit_as_ssp_1(packages):
 def test_ssp_2_is_checked_with_a_run_of_the_whole(packages):
     report = inspect_file(packages[1])
     assert (report.problems, report.standard, report.ran) == ([], "SSP 2.0", True)
+
+
+def test_arrays_of_fmi_3_run_to_the_bit_as_the_elements_of_fmi_2(packages, tmp_path):
+    """The package that `vdfmu ssp --format 2.0` writes: arrays are connected, and set, as a whole or by parts."""
+    scenario = load_scenario("planar_tracking")
+    values = system_values(scenario)
+    fmus = build_fmus(scenario.robot, tmp_path, start_values=values, backend="native", fmi_version="3.0")
+    arrays = write_ssp(scenario, fmus, tmp_path / "arrays.ssp", version="2.0")
+    assert inspect_file(arrays).problems == []
+    old, new = (vdfmu.simulate(path, stop=0.2) for path in (packages[0], arrays))
+    assert sorted(old.names) == sorted(new.names)
+    for name in old.names:
+        assert np.array_equal(old[name], new[name]), name
