@@ -273,8 +273,9 @@ def _run_system(path: Path, deadline: float) -> Findings:
     system = load_ssp(path)
     experiment = system.experiment
     start = experiment.start or 0.0
-    step = experiment.step or 1e-3
-    if experiment.stop is not None:
+    steps = [component.step for component in system.components if component.step is not None]
+    step = experiment.step or min(steps, default=1e-3)
+    if experiment.stop is not None and not steps:
         step = min(step, (experiment.stop - start) / STEPS)
     try:
         with listening(signal.SIGTERM):  # the time limit, or Ctrl-C: the components are in another session

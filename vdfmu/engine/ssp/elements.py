@@ -123,6 +123,7 @@ class Node:
     children: dict[str, Node] = field(default_factory=dict)
     source: str = ""
     implementation: str = "any"
+    step: float | None = None
     dictionaries: dict[str, tuple[tuple[str, ...], dict[str, Connector]]] = field(default_factory=dict)
     outer: tuple[Any, Scope] | None = None
 

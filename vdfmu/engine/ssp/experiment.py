@@ -10,7 +10,7 @@ from vdfmu.engine.algorithms import ALGORITHMS, CONTINUOUS
 from vdfmu.engine.rules import found
 from vdfmu.engine.ssp.parse import NAMESPACES
 
-__all__ = ["EXPERIMENT_TYPE", "FOREIGN", "OSP_TYPE", "Experiment", "read_experiment"]
+__all__ = ["EXPERIMENT_TYPE", "FOREIGN", "OSP_TYPE", "Experiment", "read_experiment", "read_step"]
 
 EXPERIMENT_TYPE = "org.vdfmu.experiment"
 OSP_TYPE = "com.opensimulationplatform"
@@ -69,6 +69,19 @@ def read_experiment(root: Any, where: str) -> tuple[Experiment, list[str]]:
         elif adaptive is not None and algorithm not in CONTINUOUS:
             reader.fault(f"adaptive is for {' and '.join(CONTINUOUS)}, not for {algorithm}")
     return Experiment(start, stop, step, algorithm, adaptive), reader.problems
+
+
+def read_step(component: Any, where: str) -> tuple[float | None, list[str]]:
+    """Return the step [s] that a component has of its own, of an annotation of this project or of libcosim."""
+    reader = _Reader(component, where)
+    step = reader.number(
+        _content(component, EXPERIMENT_TYPE, f"{{{FOREIGN['vdfmu']}}}Experiment"),
+        "communicationStepSize", "a time in s", above=0.0,
+    )  # fmt: skip
+    if step is None:
+        hint = _content(component, OSP_TYPE, f"{{{FOREIGN['osp']}}}StepSizeHint")
+        step = reader.number(hint, "value", "a time in s", above=0.0)
+    return step, reader.problems
 
 
 def _content(experiment: Any, kind: str, path: str) -> Any:

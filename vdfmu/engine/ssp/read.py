@@ -115,6 +115,7 @@ def _flattened(root: Any, scope: Scope, path: Path) -> tuple[System, list[str]]:
                 node.implementation,
                 node.connectors,
                 *bindings.of(node.path),
+                node.step,
                 place_of(node.element),
             )
             for node in top.components()

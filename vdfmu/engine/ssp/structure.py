@@ -192,6 +192,7 @@ class Parameter:
 class Component:
     """A component; nested ones are named ``system.component``, and ``system.component#2`` where that is taken.
 
+    `step` [s] is a multiple of the communication step in which it is stepped, None for that itself.
     `overruled` are values in the place of which others are in `parameters`.
     `source` is the member of the package, ``inner.ssp!/member`` where a package inside it holds the FMU; empty
     where there is no FMU, which the system's `problems` then tell.
@@ -203,6 +204,7 @@ class Component:
     connectors: Mapping[str, Connector]
     parameters: tuple[Parameter, ...] = ()
     overruled: tuple[Parameter, ...] = ()
+    step: float | None = None
     place: Place = field(default=("", 0), compare=False)
 
 

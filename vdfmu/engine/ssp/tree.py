@@ -11,6 +11,7 @@ from typing import Any
 from vdfmu.engine.rules import found
 from vdfmu.engine.ssp import limits
 from vdfmu.engine.ssp.elements import Node, Scope, read_connector, read_connectors
+from vdfmu.engine.ssp.experiment import read_step
 from vdfmu.engine.ssp.parse import NAMESPACES, version_of
 from vdfmu.errors import SspError
 
@@ -109,6 +110,8 @@ class TreeReader:
         except SspError as error:
             self.problems += error.problems
         node.implementation = element.get("implementation", "any")
+        node.step, faults = read_step(element, where)
+        self.problems += faults
         return node
 
     def _from_file(self, node: Node, kind: str, source: str, where: str) -> Node:
