@@ -25,7 +25,7 @@ from vdfmu.engine.cosim.exits import exits_said
 from vdfmu.engine.cosim.inputs import Inputs, outside, read_inputs
 from vdfmu.engine.cosim.isolated import Isolated, Limits
 from vdfmu.engine.cosim.recorder import ROWS, Recorder
-from vdfmu.engine.cosim.results import Results
+from vdfmu.engine.cosim.results import Results, copies_of
 from vdfmu.engine.cosim.schedule import DEFAULT
 from vdfmu.engine.cosim.unpacked import no_room, unpack_units
 from vdfmu.engine.ssp.experiment import Experiment
@@ -124,9 +124,10 @@ def simulate(
     memory_limit : float, optional
         Memory [MB] that isolated components have. Default: half of that of the machine.
     stream : Path, optional
-        CSV file to which the rows go as they come, in the form of `Results.to_csv` and at least every two seconds. The
-        results are read from disk then, where they take as much room again while they are in use; memory does not
-        grow with the number of rows, but for their times.
+        CSV file to which the rows go as they come, in the form of `Results.to_csv` and at least every two seconds. An
+        input with the values of another signal, or those of a row before, is left out: `copies` of the summary names
+        both. The results are read from disk then, where they take as much room again while they are in use; memory
+        does not grow with the number of rows, but for their times.
 
     Returns
     -------
@@ -321,6 +322,8 @@ class _Run:
         def results() -> Results:
             self.summary["wall_s"] = clock.perf_counter() - began - (recorder.seconds if recorder else 0.0)
             self.summary |= stepper.facts()
+            if recorder:
+                self.summary["copies"] = copies_of(signals)
             time = times(0, done + 1)
             if done == n or box.ended:
                 time[done] = self.summary["stop"]
