@@ -1,4 +1,4 @@
-"""``vdfmu models list`` and ``show``."""
+"""``vdfmu models list``, ``show`` and ``schema``."""
 
 from __future__ import annotations
 
@@ -73,6 +73,29 @@ def show_model(
             sources.setdefault(source, []).append(row.name)
         for source, those in sources.items():
             console.print(f"{', '.join(those)}: {source}", markup=False)
+
+
+@app.command("schema", epilog="Example: [bold]vdfmu models schema robot > robot.schema.json[/bold]")
+def show_schema(
+    kind: Annotated[str, typer.Argument(help="robot, scenario or system.")],
+    system: Annotated[
+        str, typer.Option(help="Whose components the sections of a scenario are for.")
+    ] = "system",
+) -> None:
+    """Print the JSON schema of a TOML file, for editors: "#:schema robot.schema.json" in its first line."""
+    import json
+
+    from vdfmu.errors import UsageError
+    from vdfmu.scenario import schema
+
+    known = {
+        "robot": schema.robot_schema,
+        "scenario": lambda: schema.scenario_schema(system),
+        "system": schema.system_schema,
+    }
+    if kind not in known:
+        raise UsageError(f"schema: expected {', '.join(known)}, got {kind!r}.")
+    say(json.dumps(known[kind](), indent=1))
 
 
 def _number(value: Any) -> str:

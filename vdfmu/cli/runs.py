@@ -66,9 +66,6 @@ def run(
         bool, typer.Option("--no-reference", help="Do not solve the references.")
     ] = False,
     backend: BackendOption = None,
-    container: Annotated[
-        bool, typer.Option("--container", help="Fold the units into one container FMU and run that.")
-    ] = False,
     settings: SetOption = None,
     unit: Annotated[
         list[str] | None,
@@ -99,7 +96,6 @@ def run(
             overwrite=overwrite,
             reference=not no_reference,
             backend=backend,
-            container=container,
             settings=parse_settings(settings),
             units=parse_settings(unit),
             inputs=inputs,

@@ -199,8 +199,6 @@ def facts(summary: Summary) -> list[tuple[str, str]]:
         for name, (key, form) in lines.items()
         if summary.get(key) is not None and key not in rigid
     ]
-    if summary.get("container"):
-        found = [(name, f"{text} in one container FMU" if name == "Units" else text) for name, text in found]
     done: Summary | None = summary.get("communication")
     if done is not None:
         lengths = dict.fromkeys(f"{1e3 * done[key]:.3g}" for key in ("shortest_step", "longest_step"))

@@ -17,15 +17,16 @@ from vdfmu.engine.cosim import Interrupted, LogMessage, Results, simulate
 from vdfmu.engine.cosim.inputs import Inputs, read_inputs
 from vdfmu.engine.cosim.master import check_coupling
 from vdfmu.engine.folder import DRAWN, SYSTEM_OUTPUTS, keep, replacing_results, write_summary
-from vdfmu.engine.ssp.read import load_ssp
 from vdfmu.errors import CosimError, UsageError
 from vdfmu.fmu.build import build_notes, choose_backend
 from vdfmu.model import Robot, load_robot
 from vdfmu.model.read import Problems
+from vdfmu.once import one_job
 from vdfmu.progress import Progress, showing
 from vdfmu.scenario import Scenario, load_scenario
 from vdfmu.scenario.check import check_step, model_notes
-from vdfmu.scenario.parts import cached_fmus, with_units
+from vdfmu.scenario.parts import cached_fmus
+from vdfmu.scenario.replace import with_units
 from vdfmu.scenario.values import system_values
 from vdfmu.ssp.description import SystemDescription
 from vdfmu.ssp.write import write_ssp
@@ -47,7 +48,6 @@ __all__ = ["RUN_OUTPUTS", "prepare", "run"]
 
 RUN_OUTPUTS = (
     *SYSTEM_OUTPUTS,
-    "container.fmu",
     "system.ssp",
     *(f"figure_{number}.png" for number in (7, 8, 10, 11, 13, 14)),
     "torques.png",
@@ -105,6 +105,7 @@ def prepare(
     return scenario
 
 
+@one_job()
 def run(
     scenario: Scenario | str | os.PathLike[str],
     *,
@@ -117,7 +118,6 @@ def run(
     overwrite: bool = False,
     reference: bool = True,
     backend: str | None = None,
-    container: bool = False,
     settings: Mapping[str, Any] | None = None,
     units: Mapping[str, Any] | None = None,
     inputs: Inputs = None,
@@ -148,8 +148,6 @@ def run(
         Whether to solve the references and compare, which takes longer than the run itself.
     backend : "native" or "python", optional
         Kind of FMU; default native where its compiler is installed.
-    container : bool, optional
-        Fold the native units into one FMU, ``container.fmu``, and run that. It steps them as ``jacobi`` does.
     settings : mapping of str to value, optional
         Parameters and inputs that nothing feeds, ``{"controller.K_p[1]": 3000}``; without an index for all elements,
         one value or a list or array with one for each.
@@ -186,10 +184,8 @@ def run(
     folder = Path(out) if out is not None else Path("results") / scenario.name
     report = progress or (lambda stage, done, total: None)
     if scenario.kind == "contrast":
-        if backend is not None or container:
-            raise UsageError(
-                f"scenario {scenario.name} has no units, so there is no backend and no container."
-            )
+        if backend is not None:
+            raise UsageError(f"scenario {scenario.name} has no units, so there is no backend.")
         if settings or scenario.inputs:
             names = [*(settings or {}), *(table.where for table in scenario.inputs)]
             raise UsageError(
@@ -198,11 +194,7 @@ def run(
         with replacing_results(folder, RUN_OUTPUTS, overwrite) as partial:
             return _run_contrast(scenario, partial)
 
-    if container and backend is None:
-        backend = "native"
     backend = choose_backend(backend)
-    if container:
-        scenario = _for_container(scenario, backend, master)
     text_settings = {key: str(value) for key, value in (settings or {}).items()}
     values = system_values(scenario, settings)
     free = scenario.master == "iterative" or scenario.adaptive is not None
@@ -219,20 +211,15 @@ def run(
         with temporary_folder("vdfmu_fmus_") as fmus, showing(report):
             built = cached_fmus(scenario, fmus, backend)
             package = write_ssp(scenario, built, partial / "system.ssp", values)
-        if container:
-            from vdfmu.engine.cosim.container import write_container
-
-            write_container(package, partial / "container.fmu", step=scenario.step)
         report("build", 1, 1)
         summary = _head(scenario) | {
             "backend": backend,
-            "container": container,
             "settings": text_settings,
             "warnings": warnings,
             "left_out": list(scenario.system.dropped),
         }
         try:
-            results = _simulate(scenario, package, container, report, log)
+            results = _simulate(scenario, package, report, log)
         except (CosimError, Interrupted) as error:
             keep(error, partial, summary)
             raise
@@ -260,39 +247,19 @@ def run(
         return results
 
 
-def _for_container(scenario: Scenario, backend: str, master: str | None) -> Scenario:
-    if backend != "native":
-        raise UsageError("container: needs native FMUs; Python FMUs do not run inside one.")
-    if master not in (None, "jacobi"):
-        raise UsageError(f"container: it steps its units as jacobi does, got master {master!r}.")
-    if scenario.inputs:
-        raise UsageError("container: its inputs take values, not signals; run without container.")
-    return dataclasses.replace(scenario, master="jacobi", adaptive=None)
-
-
 def _simulate(
     scenario: Scenario,
     package: Path,
-    container: bool,
     report: Progress,
     log: Callable[[LogMessage], None] | None,
 ) -> Results:
-    stop, step = scenario.stop, scenario.step
-    stream = package.with_name("results.csv")
-
     def progress(done: int, total: int) -> None:
         report("co-simulation", done, total)
 
-    if container:
-        from vdfmu.engine.cosim.container import simulate_container
-
-        folded = package.with_name("container.fmu")
-        return simulate_container(
-            folded, load_ssp(package), stop=stop, step=step, progress=progress, log=log, stream=stream
-        )
     return simulate(
-        package, start=0.0, stop=stop, step=step, algorithm=scenario.master, adaptive=scenario.adaptive,
-        inputs=scenario.inputs, progress=progress, log=log, stream=stream,
+        package, start=0.0, stop=scenario.stop, step=scenario.step, algorithm=scenario.master,
+        adaptive=scenario.adaptive, inputs=scenario.inputs, progress=progress, log=log,
+        stream=package.with_name("results.csv"),
     )  # fmt: skip
 
 

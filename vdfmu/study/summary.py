@@ -183,7 +183,7 @@ def power_bond(results: Results, robot: Robot) -> dict[str, Any]:
     dict
         ``power_bond``: for each joint ``residual_energy_j``, the sum over the rows; ``residual_energy_abs_j``, the sum
         of the absolute values; ``exchanged_energy_j``, the same of the energy that the plant took up. Empty where the
-        inputs were not recorded, as those inside a container are not.
+        inputs were not recorded.
     """
     needed = ("controller.kappa_dot[1]", "plant.tau[1]")
     if any(name not in results for name in needed):

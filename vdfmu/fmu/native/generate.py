@@ -11,7 +11,8 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 import casadi as ca
 
 from vdfmu import __version__
-from vdfmu.fmu.native.text import array, cell, comment, fields, integer, number, string
+from vdfmu.fmu.description import number
+from vdfmu.fmu.native.text import array, cell, comment, fields, string
 from vdfmu.kernel import Kernel
 from vdfmu.kernel.c_code import c_function, c_prototype
 from vdfmu.kernel.requirements import requirements
@@ -313,19 +314,19 @@ class _Unit:
         values = {
             "name": string(interface.model_name),
             "guid": string(self.guid),
-            "n": integer(N),
+            "n": N,
             "variables": "variables",
-            "n_arrays": integer(len(interface.arrays)),
+            "n_arrays": len(interface.arrays),
             "arrays": "arrays",
             "time": "at_t",
-            "n_x": integer(n_x),
+            "n_x": n_x,
             "x": "at_x" if n_x else "0",
             "x_dot": "at_x_dot" if n_x else "0",
             "tolerance": f"at_{argument_name('tolerance')}" if has_step else f"{N}, /* there is no solver */",
             "period": "at_period" if self.program.update else f"{N}, /* nothing is sampled */",
             "step_pattern": f"{{{calculated}, calculated, step_begin, step_column}}",
             "start_pattern": f"{{{calculated}, calculated, start_begin, start_column}}",
-            "n_requirements": integer(len(self.requirements)),
+            "n_requirements": len(self.requirements),
             "requirements": "requirements" if self.requirements else "NULL",
             "margins": "unit_margins" if self.requirements else "NULL",
         }
