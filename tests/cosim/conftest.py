@@ -445,6 +445,10 @@ def values(inner: str, mapping: str = "", attributes: str = "") -> str:
     )
 
 
+def integer(name: str, value: int) -> str:
+    return f'<ssv:Parameter name="{name}"><ssv:Integer value="{value}"/></ssv:Parameter>'
+
+
 def real(name: str, value: float, unit: str = "") -> str:
     unit = f' unit="{unit}"' if unit else ""
     return f'<ssv:Parameter name="{name}"><ssv:Real value="{value}"{unit}/></ssv:Parameter>'
@@ -496,6 +500,7 @@ class Xml:
     connection = staticmethod(connection)
     values = staticmethod(values)
     real = staticmethod(real)
+    integer = staticmethod(integer)
 
 
 @pytest.fixture(scope="session")

@@ -14,7 +14,8 @@ import pytest
 from vdfmu.engine.check import run as check_run
 from vdfmu.engine.check.findings import Findings
 from vdfmu.engine.check.inspect import inspect_file
-from vdfmu.engine.cosim.component import MessageBox, _boxes, _on_message
+from vdfmu.engine.cosim.component import _boxes, on_message
+from vdfmu.engine.cosim.messages import MessageBox
 from vdfmu.files import pack_zip
 from vdfmu.fmu import build_fmus
 from vdfmu.model import Robot
@@ -188,7 +189,7 @@ def test_messages_of_components_are_bounded_and_shown(monkeypatch):
     box = MessageBox(lambda message: None, limit=100)
     monkeypatch.setitem(_boxes, 7, ("a", box))
     for _ in range(1000):
-        _on_message(7, b"a", 3, b"error\x1b", b"\x1b[31m" + bytes(100) + b"x" * 100_000)
+        on_message(7, 3, b"error\x1b", b"\x1b[31m" + bytes(100) + b"x" * 100_000)
         assert len(box.pending) < 200
     last = box.pending[-1]
     assert last.text.startswith("\\x1b[31m") and last.category == "error\\x1b"

@@ -66,6 +66,7 @@ def run(
         bool, typer.Option("--no-reference", help="Do not solve the references.")
     ] = False,
     backend: BackendOption = None,
+    fmi: Annotated[str, typer.Option(help="Version of FMI: 2.0, or 3.0 for native FMUs.")] = "2.0",
     settings: SetOption = None,
     unit: Annotated[
         list[str] | None,
@@ -96,6 +97,7 @@ def run(
             overwrite=overwrite,
             reference=not no_reference,
             backend=backend,
+            fmi_version=fmi,
             settings=parse_settings(settings),
             units=parse_settings(unit),
             inputs=inputs,

@@ -133,7 +133,7 @@ def build_fmus(
             robot if unit.needs_robot() else None,
             dict((start_values or {}).get(name, {})),
             "python" if unit.backend == "python" else backend,
-            fmi_version,
+            "2.0" if unit.backend == "python" else fmi_version,
         )
         for name, unit in named.items()
     }

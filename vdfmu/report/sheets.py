@@ -199,6 +199,10 @@ def facts(summary: Summary) -> list[tuple[str, str]]:
         for name, (key, form) in lines.items()
         if summary.get(key) is not None and key not in rigid
     ]
+    if summary.get("fmi", "2.0") != "2.0":
+        found = [
+            (name, f"{text} of FMI {summary['fmi']}" if name == "Units" else text) for name, text in found
+        ]
     done: Summary | None = summary.get("communication")
     if done is not None:
         lengths = dict.fromkeys(f"{1e3 * done[key]:.3g}" for key in ("shortest_step", "longest_step"))

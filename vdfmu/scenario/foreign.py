@@ -3,23 +3,25 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterator
 from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 import fmpy
 
+from vdfmu.engine.cosim.description import element_names, start_values, type_of
 from vdfmu.errors import UsageError
 from vdfmu.unit.variable import Variable
 
 __all__ = ["ForeignInterface"]
 
 _INDEXED = re.compile(r"(.+)\[(\d+(?:,\d+)*)\]")
-_CAST: dict[str, Any] = {"Real": float, "Integer": int, "Boolean": lambda text: text in ("true", "1")}
+_TYPES = ("Real", "Integer", "Boolean")
 
 
 class ForeignInterface:
-    """Variables of an FMU of FMI 2.0 for co-simulation; names ``q[1]`` are elements of the group ``q``.
+    """Variables of an FMU of FMI 2.0 or 3.0; names ``q[1]``, and elements of arrays, are elements of the group ``q``.
 
     Parameters
     ----------
@@ -40,17 +42,15 @@ class ForeignInterface:
             description: Any = fmpy.read_model_description(str(path), validate=False)
         except Exception as error:
             raise UsageError(f"{path}: the FMU cannot be read: {error}.") from None
-        if description.fmiVersion != "2.0" or description.coSimulation is None:
+        if description.fmiVersion not in ("2.0", "3.0") or description.coSimulation is None:
             raise UsageError(
-                f"{path}: expected an FMU of FMI 2.0 for co-simulation, got FMI {description.fmiVersion}"
+                f"{path}: expected an FMU of FMI 2.0 or 3.0 for co-simulation, got FMI {description.fmiVersion}"
                 f"{'' if description.coSimulation else ' without co-simulation'}."
             )
         self.path = path
         self.model_name: str = description.coSimulation.modelIdentifier
         self.description: str = description.description or description.modelName
-        self.variables = tuple(
-            variable for variable in map(_variable, description.modelVariables) if variable is not None
-        )
+        self.variables = tuple(each for found in description.modelVariables for each in _variables(found))
 
     @property
     def name(self) -> str:
@@ -76,19 +76,18 @@ class ForeignInterface:
         raise UsageError(f"{self.name} has no variable {name!r}. There are: {', '.join(groups)}.")
 
 
-def _variable(found: Any) -> Variable | None:
-    """One variable that can be connected or set; None for others, such as strings."""
-    kinds = {"input": "input", "output": "output", "parameter": "parameter"}
-    if found.type not in _CAST or found.causality not in kinds:
-        return None
-    match = _INDEXED.fullmatch(found.name)
-    group = match[1] if match else found.name
-    index = tuple(int(i) - 1 for i in match[2].split(",")) if match else ()
-    cast = _CAST[found.type]
+def _variables(found: Any) -> Iterator[Variable]:
+    """Yield the elements of a variable that can be connected or set; none of others, such as strings."""
+    if type_of(found.type) not in _TYPES or found.causality not in ("input", "output", "parameter"):
+        return
     low, high = (None if text is None else float(text) for text in (found.min, found.max))
-    start = None if found.start is None or found.causality == "output" else cast(found.start)
     unit = found.unit or getattr(found.declaredType, "unit", None)
-    return Variable(
-        group, index, found.type, found.causality, found.variability or "continuous", unit, start, low, high,
-        found.description or "",
-    )  # fmt: skip
+    settable = found.start is not None and found.causality != "output"
+    for name, start in zip(element_names(found.name, found.shape), start_values(found), strict=True):
+        match = _INDEXED.fullmatch(name)
+        group = match[1] if match else name
+        index = tuple(int(i) - 1 for i in match[2].split(",")) if match else ()
+        yield Variable(
+            group, index, type_of(found.type), found.causality, found.variability or "continuous", unit,
+            start if settable else None, low, high, found.description or "",
+        )  # fmt: skip

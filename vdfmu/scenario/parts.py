@@ -8,11 +8,13 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
+from vdfmu.errors import UsageError
 from vdfmu.fmu import build_fmus
 from vdfmu.fmu.build import choose_backend
 from vdfmu.fmu.content import Content
 from vdfmu.kernel.cache import cache_folder, load, store
 from vdfmu.model import Robot
+from vdfmu.model.read import nearest
 from vdfmu.scenario.foreign import ForeignInterface
 from vdfmu.scenario.scenario import Scenario
 from vdfmu.scenario.system_file import SystemFile
@@ -20,7 +22,7 @@ from vdfmu.unit.base import Unit, unit_name
 from vdfmu.unit.interface import Interface
 from vdfmu.units import find_unit
 
-__all__ = ["Variables", "build_parts", "cached_fmus", "tables_of", "units_of"]
+__all__ = ["Variables", "build_parts", "cached_fmus", "check_connections", "tables_of", "units_of"]
 
 Variables = Interface | ForeignInterface
 """The variables of a component."""
@@ -51,6 +53,22 @@ def tables_of(
         else:
             found[name] = Interface(units[name], robot if units[name].needs_robot() else None)
     return found
+
+
+def check_connections(system: SystemFile, tables: Mapping[str, Variables]) -> None:
+    """Raise UsageError for connections of signals that the components do not have, with a line for each."""
+    problems: list[str] = []
+    for source, targets in system.connections.items():
+        for end, causality in ((source, "output"), *((target, "input") for target in targets)):
+            component, _, group = end.partition(".")
+            known = list(dict.fromkeys(v.group for v in tables[component] if v.causality == causality))
+            if group not in known:
+                problems.append(
+                    f"{system.path}: connections: {end}: expected an {causality} of {component}, got {group!r}. "
+                    + nearest(group, known)
+                )
+    if problems:
+        raise UsageError("\n".join(dict.fromkeys(problems)))
 
 
 def build_parts(
@@ -103,7 +121,10 @@ def _placed(
 
 
 def cached_fmus(
-    scenario: Scenario, folder: str | os.PathLike[str], backend: str | None = None
+    scenario: Scenario,
+    folder: str | os.PathLike[str],
+    backend: str | None = None,
+    fmi_version: str = "2.0",
 ) -> dict[str, Path]:
     """FMUs of a scenario's system in `folder`: those that the cache has, by their content, and the others built."""
     backend = choose_backend(backend)
@@ -113,14 +134,14 @@ def cached_fmus(
     placed = _placed(units, {}, Path(folder))
     for name, unit in units.items():
         robot = scenario.robot if unit.needs_robot() else None
-        own = "python" if unit.backend == "python" else backend
-        places[name] = cache_folder() / "fmus" / Content(unit, robot, {}, own).guid.strip("{}")
+        own = ("python", "2.0") if unit.backend == "python" else (backend, fmi_version)
+        places[name] = cache_folder() / "fmus" / Content(unit, robot, {}, *own).guid.strip("{}")
         cached[name] = content = load(places[name])
         if content is not None:
             with suppress(OSError):  # of which the build then says more
                 placed[name].mkdir(parents=True, exist_ok=True)
                 (placed[name] / f"{unit.__name__}.fmu").write_bytes(content)
-    fmus = build_parts(scenario, folder, backend=backend)
+    fmus = build_parts(scenario, folder, backend=backend, fmi_version=fmi_version)
     for name, place in places.items():
         content = fmus[name].read_bytes()
         if content != cached[name]:

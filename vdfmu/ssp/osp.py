@@ -58,7 +58,7 @@ def write_osp(
         raise StorageError(f"{folder}: is a file; expected a folder, or a new name for one")
     description = SystemDescription(scenario, values)
     fmus = {unit: fmu for unit, fmu in fmus.items() if unit in description.tables}
-    require_fmi(fmus, "2.0", "an OSP system structure")
+    require_fmi(fmus, ("2.0",), "an OSP system structure")
     names = {unit: Path(fmu).name for unit, fmu in fmus.items()}
     content = to_bytes(osp_structure(description, names))
     path = folder / "OspSystemStructure.xml"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from vdfmu.errors import StorageError, UsageError
@@ -57,7 +57,7 @@ def fmi_of_format(form: str, backend: str | None) -> str:
     return version
 
 
-def require_fmi(fmus: Mapping[str, str | os.PathLike[str]], version: str, what: str) -> None:
+def require_fmi(fmus: Mapping[str, str | os.PathLike[str]], versions: Sequence[str], what: str) -> None:
     """Check the version of FMI of the units that go into a package.
 
     Raises
@@ -73,8 +73,8 @@ def require_fmi(fmus: Mapping[str, str | os.PathLike[str]], version: str, what: 
             raise StorageError(f"{unit}: {fmu} is missing or no FMU. Build it with vdfmu.build_fmus.")
         found = _VERSION.search(content)
         got = found[1].decode() if found else "none"
-        if got != version:
+        if got not in versions:
             raise UsageError(
-                f"{unit}: {what} holds units of FMI {version}, got {Path(fmu).name} of FMI {got}. "
-                f'Build it with fmi_version="{version}".'
+                f"{unit}: {what} holds units of FMI {' or '.join(versions)}, got {Path(fmu).name} of FMI {got}. "
+                f'Build it with fmi_version="{versions[0]}".'
             )

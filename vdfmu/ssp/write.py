@@ -30,6 +30,7 @@ def write_ssp(
     values: Mapping[str, Mapping[str, Any]] | None = None,
     *,
     version: str = "1.0",
+    mixed: bool = False,
 ) -> Path:
     """Write the system of a scenario as a package with its FMUs.
 
@@ -48,6 +49,9 @@ def write_ssp(
         Parameter values, see :func:`vdfmu.scenario.values.system_values`; default those of robot and scenario.
     version : "1.0" or "2.0", optional
         Version of SSP. With 2.0 connectors and parameters are arrays where the units of FMI 3.0 have arrays.
+    mixed : bool, optional
+        Whether FMUs of FMI 2.0 and 3.0 may go together, for this project's master: with SSP 1.0, the connectors of
+        arrays of FMI 3.0 are their elements, which other tools do not read so.
 
     Returns
     -------
@@ -68,7 +72,7 @@ def write_ssp(
     fmi_version = require_version(version)
     description = SystemDescription(scenario, values, version)
     fmus = {unit: fmu for unit, fmu in fmus.items() if unit in description.tables}
-    require_fmi(fmus, fmi_version, f"SSP {version}")
+    require_fmi(fmus, ("2.0", "3.0") if mixed else (fmi_version,), f"SSP {version}")
     icons = {f"resources/icons/{name}.svg": _icon(table.name) for name, table in description.tables.items()}
     ssd = structure_file(description)
     members = {"SystemStructure.ssd": _checked(ssd, "ssd", "SystemStructure.ssd", version), **icons}

@@ -118,6 +118,7 @@ def run(
     overwrite: bool = False,
     reference: bool = True,
     backend: str | None = None,
+    fmi_version: str = "2.0",
     settings: Mapping[str, Any] | None = None,
     units: Mapping[str, Any] | None = None,
     inputs: Inputs = None,
@@ -148,6 +149,8 @@ def run(
         Whether to solve the references and compare, which takes longer than the run itself.
     backend : "native" or "python", optional
         Kind of FMU; default native where its compiler is installed.
+    fmi_version : "2.0" or "3.0", optional
+        Of the units' FMUs; Python FMUs are of FMI 2.0.
     settings : mapping of str to value, optional
         Parameters and inputs that nothing feeds, ``{"controller.K_p[1]": 3000}``; without an index for all elements,
         one value or a list or array with one for each.
@@ -184,8 +187,10 @@ def run(
     folder = Path(out) if out is not None else Path("results") / scenario.name
     report = progress or (lambda stage, done, total: None)
     if scenario.kind == "contrast":
-        if backend is not None:
-            raise UsageError(f"scenario {scenario.name} has no units, so there is no backend.")
+        if backend is not None or fmi_version != "2.0":
+            raise UsageError(
+                f"scenario {scenario.name} has no units, so there is no backend and no version of FMI."
+            )
         if settings or scenario.inputs:
             names = [*(settings or {}), *(table.where for table in scenario.inputs)]
             raise UsageError(
@@ -194,6 +199,8 @@ def run(
         with replacing_results(folder, RUN_OUTPUTS, overwrite) as partial:
             return _run_contrast(scenario, partial)
 
+    if backend is None and fmi_version != "2.0":
+        backend = "native"
     backend = choose_backend(backend)
     text_settings = {key: str(value) for key, value in (settings or {}).items()}
     values = system_values(scenario, settings)
@@ -209,11 +216,12 @@ def run(
     with replacing_results(folder, RUN_OUTPUTS, overwrite) as partial:
         report("build", 0, 1)
         with temporary_folder("vdfmu_fmus_") as fmus, showing(report):
-            built = cached_fmus(scenario, fmus, backend)
-            package = write_ssp(scenario, built, partial / "system.ssp", values)
+            built = cached_fmus(scenario, fmus, backend, fmi_version)
+            package = write_ssp(scenario, built, partial / "system.ssp", values, mixed=True)
         report("build", 1, 1)
         summary = _head(scenario) | {
             "backend": backend,
+            "fmi": fmi_version,
             "settings": text_settings,
             "warnings": warnings,
             "left_out": list(scenario.system.dropped),

@@ -3,8 +3,8 @@
 from vdfmu.engine.algorithms import ALGORITHMS
 from vdfmu.engine.cosim.check import check_system
 from vdfmu.engine.cosim.checked import Checked
-from vdfmu.engine.cosim.component import LogMessage
 from vdfmu.engine.cosim.master import simulate
+from vdfmu.engine.cosim.messages import LogMessage
 from vdfmu.engine.cosim.results import Results, Signal
 from vdfmu.engine.cosim.run import Interrupted
 from vdfmu.engine.cosim.simulator import Simulator

@@ -3,29 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from ctypes import addressof, byref, c_size_t, c_uint, c_void_p, create_string_buffer, string_at
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from vdfmu.engine.cosim.access import DTYPES, Call, Heap
 from vdfmu.engine.cosim.checked import Checked
-from vdfmu.engine.cosim.component import C_TYPE, Slave
+from vdfmu.engine.cosim.component import Slave
 from vdfmu.engine.cosim.description import Variable
 from vdfmu.engine.cosim.link import Link, Port
 
-__all__ = ["Bank", "Call", "component_argument"]
-
-Call = tuple[Any, Any, Any, Any, Any, str]
-"""An FMI function, its four arguments, and its name for messages."""
+__all__ = ["Bank"]
 
 
 class Bank:
-    """All outputs and connected inputs of one FMI type, in one array: ``[outputs | inputs]``.
+    """All outputs and connected inputs of one kind, in one array: ``[outputs | inputs]``.
 
-    The ctypes arrays that FMI calls fill lie in the same memory, one window for each unit's outputs and one
-    for its inputs. In an input window the fresh inputs (see `Schedule`) come first. Of texts the array holds addresses,
-    the same for the same text, of copies that last as long as the bank: those of a unit last until its next step.
+    FMI calls fill it in place where they have the same type, one window for each unit's outputs and one
+    for its inputs. In an input window the fresh inputs (see `Schedule`) come first.
     """
 
     def __init__(self, kind: str, checked: Checked, words: NDArray[np.float64]) -> None:
@@ -37,20 +33,19 @@ class Bank:
         self.output_windows: dict[str, slice] = {}
         self.input_windows: dict[str, slice] = {}
         for unit, description in checked.sources.items():
-            own = [v for v in description.named("output") if v.fmi_type == kind]
+            own = [v for v in description.named("output") if v.kind == kind]
             self.output_windows[unit] = slice(len(outputs), len(outputs) + len(own))
             outputs += [(unit, v) for v in own]
             fed = [
                 v for v in description.named("input")
-                if v.fmi_type == kind and (unit, v.name) in links
+                if v.kind == kind and (unit, v.name) in links
             ]  # fmt: skip
             fed.sort(key=lambda v, unit=unit: (unit, v.name) not in fresh)
             self.input_windows[unit] = slice(len(inputs), len(inputs) + len(fed))
             inputs += [(unit, v) for v in fed]
         self.variables = [*outputs, *inputs]
-        dtype = {"Real": np.float64, "String": np.uintp}.get(kind, np.int32)
-        self._texts: dict[bytes, Any] = {}
-        self.memory: NDArray[Any] = words.view(dtype)[: len(self.variables)]
+        self.heap = Heap(len(self.variables))
+        self.memory: NDArray[Any] = words.view(DTYPES[kind])[: len(self.variables)]
         self.words = -(-self.memory.nbytes // words.itemsize)
         self.outputs = self.memory[: len(outputs)]
         self.inputs = self.memory[len(outputs) :]
@@ -91,46 +86,10 @@ class Bank:
             return mapped
         return plain if all(link.conversion.trivial for link in links) else scaled
 
-    def kept(self, text: bytes) -> int:
-        """Return the address of the copy of a text."""
-        return addressof(self._texts.setdefault(text, create_string_buffer(text)))
-
-    def call(self, slave: Slave, verb: str) -> Call | None:
-        """Return the vectorised ``Get`` or ``Set`` of a unit's window; None when it is empty."""
+    def calls(self, slave: Slave, verb: str) -> list[Call]:
+        """Return the vectorised calls that ``Get`` or ``Set`` a unit's window; none when it is empty."""
         window = (self.output_windows if verb == "Get" else self.input_windows)[slave.name]
-        part = (self.outputs if verb == "Get" else self.inputs)[window]
-        n = part.size
-        if n == 0:
-            return None
         shift = 0 if verb == "Get" else self.outputs.size
-        names = self.variables[window.start + shift : window.stop + shift]
-        references = (c_uint * n)(*(v.reference for _, v in names))
-        place = part.ctypes.data - self.memory.ctypes.data
-        values = (C_TYPE[self.kind] * n).from_buffer(self.memory, place)  # pyright: ignore[reportArgumentType]
-        function = slave.function(f"fmi2{verb}{self.kind}")
-        if self.kind == "String" and verb == "Get":
-            function = self._keeping(function, part)
-        name = f"{verb.lower()}{self.kind}"
-        return (
-            function,
-            component_argument(slave),
-            byref(references),
-            c_size_t.from_param(n),
-            byref(values),
-            name,
-        )
-
-    def _keeping(self, get: Callable[..., int], part: NDArray[Any]) -> Callable[..., int]:
-        """Return a fmi2GetString that leaves copies of the texts in `part`."""
-
-        def call(*arguments: Any) -> int:
-            status = get(*arguments)
-            part[:] = [self.kept(string_at(int(address)) if address else b"") for address in part]
-            return status
-
-        return call
-
-
-def component_argument(slave: Slave) -> Any:
-    """Return the instance as an argument that is made ready once: ctypes would do it anew in each call."""
-    return c_void_p.from_param(slave.component.value)  # pyright: ignore[reportArgumentType]
+        variables = [v for _, v in self.variables[window.start + shift : window.stop + shift]]
+        part = (self.outputs if verb == "Get" else self.inputs)[window]
+        return slave.access(verb, variables, part, self.heap) if variables else []

@@ -2,21 +2,29 @@
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
+from typing import Any
 
 from vdfmu.engine.algorithms import ALGORITHMS
 from vdfmu.engine.cosim.abilities import check_abilities
 from vdfmu.engine.cosim.checked import Checked
 from vdfmu.engine.cosim.conversion import Conversion, Value, as_type, compose
-from vdfmu.engine.cosim.description import Description, Variable, inspect_description, limit_fault
+from vdfmu.engine.cosim.description import (
+    Description,
+    Variable,
+    inspect_description,
+    limit_fault,
+    type_of,
+)
 from vdfmu.engine.cosim.feed import feed_inputs
 from vdfmu.engine.cosim.inputs import Table
 from vdfmu.engine.cosim.link import SOURCE, Link, Port
+from vdfmu.engine.cosim.overrides import Starts, hint, overrides, why_not
 from vdfmu.engine.cosim.schedule import choose_schedule
 from vdfmu.engine.ssp.archive import Archive
-from vdfmu.engine.ssp.structure import Component, Parameter, System, Unit, spread
+from vdfmu.engine.ssp.structure import Component, Parameter, System, Unit
 from vdfmu.errors import SspError, UsageError
 
 _PAIRS = {("output", "input"), ("calculatedParameter", "parameter"), ("calculatedParameter", "input")}
@@ -66,7 +74,7 @@ def check_system(
     """
     if algorithm not in (None, *ALGORITHMS):
         raise UsageError(f"unknown algorithm {algorithm!r}; there are {', '.join(ALGORITHMS)}")
-    checker = _Checker(system, strict, ignore_unmatched)
+    checker = _Checker(system, strict, ignore_unmatched, parameters or {})
     checker.read()
     links = checker.link()
     known = {
@@ -122,7 +130,7 @@ def with_parameters(checked: Checked, parameters: Mapping[str, Value]) -> Checke
     fed = {link.end: link.start for link in checked.links}
     starts = {name: {v.name: (v, value) for v, value in each} for name, each in checked.starts.items()}
     notes = [*checked.notes]
-    for name, values in _overrides(checked.descriptions, parameters).items():
+    for name, values in overrides(checked.descriptions, parameters).items():
         starts.setdefault(name, {}).update(values)
         notes += _fed(name, values, fed, "the value that was given")
     return replace(
@@ -130,12 +138,11 @@ def with_parameters(checked: Checked, parameters: Mapping[str, Value]) -> Checke
     )
 
 
-Starts = dict[str, dict[str, tuple[Variable, Value]]]
-
-
 class _Checker:
-    def __init__(self, system: System, strict: bool, ignore_unmatched: bool) -> None:
-        self.system = system
+    def __init__(
+        self, system: System, strict: bool, ignore_unmatched: bool, parameters: Mapping[str, Value]
+    ) -> None:
+        self.system, self.parameters = system, parameters
         self.strict = strict
         self.problems = list(system.problems)
         self.notes = list(system.notes)
@@ -155,20 +162,14 @@ class _Checker:
         """Read the FMUs and check the connectors against their variables."""
         if not self.system.components:
             self.problems.append(f"{self.system.path.name}: the system has no components")
-        read: dict[tuple[str, str], Description | None] = {}
+        read: dict[Any, Description | None] = {}
         with Archive(self.system.path, self.system.path.name) as archive:
             for component in self.system.components:
                 if not component.source:
                     continue  # among the system's problems
-                key = component.source, component.implementation
-                if key not in read:
-                    try:
-                        with archive.opened(component.source, component.source) as unit:
-                            read[key], problems = inspect_description(unit, *key)
-                    except SspError as error:
-                        read[key], problems = None, error.problems
-                    self.problems += [f"{component.name}: {problem}" for problem in problems]
-                description = read[key]
+                description = self._inspect(archive, component, {}, read)
+                if description is not None and (sizes := self._sizes(component, description)):
+                    description = self._inspect(archive, component, sizes, read)
                 if description is not None:
                     self.descriptions[component.name] = description
                     self._connectors(component, description)
@@ -182,6 +183,35 @@ class _Checker:
                 self.problems.append(
                     f"{', '.join(names)}: {source} can be instantiated only once per process"
                 )
+
+    def _inspect(
+        self,
+        archive: Archive,
+        component: Component,
+        sizes: dict[str, Value],
+        read: dict[Any, Description | None],
+    ) -> Description | None:
+        """Read an FMU once for each choice of its sizes."""
+        key = component.source, component.implementation, frozenset(sizes.items())
+        if key not in read:
+            try:
+                with archive.opened(component.source, component.source) as unit:
+                    read[key], problems = inspect_description(unit, *key[:2], sizes)
+            except SspError as error:
+                read[key], problems = None, error.problems
+            self.problems += [f"{component.name}: {problem}" for problem in problems]
+        return read[key]
+
+    def _sizes(self, component: Component, description: Description) -> dict[str, Value]:
+        """Return the values of structural parameters that differ from their start values and are whole numbers."""
+        given: dict[str, Value] = {p.name: p.value for p in component.parameters}
+        found: dict[str, Value] = {}
+        for v in description.named("structuralParameter"):
+            value = self.parameters.get(f"{component.name}.{v.name}", given.get(v.name, v.start))
+            with suppress(ValueError):  # which the check of its value reports
+                size = as_type(value, v)
+                found |= {v.name: size} if size != v.start and not limit_fault(float(size), v.limits) else {}
+        return found
 
     def _same_names(self) -> None:
         """Note variables of two components that have one dotted name; the results show one of them."""
@@ -204,7 +234,7 @@ class _Checker:
             if variable is None:
                 self.problems.append(
                     f"{where}: {description.source} has no such variable"
-                    + _hint(connector.name, description.variables)
+                    + hint(connector.name, description.variables)
                 )
                 continue
             if connector.kind != variable.causality:
@@ -212,7 +242,7 @@ class _Checker:
                     f"{where}: the SSD declares kind {connector.kind!r}, the FMU causality "
                     f"{variable.causality!r}"
                 )
-            if connector.type is not None and connector.type != variable.type:
+            if connector.type is not None and type_of(connector.type) != variable.type:
                 self.problems.append(
                     f"{where}: the SSD declares type {connector.type}, the FMU {variable.type}"
                 )
@@ -246,7 +276,7 @@ class _Checker:
             if source is None or sink is None:
                 continue  # reported with the connectors
             where = f"connection {connection}"
-            types = [source.type, *(h.type for h in connection.hops[:-1] if h.type), sink.type]
+            types = [source.type, *(type_of(h.type) for h in connection.hops[:-1] if h.type), sink.type]
             if len(set(types)) > 1:
                 self.problems.append(f"{where}: type mismatch, {' to '.join(types)}")
                 continue
@@ -297,14 +327,16 @@ class _Checker:
                     if not any(self._exists(*place) for place in parameter.elsewhere):
                         self._unmatched(
                             f"{where}: {description.source} has no such variable"
-                            + _hint(parameter.name, description.variables)
+                            + hint(parameter.name, description.variables)
                         )
                 elif not variable.settable:
-                    self.problems.append(f"{where}: {_why_not(variable)}")
+                    self.problems.append(f"{where}: {why_not(variable)}")
                 else:
                     try:
                         value = self._converted(parameter, variable)
-                        if not isinstance(value, str) and (fault := limit_fault(value, variable.limits)):
+                        if not isinstance(value, (str, bytes)) and (
+                            fault := limit_fault(value, variable.limits)
+                        ):
                             raise ValueError(fault)
                     except ValueError as error:
                         self.problems.append(f"{where}: {error}")
@@ -337,45 +369,6 @@ class _Checker:
         return value
 
 
-def _overrides(descriptions: Mapping[str, Description], parameters: Mapping[str, Value]) -> Starts:
-    """Resolve ``component.variable`` names given by the user; one without an index stands for all elements."""
-    starts: Starts = {}
-    problems: list[str] = []
-    for full, value in parameters.items():
-        owners = [name for name in descriptions if full.startswith(name + ".")]
-        if not owners:
-            problems.append(
-                f"parameter {full!r}: no component of that name; there are {', '.join(descriptions)}"
-            )
-            continue
-        wanted = {
-            owner: named
-            for owner in owners
-            if (named := _named(descriptions[owner].variables, full[len(owner) + 1 :]))
-        }
-        if not wanted:
-            owner = max(owners, key=len)
-            name = full[len(owner) + 1 :]
-            whole = dict.fromkeys(v.partition("[")[0] for v in descriptions[owner].variables)
-            problems.append(f"parameter {full!r}: {owner} has no variable {name!r}" + _hint(name, whole))
-        for owner, named in wanted.items():
-            try:
-                for one, element in zip(named, spread(value, named), strict=True):
-                    variable = descriptions[owner].variables[one]
-                    if not variable.settable:
-                        raise ValueError(_why_not(variable))
-                    starts.setdefault(owner, {})[one] = (variable, as_type(element, variable))
-            except ValueError as error:
-                problems.append(f"parameter {full!r}: {error}")
-    if problems:
-        raise UsageError("\n".join(problems))
-    return starts
-
-
-def _named(variables: Mapping[str, Variable], name: str) -> list[str]:
-    return [name] if name in variables else [v for v in variables if v.startswith(f"{name}[")]
-
-
 def _fed(name: str, values: Iterable[str], sources: Mapping[Port, Port], what: str) -> list[str]:
     """Return the notes on values of variables of a component that a connection feeds, by what feeds each."""
     return [
@@ -383,16 +376,6 @@ def _fed(name: str, values: Iterable[str], sources: Mapping[Port, Port], what: s
         for variable in values
         if (name, variable) in sources
     ]
-
-
-def _why_not(variable: Variable) -> str:
-    text = f"is not settable: causality {variable.causality}, variability {variable.variability}"
-    return text + (f", initial {variable.initial}" if variable.initial else "")
-
-
-def _hint(name: str, known: Mapping[str, object]) -> str:
-    close = difflib.get_close_matches(name, known, n=3)
-    return f"; did you mean {', '.join(close)}?" if close else ""
 
 
 def _full(unit: Unit) -> str:

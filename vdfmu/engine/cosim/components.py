@@ -10,9 +10,12 @@ from numpy.typing import NDArray
 
 from vdfmu.engine.algorithms import CONTINUOUS
 from vdfmu.engine.cosim.checked import Checked
-from vdfmu.engine.cosim.component import LogMessage, MessageBox, Slave, Watch
+from vdfmu.engine.cosim.component import Slave, Watch
+from vdfmu.engine.cosim.component2 import Slave2
+from vdfmu.engine.cosim.component3 import Slave3
 from vdfmu.engine.cosim.continuous import ContinuousStepper
 from vdfmu.engine.cosim.exchange import Exchange, SampledStepper
+from vdfmu.engine.cosim.messages import LogMessage, MessageBox
 from vdfmu.errors import CosimError
 from vdfmu.interrupt import InterruptGuard
 
@@ -56,7 +59,8 @@ class Components:
         corrupt: set[str] = set()
         for name, description in self.checked.descriptions.items():
             folder = self.folders[description.source]
-            self.slaves[name] = Slave(name, description, folder, self.box, corrupt, self._watch)
+            version = Slave2 if description.version == "2.0" else Slave3
+            self.slaves[name] = version(name, description, folder, self.box, corrupt, self._watch)
             with InterruptGuard():  # of which units written in Python would make an error
                 self.slaves[name].instantiate()
 
@@ -67,14 +71,12 @@ class Components:
         self.box.time = begin
         with InterruptGuard():
             for name, slave in self.slaves.items():
-                slave.setup(tolerance, begin, end)
-                slave.set_all(list(self.checked.starts.get(name, ())))
+                slave.prepare(tolerance, begin, end, list(self.checked.starts.get(name, ())))
             for slave in self.slaves.values():
-                slave.call("EnterInitializationMode")
+                slave.enter_initialization()
             self.exchange.initialize(begin, convergence)
             for slave in self.slaves.values():
-                slave.call("ExitInitializationMode")
-                slave.stage = "initialized"
+                slave.exit_initialization()
             self.exchange.read_outputs()
         self.box.flush()
 

@@ -24,7 +24,7 @@ from fmpy.model_description import read_model_description
 from vdfmu import __version__
 from vdfmu.engine.cosim.check import check_system
 from vdfmu.engine.cosim.checked import Checked
-from vdfmu.engine.cosim.description import Description
+from vdfmu.engine.cosim.description import Description, Value
 from vdfmu.engine.cosim.link import Link
 from vdfmu.engine.cosim.schedule import cycles, topological
 from vdfmu.engine.ssp.archive import Archive
@@ -94,6 +94,11 @@ def write_container(
 def _write(checked: Checked, path: Path, step: float, folder: Path) -> None:
     components: dict[str, Component] = {}
     for name, description in checked.descriptions.items():
+        if description.version != "2.0":
+            raise UsageError(
+                f"{name}: {description.source} is an FMU of FMI {description.version}; a container holds units of FMI "
+                "2.0. Build it with --fmi 2.0."
+            )
         file = folder / f"{name}.fmu"
         with Archive(checked.system.path, checked.system.path.name) as package, file.open("wb") as target:
             package.copy(description.source, target)
@@ -226,5 +231,5 @@ def _model(
     return model, mappings
 
 
-def _text(value: float | int | bool | str) -> str:
+def _text(value: Value) -> str:
     return str(value).lower() if isinstance(value, bool) else str(value)

@@ -13,9 +13,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vdfmu.engine.cosim.component import MessageBox, Slave
+from vdfmu.engine.cosim.component import Slave
 from vdfmu.engine.cosim.coupled import Block, Coupled, Unit
 from vdfmu.engine.cosim.exchange import Exchange, largest_step
+from vdfmu.engine.cosim.messages import MessageBox
 from vdfmu.errors import CosimError
 
 __all__ = ["ContinuousStepper"]
@@ -347,18 +348,18 @@ class ContinuousStepper:
     def _save(self, slave: Slave) -> None:
         self._free(slave)
         state = self._states[slave.name] = c_void_p()
-        slave.call("GetFMUstate", byref(state))
+        slave.call(f"Get{slave.state_name}", byref(state))
 
     def _restore(self, units: list[Unit]) -> None:
         for unit in units:
-            unit.slave.call("SetFMUstate", self._states[unit.slave.name])
+            unit.slave.call(f"Set{unit.slave.state_name}", self._states[unit.slave.name])
             unit.slave.stage = "initialized"
             self.box.ended.pop(unit.slave.name, None)
 
     def _free(self, slave: Slave) -> None:
         state = self._states.pop(slave.name, None)
         if state is not None and not slave.dead:
-            slave.call("FreeFMUstate", byref(state))
+            slave.call(f"Free{slave.state_name}", byref(state))
 
     def close(self) -> None:
         """Free the saved states."""

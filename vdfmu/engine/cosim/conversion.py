@@ -6,10 +6,8 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from vdfmu.engine.cosim.description import Variable
+from vdfmu.engine.cosim.description import RANGES, Value, Variable
 from vdfmu.engine.ssp.structure import Hop, Transformation, Unit
-
-Value = float | int | bool | str
 
 
 @dataclass(frozen=True)
@@ -154,6 +152,11 @@ def as_type(value: Value, variable: Variable, exact: str | None = None) -> Value
         if not isinstance(value, str):
             raise misfit
         return value
+    if kind == "Binary":
+        try:
+            return value if isinstance(value, bytes) else bytes.fromhex(str(value))
+        except ValueError:
+            raise misfit from None
     if kind == "Boolean":
         text = str(value).strip().lower()
         if text not in {"true", "false", "1", "0"}:
@@ -169,6 +172,10 @@ def as_type(value: Value, variable: Variable, exact: str | None = None) -> Value
         raise misfit from None
     if kind == "Real":
         return number
-    if not (math.isfinite(number) and number == int(number) and abs(number) < 2**31):
+    if not (math.isfinite(number) and number == int(number)):
         raise misfit
-    return int(number)
+    whole = value if isinstance(value, int) else int(number)  # a float has 53 bits
+    low, high = RANGES.get(variable.native, RANGES["Integer"])
+    if not low <= whole <= high:
+        raise misfit
+    return whole

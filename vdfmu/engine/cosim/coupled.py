@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vdfmu.engine.cosim.bank import Bank, Call, component_argument
+from vdfmu.engine.cosim.access import Call
+from vdfmu.engine.cosim.bank import Bank
 from vdfmu.engine.cosim.broyden import Broyden
 from vdfmu.engine.cosim.component import Slave
 from vdfmu.engine.cosim.exchange import Exchange
@@ -171,20 +172,13 @@ class Coupled:
         first = bank.outputs.size + window.start
         references = (c_uint * n)(*(v.reference for _, v in bank.variables[first : first + n]))
         orders = (c_int * n)(*([1] * n))
-        function = slave.function("fmi2SetRealInputDerivatives")
+        function = slave.function("SetRealInputDerivatives")
 
         def call(component: Any, references: Any, count: Any, values: Any) -> int:
             return function(component, references, count, orders, values)
 
         values = byref(self._rates, self.slopes.itemsize * window.start)
-        return (
-            call,
-            component_argument(slave),
-            references,
-            c_size_t.from_param(n),
-            values,
-            "setRealInputDerivatives",
-        )
+        return call, slave.argument, references, c_size_t.from_param(n), values, "setRealInputDerivatives"
 
     def _cut(self, units: list[Unit]) -> list[Block]:
         """Put the units of each loop into a block, with the outputs to be guessed."""

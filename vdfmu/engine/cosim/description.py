@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import fmpy
+import numpy as np
 from fmpy.model_description import ModelDescription, ValidationError, read_model_description
 
 from vdfmu.engine.ssp.archive import Archive
@@ -15,13 +16,33 @@ from vdfmu.engine.ssp.parse import parse_xml
 from vdfmu.engine.ssp.structure import BASE_UNITS, Unit
 from vdfmu.errors import SspError
 
+Value = float | int | bool | str | bytes
+_KIND = {"Enumeration": "Integer"}
+RANGES = {"Integer": (-(2**31), 2**31 - 1)} | {
+    f"{sign}Int{bits}": (0, min(2**bits, 2**63) - 1) if sign else (-(2 ** (bits - 1)), 2 ** (bits - 1) - 1)
+    for sign in ("", "U")
+    for bits in (8, 16, 32, 64)
+}
+"""Least and largest value of types of integers; of those of UInt64 that the master passes on."""
+_TYPES = {"Float32": "Real", "Float64": "Real"} | {
+    f"{sign}Int{bits}": "Integer" for sign in ("", "U") for bits in (8, 16, 32, 64)
+}
+"""Types of FMI 3.0 that are one of FMI 2.0 for the master."""
+
+
+def type_of(name: str) -> str:
+    """Return what a type of FMI 2.0 or 3.0 is for the master: floats of any length are Real, integers Integer."""
+    return _TYPES.get(name, name)
+
 
 @dataclass(frozen=True)
 class Variable:
-    """A scalar variable of an FMU.
+    """A scalar variable of an FMU, or an element of an array of FMI 3.0.
 
-    `reference` is its value reference, `items` those of an enumeration, `nominal` the size of its values, in its unit,
-    None where the FMU does not say, `limits` the least and the largest value.
+    `reference` is its value reference, `type` Real, Integer, Enumeration, Boolean, String or Binary, `items` those of
+    an enumeration, `nominal` the size of its values, in its unit, None where the FMU does not say, `limits` the least
+    and the largest value, `native` the type in the names of the FMI functions that get and set it, `index` its position
+    among the `length` elements, row by row, `start` its start value.
     """
 
     name: str
@@ -35,11 +56,15 @@ class Variable:
     items: Mapping[str, int] | None = None
     nominal: float | None = None
     limits: tuple[float, float] = (-math.inf, math.inf)
+    native: str = ""
+    index: int = 0
+    length: int = 1
+    start: Value = 0
 
     @property
-    def fmi_type(self) -> str:
-        """Type in the names of the FMI functions that get and set it."""
-        return "Integer" if self.type == "Enumeration" else self.type
+    def kind(self) -> str:
+        """How the master holds it: Real, Integer (enumerations too), Boolean, String or Binary."""
+        return _KIND.get(self.type, self.type)
 
     @property
     def size(self) -> float:
@@ -48,7 +73,7 @@ class Variable:
 
     @property
     def settable(self) -> bool:
-        """Whether FMI 2.0 lets the value be set before initialization mode."""
+        """Whether FMI lets the value be set before initialization mode."""
         return self.causality == "input" or (
             self.variability != "constant" and self.initial in {"exact", "approx"}
         )
@@ -56,10 +81,12 @@ class Variable:
 
 @dataclass(frozen=True)
 class Description:
-    """An FMI 2.0 co-simulation FMU.
+    """An FMU for co-simulation.
 
     Attributes
     ----------
+    version : str
+        Of FMI.
     variables : mapping of str to Variable
     step_dependencies, initial_dependencies : mapping of str to frozenset of str or None
         For each output (and each other initial unknown) the names it depends on, in the steps and during
@@ -79,6 +106,7 @@ class Description:
     variables: Mapping[str, Variable]
     step_dependencies: Mapping[str, frozenset[str] | None]
     initial_dependencies: Mapping[str, frozenset[str] | None]
+    version: str = "2.0"
     saves_state: bool = False
     interpolates_inputs: bool = False
     varies_steps: bool = True
@@ -111,13 +139,14 @@ def limit_fault(value: float, limits: tuple[float, float]) -> str | None:
     return None
 
 
-def library_name(identifier: str) -> str:
+def library_name(identifier: str, version: str) -> str:
     """Return the member of an FMU that holds the binary for this platform."""
-    return f"binaries/{fmpy.platform}/{identifier}{fmpy.sharedLibraryExtension}"
+    platform = fmpy.platform if version == "2.0" else fmpy.platform_tuple
+    return f"binaries/{platform}/{identifier}{fmpy.sharedLibraryExtension}"
 
 
 def inspect_description(
-    unit: Archive, source: str, implementation: str = "any"
+    unit: Archive, source: str, implementation: str = "any", sizes: Mapping[str, Value] | None = None
 ) -> tuple[Description | None, list[str]]:
     """Read an FMU as far as it goes, with all problems.
 
@@ -129,6 +158,8 @@ def inspect_description(
         Its name in messages.
     implementation : str
         What the SSD asks for.
+    sizes : mapping of str to value, optional
+        Values of structural parameters, of which the shapes of arrays are made, in place of their start values.
 
     Returns
     -------
@@ -138,17 +169,19 @@ def inspect_description(
         The problems, empty for an FMU that the master can use.
     """
     try:
-        return _inspect(unit, source, implementation)
+        return _inspect(unit, source, implementation, sizes or {})
     except SspError as error:
         return None, error.problems
 
 
-def _inspect(unit: Archive, source: str, implementation: str) -> tuple[Description | None, list[str]]:
+def _inspect(
+    unit: Archive, source: str, implementation: str, sizes: Mapping[str, Value]
+) -> tuple[Description | None, list[str]]:
     xml, names = unit.read("modelDescription.xml"), unit.names
     root = parse_xml(xml, f"{source}: modelDescription.xml")
     version = root.get("fmiVersion")
-    if version != "2.0":
-        raise SspError(f"{source}: is an FMU of FMI {version}; the master runs FMI 2.0")
+    if version not in ("2.0", "3.0"):
+        raise SspError(f"{source}: is an FMU of FMI {version}; the master runs FMI 2.0 and 3.0")
     problems: list[str] = []
     try:
         model = read_model_description(unit.file)
@@ -159,12 +192,18 @@ def _inspect(unit: Archive, source: str, implementation: str) -> tuple[Descripti
             model = read_model_description(unit.file, validate=False)
         except Exception:
             raise SspError(problems) from None
+    for variable in model.modelVariables if sizes else ():
+        chosen = [
+            sizes.get(d.variable.name, d.variable.start) if d.variable else d.start
+            for d in variable.dimensions
+        ]
+        variable.shape = tuple(int(size) for size in chosen)  # pyright: ignore[reportArgumentType]
     if model.coSimulation is None:
         problems.append(f"{source}: has no co-simulation part; the master does not integrate model exchange")
     elif implementation == "ModelExchange":
         problems.append(f"{source}: the SSD asks for model exchange; the master runs co-simulation")
     identifier = "" if model.coSimulation is None else str(model.coSimulation.modelIdentifier)
-    library = library_name(identifier)
+    library = library_name(identifier, version)
     if identifier and library not in names:
         found = sorted({n.split("/")[1] for n in names if n.startswith("binaries/") and n.count("/") > 1})
         problems.append(
@@ -180,8 +219,8 @@ def _inspect(unit: Archive, source: str, implementation: str) -> tuple[Descripti
 
 def _describe(model: ModelDescription, root: Any, source: str, identifier: str) -> Description:
     relative = {
-        v.get("name") for v in root.iterfind("ModelVariables/ScalarVariable[Real]")
-        if v.find("Real").get("relativeQuantity") in {"true", "1"}
+        v.get("name") for v in root.iterfind("ModelVariables/*")
+        for typed in (v, *v.iterfind("Real")) if typed.get("relativeQuantity") in {"true", "1"}
     }  # fmt: skip
     return Description(
         source=source,
@@ -191,6 +230,7 @@ def _describe(model: ModelDescription, root: Any, source: str, identifier: str) 
         variables=_variables(model, relative),
         step_dependencies=_unknowns(model.outputs),
         initial_dependencies=_unknowns(model.initialUnknowns),
+        version=str(model.fmiVersion),
         saves_state=bool(model.coSimulation and model.coSimulation.canGetAndSetFMUstate),
         varies_steps=bool(model.coSimulation and model.coSimulation.canHandleVariableCommunicationStepSize),
         interpolates_inputs=bool(model.coSimulation and model.coSimulation.canInterpolateInputs),
@@ -199,9 +239,19 @@ def _describe(model: ModelDescription, root: Any, source: str, identifier: str) 
 
 def _unknowns(unknowns: Iterable[Any]) -> dict[str, frozenset[str] | None]:
     return {
-        u.variable.name: None if u.dependencies is None else frozenset(v.name for v in u.dependencies)
+        name: None
+        if u.dependencies is None
+        else frozenset(each for v in u.dependencies for each in element_names(v.name, v.shape))
         for u in unknowns
+        for name in element_names(u.variable.name, u.variable.shape)
     }
+
+
+def element_names(name: str, shape: Sequence[int] | None) -> list[str]:
+    """Return the names of the elements of a variable, row by row, that count from 1; of a scalar its name."""
+    if not shape:
+        return [name]
+    return [f"{name}[{','.join(str(i + 1) for i in index)}]" for index in np.ndindex(*shape)]
 
 
 def _variables(model: ModelDescription, relative: set[str]) -> dict[str, Variable]:
@@ -218,20 +268,60 @@ def _variables(model: ModelDescription, relative: set[str]) -> dict[str, Variabl
     for v in model.modelVariables:
         declared = v.declaredType
         unit = v.unit or (declared.unit if declared is not None else None)
-        variables[v.name] = Variable(
-            name=v.name,
-            reference=v.valueReference,
-            type=v.type,
-            causality=v.causality,
-            variability=v.variability,
-            initial=v.initial,
-            unit=units.get(unit, Unit(unit)) if unit else None,
-            relative=v.name in relative or bool(declared is not None and declared.relativeQuantity),
-            items={str(i.name): int(str(i.value)) for i in declared.items} if declared is not None else None,
-            nominal=_nominal(v.nominal or (declared.nominal if declared is not None else None)),
-            limits=limits_of(v),
-        )
+        names = element_names(v.name, v.shape)
+        starts = start_values(v)
+        nominals = _elements(v.nominal or (declared.nominal if declared is not None else None), len(names))
+        for index, (name, start, nominal) in enumerate(zip(names, starts, nominals, strict=True)):
+            variables[name] = Variable(
+                name=name,
+                reference=v.valueReference,
+                type=type_of(v.type),
+                causality=v.causality,
+                variability=v.variability,
+                initial=v.initial,
+                unit=units.get(unit, Unit(unit)) if unit else None,
+                relative=v.name in relative or bool(declared is not None and declared.relativeQuantity),
+                items={str(i.name): int(str(i.value)) for i in declared.items}
+                if declared is not None
+                else None,
+                nominal=_nominal(nominal),
+                limits=limits_of(v),
+                native=_native(v.type, str(model.fmiVersion)),
+                index=index,
+                length=len(names),
+                start=start,
+            )
     return variables
+
+
+def _native(kind: str, version: str) -> str:
+    """Return the type in the names of the functions for a variable of a type."""
+    return kind if kind != "Enumeration" else "Integer" if version == "2.0" else "Int64"
+
+
+def _elements(text: str | None, length: int) -> list[str | None]:
+    """Return the text of each element from that of an array, or of one for all."""
+    parts: list[str | None] = [None] if text is None else [*text.split()]
+    return parts if len(parts) == length else [parts[0] if parts else None] * length
+
+
+def start_values(variable: Any) -> list[Value]:
+    """Return the start values of the elements of fmpy's variable.
+
+    What cannot be read, which the check of the unit reports, is 0.
+    """
+    kind, text = type_of(variable.type), variable.start
+    length = math.prod(variable.shape or ())
+    if kind in ("String", "Binary"):
+        value: Value = text or ""
+        return [bytes.fromhex(text or "") if kind == "Binary" else value] * length
+    found: list[Value] = []
+    for part in _elements(text, length):
+        try:
+            found.append(part in ("true", "1") if kind == "Boolean" else float(part or 0))
+        except ValueError:
+            found.append(0)
+    return found if kind in ("Real", "Boolean") else [int(value) for value in found]
 
 
 def _nominal(text: Any) -> float | None:

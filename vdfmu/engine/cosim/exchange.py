@@ -12,23 +12,27 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vdfmu.engine.algorithms import CONTINUOUS
-from vdfmu.engine.cosim.bank import Bank, Call, component_argument
+from vdfmu.engine.cosim.access import KINDS, Call
+from vdfmu.engine.cosim.bank import Bank
 from vdfmu.engine.cosim.broyden import Broyden
 from vdfmu.engine.cosim.checked import Checked
-from vdfmu.engine.cosim.component import MessageBox, Slave, Value
+from vdfmu.engine.cosim.component import Slave
+from vdfmu.engine.cosim.description import Value
 from vdfmu.engine.cosim.inputs import Course
 from vdfmu.engine.cosim.link import SOURCE, Link
+from vdfmu.engine.cosim.messages import MessageBox
 from vdfmu.engine.cosim.results import Signal
 from vdfmu.errors import CosimError, UsageError
 
-_KINDS = ("Real", "Integer", "Boolean", "String")
+_TEXTS = ("String", "Binary")
+"""What tables do not hold and no guess improves."""
 _HEAD = 4
 """Words before the values: clock, size, running, pressed."""
 
 
 def words_of(checked: Checked) -> int:
     """Return the number of 8-byte words that an exchange needs at most."""
-    return _HEAD + sum(len(description.variables) for description in checked.sources.values()) + len(_KINDS)
+    return _HEAD + sum(len(description.variables) for description in checked.sources.values()) + len(KINDS)
 
 
 def largest_step(time: float, stop: float) -> float:
@@ -74,7 +78,7 @@ class Exchange:
         self.running, self.pressed = (c_int.from_buffer(words, 8 * i) for i in (2, 3))  # pyright: ignore[reportArgumentType]
         self.banks: list[Bank] = []
         taken = _HEAD
-        for kind in _KINDS:
+        for kind in KINDS:
             self.banks.append(Bank(kind, checked, words[taken:]))
             taken += self.banks[-1].words
         self._watched = np.zeros(0, np.intp)
@@ -109,14 +113,14 @@ class Exchange:
             for link in initial.links:
                 self._carry(link, self._value(link))
             return
-        texts = [link for link in initial.torn if link.sink.type == "String"]  # no guess improves them
-        torn = [link for link in initial.torn if link.sink.type != "String"]
+        texts = [link for link in initial.torn if link.sink.type in _TEXTS]
+        torn = [link for link in initial.torn if link.sink.type not in _TEXTS]
         values = np.array([self._value(link) for link in torn], np.float64)
         least = np.array([1.0 if link.discrete else link.sink.size for link in torn])
 
         def repeat(guess: NDArray[np.float64]) -> NDArray[np.float64]:
             for link, value in zip(torn, guess.tolist(), strict=True):
-                self._carry(link, value if link.sink.fmi_type == "Real" else round(value))
+                self._carry(link, value if link.sink.kind == "Real" else round(value))
             for link in (*texts, *initial.links):
                 self._carry(link, self._value(link))
             values[:] = [self._value(link) for link in torn]
@@ -144,7 +148,7 @@ class Exchange:
 
     def _value(self, link: Link) -> Any:
         """Return what a connection carries now."""
-        bank = self._bank(link.source.fmi_type)
+        bank = self._bank(link.source.kind)
         outside = link.start[0] == SOURCE
         value: Any = (
             bank.memory[bank.position[link.start]].item()
@@ -158,31 +162,21 @@ class Exchange:
     def _carry(self, link: Link, value: Value) -> None:
         self.slaves[link.end[0]].set(link.sink, value)
         if link.stepped:
-            bank = self._bank(link.sink.fmi_type)
-            text = isinstance(value, str)
-            bank.memory[bank.position[link.end]] = (
-                bank.kept(value.encode("utf-8", "surrogateescape")) if text else value
-            )
+            bank = self._bank(link.sink.kind)
+            bank.memory[bank.position[link.end]] = bank.heap.number(bank.kind, value)
 
     def read_outputs(self) -> None:
         """Get all outputs."""
         for slave in self.slaves.values():
-            for bank in self.banks:
-                call = bank.call(slave, "Get")
-                if call is not None:
-                    status = call[0](*call[1:5])
-                    if status:
-                        slave.judge(status, call[5])
+            slave.run([call for bank in self.banks for call in bank.calls(slave, "Get")])
 
     def calls(self, name: str) -> list[Call]:
         """Return the calls of a unit in a step: set its inputs, step, get its outputs."""
-        slave, keep = self.slaves[name], 1
-        sets = [bank.call(slave, "Set") for bank in self.banks]
-        gets = [bank.call(slave, "Get") for bank in self.banks]
-        step: Call = (
-            slave.function("fmi2DoStep"), component_argument(slave), self.clock, self.size, keep, "doStep",
-        )  # fmt: skip
-        return [call for call in (*sets, step, *gets) if call is not None]
+        slave = self.slaves[name]
+        sets, gets = (
+            [call for bank in self.banks for call in bank.calls(slave, verb)] for verb in ("Set", "Get")
+        )
+        return [*sets, slave.step_call(self.clock, self.size), *gets]
 
     def recorders(
         self, rows: int, record: Sequence[str] | None
@@ -194,10 +188,10 @@ class Exchange:
         """
         wanted = None if record is None else self._match(record)
         order = {unit: i for i, unit in enumerate(self.checked.descriptions)}
-        found: list[tuple[int, int, Signal]] = []
+        found: list[tuple[int, int, int, Signal]] = []
         data: dict[str, NDArray[Any]] = {}
         stores: list[Callable[[int], None]] = []
-        for bank in self.banks[:-1]:  # tables hold no texts
+        for bank in (each for each in self.banks if each.kind not in _TEXTS):
             kind = bank.kind.lower()
             chosen = [
                 i for i, (unit, v) in enumerate(bank.variables)
@@ -222,7 +216,7 @@ class Exchange:
                     f"{unit}.{v.name}", kind, v.unit.name if v.unit else "", columns[place],
                     f"{source}.{copied.name}" if of != i else "", late,
                 )  # fmt: skip
-                found.append((2 * order[unit] + is_input, v.reference, signal))
+                found.append((2 * order[unit] + is_input, v.reference, v.index, signal))
             if bank is self.banks[0]:
                 read = {bank.position[link.start] for link in bank.links}
                 self._watched = np.array(sorted(read | {i for i in chosen if i < bank.outputs.size}), np.intp)
@@ -283,7 +277,13 @@ class Exchange:
         )  # fmt: skip
 
     def _match(self, record: Iterable[str]) -> set[str]:
-        variables = [each for bank in self.banks[:-1] for each in bank.variables if each[0] != SOURCE]
+        variables = [
+            each
+            for bank in self.banks
+            if bank.kind not in _TEXTS
+            for each in bank.variables
+            if each[0] != SOURCE
+        ]
         names = [f"{unit}.{v.name}" for unit, v in variables]
         wanted: set[str] = set()
         for text in record:

@@ -10,7 +10,8 @@ import sys
 from collections.abc import Callable, Generator
 from contextlib import contextmanager, suppress
 
-from vdfmu.engine.cosim.component import MessageBox, Slave
+from vdfmu.engine.cosim.component import Slave
+from vdfmu.engine.cosim.messages import MessageBox
 
 __all__ = ["exits_said"]
 

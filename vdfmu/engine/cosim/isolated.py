@@ -28,8 +28,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vdfmu.engine.cosim.checked import Checked
-from vdfmu.engine.cosim.component import LogMessage, MessageBox
+from vdfmu.engine.cosim.component2 import Slave2
+from vdfmu.engine.cosim.component3 import Slave3
 from vdfmu.engine.cosim.exchange import Exchange, words_of
+from vdfmu.engine.cosim.messages import LogMessage, MessageBox
 from vdfmu.errors import CosimError, UsageError, VdfmuError
 from vdfmu.process import Listener, end_group
 
@@ -40,9 +42,10 @@ REQUEST = struct.Struct("<Iddd")
 REPLY = struct.Struct("<I")
 CALLS = (
     "load", "instantiate", "setupExperiment", "enterInitializationMode", "exitInitializationMode", "doStep",
-    "terminate", "freeInstance", "freeLibrary", "getReal", "getInteger", "getBoolean", "getString", "setReal",
-    "setInteger", "setBoolean", "setString", "setRealInputDerivatives", "getFMUstate", "setFMUstate",
-    "freeFMUstate", "getBooleanStatus", "getRealStatus",
+    "terminate", "freeInstance", "freeLibrary", "setRealInputDerivatives", "getBooleanStatus", "getRealStatus",
+    *(f"{verb}{state}" for verb in ("get", "set", "free") for state in ("FMUstate", "FMUState")),
+    *(f"{verb}{native}" for verb in ("get", "set") for native in dict.fromkeys([*Slave2.dtypes, *Slave3.dtypes])),
+    "instantiateCoSimulation", "enterConfigurationMode", "exitConfigurationMode",
 )  # fmt: skip
 _TICK = 0.1
 """Interval at which the master looks after the process [s]."""

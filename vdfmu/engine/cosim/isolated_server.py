@@ -17,10 +17,10 @@ from typing import Any, BinaryIO
 
 import numpy as np
 
-from vdfmu.engine.cosim.component import LogMessage, MessageBox
 from vdfmu.engine.cosim.components import Components
 from vdfmu.engine.cosim.exchange import Exchange
 from vdfmu.engine.cosim.isolated import CALLS, REPLY, REQUEST, mapped
+from vdfmu.engine.cosim.messages import LogMessage, MessageBox
 from vdfmu.errors import CosimError, UsageError, VdfmuError
 
 _PDEATHSIG = 1

@@ -6,8 +6,8 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 from vdfmu.engine.cosim.check import Value
-from vdfmu.engine.cosim.component import LogMessage
 from vdfmu.engine.cosim.inputs import Inputs
+from vdfmu.engine.cosim.messages import LogMessage
 from vdfmu.engine.cosim.results import Results
 from vdfmu.engine.cosim.simulator import Simulator
 from vdfmu.engine.ssp.structure import System

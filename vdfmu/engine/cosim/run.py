@@ -15,12 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vdfmu.engine.cosim.checked import Checked
-from vdfmu.engine.cosim.component import LogMessage, MessageBox
 from vdfmu.engine.cosim.components import Components, failure_message
 from vdfmu.engine.cosim.continuous import ContinuousStepper
 from vdfmu.engine.cosim.exchange import SampledStepper, largest_step
 from vdfmu.engine.cosim.exits import exits_said
 from vdfmu.engine.cosim.isolated import Isolated, Limits
+from vdfmu.engine.cosim.messages import LogMessage, MessageBox
 from vdfmu.engine.cosim.recorder import ROWS, Recorder
 from vdfmu.engine.cosim.results import Results, copies_of
 from vdfmu.engine.cosim.unpacked import no_room, unpack_units

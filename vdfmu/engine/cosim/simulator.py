@@ -11,10 +11,10 @@ import numpy as np
 from vdfmu.engine.algorithms import ALGORITHMS, CONTINUOUS, MOST_STEPS
 from vdfmu.engine.cosim.check import Value, check_system, with_parameters
 from vdfmu.engine.cosim.checked import Checked
-from vdfmu.engine.cosim.component import LogMessage
 from vdfmu.engine.cosim.components import CONVERGENCE
 from vdfmu.engine.cosim.inputs import Inputs, outside, read_inputs
 from vdfmu.engine.cosim.isolated import Limits
+from vdfmu.engine.cosim.messages import LogMessage
 from vdfmu.engine.cosim.results import Results
 from vdfmu.engine.cosim.run import Run
 from vdfmu.engine.cosim.schedule import DEFAULT
@@ -129,6 +129,11 @@ class Simulator:
                 "Simulator: its runs are made in a block, 'with vdfmu.Simulator(...) as simulator:'."
             )
         checked = with_parameters(self._checked, parameters or {})
+        if changed := _sizes(checked).items() - _sizes(self._checked).items():
+            names = ", ".join(sorted(name for name, _ in changed))
+            raise UsageError(
+                f"parameters: {names}: sizes of arrays are the same in all runs; give them to the Simulator."
+            )
         reach = outside(self._tables, begin, end)
         try:
             run = self._ready(checked)
@@ -190,6 +195,16 @@ class Simulator:
                 f"the nearest stop is {begin + n * step:.12g} s"
             )
         return float(begin), float(end), float(step), n
+
+
+def _sizes(checked: Checked) -> dict[str, Value]:
+    """Return the structural parameters that are set, and their values."""
+    return {
+        f"{name}.{variable.name}": value
+        for name, each in checked.starts.items()
+        for variable, value in each
+        if variable.causality == "structuralParameter"
+    }
 
 
 def check_coupling(algorithm: str, adaptive: float | None, convergence: float | None = None) -> None:

@@ -1,0 +1,66 @@
+"""Runs of units of FMI 3.0 against the same of FMI 2.0."""
+
+import numpy as np
+import pytest
+
+import vdfmu
+from vdfmu.errors import UsageError
+
+
+@pytest.mark.parametrize("master", ["gauss-seidel", "jacobi"])
+@pytest.mark.parametrize(("scenario", "stop"), [("tracking", 1.0), ("two_joint", 0.5)])
+def test_units_of_fmi_3_give_the_bits_of_fmi_2(scenario, stop, master, tmp_path):
+    """The same C on the same numbers: nothing that the master does depends on the version."""
+    two, three = (
+        vdfmu.run(
+            scenario, stop=stop, master=master, fmi_version=version, reference=False, out=tmp_path / version
+        )
+        for version in ("2.0", "3.0")
+    )
+    assert three.summary["fmi"] == "3.0"
+    assert two.names == three.names and two.units == three.units
+    for name in two.names:
+        np.testing.assert_array_equal(two[name], three[name])
+    assert [*map(str, two.messages)] == [*map(str, three.messages)]
+
+
+@pytest.mark.parametrize("isolate", [False, True])
+def test_second_order_without_derivatives_of_inputs(isolate, tmp_path):
+    """FMI 3.0 has none: inputs take the middle of the line, and the coupling is of second order all the same."""
+    vdfmu.run("planar_tracking", stop=0.1, fmi_version="3.0", reference=False, out=tmp_path)
+    runs = {
+        step: vdfmu.simulate(
+            tmp_path / "system.ssp",
+            stop=0.1,
+            step=step,
+            algorithm="iterative",
+            record=["plant.q[*]"],
+            isolate=isolate,
+        ).array("plant.q")[:: round(0.004 / step)]
+        for step in (0.004, 0.002, 0.00025)
+    }
+    errors = [np.abs(runs[step] - runs[0.00025]).max() for step in (0.004, 0.002)]
+    # second order: a quarter for half the step, and the finest has 1/64 of the middle's error
+    assert errors[0] / errors[1] == pytest.approx(4.0, rel=0.2)
+
+
+def test_what_has_no_fmi_3(tmp_path):
+    with pytest.raises(UsageError, match=r"Python FMUs are of FMI 2\.0, got 3\.0"):
+        vdfmu.run("planar_tracking", stop=0.01, backend="python", fmi_version="3.0", out=tmp_path / "a")
+    with pytest.raises(UsageError, match=r"container: holds units of FMI 2\.0, got fmi_version 3\.0"):
+        vdfmu.run("planar_tracking", stop=0.01, container=True, fmi_version="3.0", out=tmp_path / "b")
+    with pytest.raises(UsageError, match=r"There is no FMI '4\.0' here"):
+        vdfmu.run("planar_tracking", stop=0.01, fmi_version="4.0", out=tmp_path / "c")
+
+
+def test_a_plant_of_fmi_3_among_units_of_fmi_2(tmp_path):
+    """A foreign FMU as the tool sees it: arrays, of which the others read and feed the elements."""
+    whole = vdfmu.run("planar_tracking", stop=0.1, reference=False, out=tmp_path / "whole")
+    fmus = vdfmu.build_fmus(
+        vdfmu.load_robot("planar_2dof"), tmp_path / "fmus", units=["plant"], fmi_version="3.0"
+    )
+    mixed = vdfmu.run(
+        "planar_tracking", stop=0.1, units={"plant": fmus["plant"]}, reference=False, out=tmp_path / "mixed"
+    )
+    for name in whole.names:
+        np.testing.assert_array_equal(whole[name], mixed[name])

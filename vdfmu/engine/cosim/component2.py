@@ -1,0 +1,104 @@
+"""A component of FMI 2.0."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from ctypes import byref, c_double, c_int, c_void_p
+
+import fmpy
+import numpy as np
+from fmpy import fmi2
+
+from vdfmu.engine.cosim.access import Call, Transfer
+from vdfmu.engine.cosim.component import Slave, on_message
+from vdfmu.engine.cosim.description import Value, Variable
+from vdfmu.errors import CosimError
+
+try:
+    from fmpy.logging import addLoggerProxy
+except Exception:  # no proxy library for this platform: messages come without their arguments
+    addLoggerProxy = None
+
+__all__ = ["Slave2"]
+
+_CO_SIMULATION = 1
+"""Of fmi2Type."""
+_LAST_SUCCESSFUL_TIME, _TERMINATED = 2, 3
+"""Of fmi2StatusKind."""
+
+
+def _on_message(token: int | None, instance: bytes, status: int, category: bytes, text: bytes) -> None:
+    on_message(token, status, category, text)
+
+
+_RECEIVER = fmi2.fmi2CallbackLoggerTYPE(_on_message)
+_ALLOCATE = fmi2.fmi2CallbackAllocateMemoryTYPE(fmpy.calloc)
+_FREE = fmi2.fmi2CallbackFreeMemoryTYPE(fmpy.free)
+
+
+class Slave2(Slave):
+    """An instance of an FMU of FMI 2.0."""
+
+    prefix, state_name = "fmi2", "FMUstate"
+    results = {"Instantiate": c_void_p, "FreeInstance": None}  # noqa: RUF012
+    dtypes = {"Real": np.float64, "Integer": np.int32, "Boolean": np.int32, "String": np.uintp}  # noqa: RUF012
+
+    def make(self) -> int | None:
+        """See `Slave.make`."""
+        self._callbacks = fmi2.fmi2CallbackFunctions()
+        self._callbacks.logger = _RECEIVER
+        self._callbacks.allocateMemory = _ALLOCATE
+        self._callbacks.freeMemory = _FREE
+        self._callbacks.componentEnvironment = self.token
+        # pythonfmu passes its text as the format, without arguments: a percent sign must not be formatted.
+        if addLoggerProxy is not None and not self.python:
+            addLoggerProxy(byref(self._callbacks))
+        # FMPy's container would log every call to its units, in a millisecond a step; their errors come anyway
+        talkative = self.description.identifier == "container_fmu"
+        return self.function("Instantiate")(
+            self.name.encode(), c_int(_CO_SIMULATION), self.description.guid.encode(),
+            (self.folder / "resources").as_uri().encode(), byref(self._callbacks), c_int(0), c_int(not talkative),
+        )  # fmt: skip
+
+    def prepare(
+        self,
+        tolerance: float | None,
+        start: float,
+        stop: float,
+        values: Sequence[tuple[Variable, Value]],
+    ) -> None:
+        """See `Slave.prepare`."""
+        self.call(
+            "SetupExperiment", c_int(tolerance is not None), c_double(tolerance or 0.0), c_double(start),
+            c_int(1), c_double(stop),
+        )  # fmt: skip
+        self.set_all(values)
+
+    def enter_initialization(self) -> None:
+        """See `Slave.enter_initialization`."""
+        self.call("EnterInitializationMode")
+
+    def value_call(self, moved: Transfer) -> Call:
+        """See `Slave.value_call`."""
+        count, _ = moved.counts
+        function = moved.around(self.function(moved.verb + moved.native))
+        return function, self.argument, byref(moved.references), count, moved.pointer, moved.name
+
+    def step_call(self, clock: c_double, size: c_double) -> Call:
+        """See `Slave.step_call`."""
+        return self.function("DoStep"), self.argument, clock, size, 1, "doStep"
+
+    def has_ended(self) -> bool:
+        """See `Slave.has_ended`."""
+        before, ended, time = len(self.box.pending), c_int(), c_double(math.nan)
+        try:
+            status = self.function("GetBooleanStatus")(self.component, c_int(_TERMINATED), byref(ended))
+            if status == 0 and ended.value:
+                self.function("GetRealStatus")(self.component, c_int(_LAST_SUCCESSFUL_TIME), byref(time))
+                self.box.ended[self.name] = time.value
+                return True
+        except CosimError:  # a library without them
+            pass
+        del self.box.pending[before:]  # what it says of these calls is not why it discarded the step
+        return False
