@@ -16,6 +16,7 @@ from vdfmu.engine.cosim.component3 import Slave3
 from vdfmu.engine.cosim.continuous import ContinuousStepper
 from vdfmu.engine.cosim.exchange import Exchange, SampledStepper
 from vdfmu.engine.cosim.messages import LogMessage, MessageBox
+from vdfmu.engine.cosim.multirate import MultirateStepper
 from vdfmu.errors import CosimError
 from vdfmu.interrupt import InterruptGuard
 
@@ -94,8 +95,23 @@ class Components:
                 span=span,
             )
         else:
-            self._stepper = SampledStepper(self.exchange)
+            several = self.checked.multiples
+            self._stepper = (
+                MultirateStepper(self.exchange, span) if several else SampledStepper(self.exchange)
+            )
         return self._stepper
+
+    def reset(self) -> None:
+        """Take all back to what they were after loading."""
+        stepper, self._stepper = self._stepper, None
+        with InterruptGuard():
+            if isinstance(stepper, ContinuousStepper):
+                stepper.close()
+            for slave in self.slaves.values():
+                slave.reset()
+        for bank in self.exchange.banks:
+            bank.memory[:] = 0
+        self.box.flush()
 
     def close(self) -> CosimError | None:
         """Terminate and free them all; return the first failure in that. The others are messages."""
