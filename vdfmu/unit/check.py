@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Sequence
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
@@ -107,7 +107,7 @@ def _of_variable(unit: type[Unit], declared: Declared, robot: Robot | None) -> I
         )
     if isinstance(declared, Switch) and not isinstance(declared.start, bool):
         yield f"{name}: expected True or False, got {declared.start!r}"
-    if isinstance(declared, Choice) and not all(isinstance(choice, str) for choice in declared.choices):
+    if isinstance(declared, Choice) and not _texts(declared.choices):
         yield f"{name}: expected choices that are texts, got {declared.choices}"
     if isinstance(declared, Choice) and len(set(declared.choices)) != max(2, len(declared.choices)):
         yield f"{name}: expected two or more different choices, got {declared.choices}"
@@ -121,7 +121,7 @@ def _of_variable(unit: type[Unit], declared: Declared, robot: Robot | None) -> I
     for what, value in (("units of measurement", declared.unit), ("texts", declared.text)):
         if isinstance(value, str):
             continue
-        if not isinstance(value, Sequence) or not all(isinstance(one, str) for one in value):
+        if not _texts(value):
             yield f"{name}: expected {what}, one or one for each element, got {value!r}"
             return
         if len(value) != count:
@@ -135,6 +135,13 @@ def _of_variable(unit: type[Unit], declared: Declared, robot: Robot | None) -> I
         yield from (f"{name}: {problem}" for problem in _of_start(declared, robot, sizes))
 
 
+def _texts(value: object) -> bool:
+    """Whether a value is a sequence of texts."""
+    return isinstance(value, Sequence) and all(
+        isinstance(one, str) for one in cast("Sequence[object]", value)
+    )
+
+
 def _axes(declared: Declared) -> list[object]:
     return [axis if isinstance(axis, int) else repr(axis) for axis in declared.shape]
 
@@ -142,7 +149,7 @@ def _axes(declared: Declared) -> list[object]:
 def _of_start(declared: Declared, robot: Robot | None, sizes: tuple[int, ...]) -> Iterator[str]:
     low, high = declared.minimum, declared.maximum
     for what, bound in (("minimum", low), ("maximum", high)):
-        if bound is not None and not isinstance(bound, (int, float, np.number)):
+        if bound is not None and (np.asarray(bound).dtype.kind not in "if" or np.ndim(bound)):
             yield f"{what}: expected a number, got {bound!r}"
             return
     if low is not None and high is not None and low > high:
