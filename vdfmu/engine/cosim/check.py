@@ -119,6 +119,7 @@ def check_system(
         starts={name: list(values.values()) for name, values in starts.items()},
         notes=tuple(checker.notes),
         feed=feed,
+        clock_links=tuple(checker.clock_links),
     )
 
 
@@ -132,6 +133,7 @@ class _Checker:
         self.notes = list(system.notes)
         self.descriptions: dict[str, Description] = {}
         self.ignore_unmatched = ignore_unmatched
+        self.clock_links: list[tuple[Port, Port]] = []
         for text in system.unmatched:
             self._unmatched(text)
 
@@ -260,6 +262,9 @@ class _Checker:
             if source is None or sink is None:
                 continue  # reported with the connectors
             where = f"connection {connection}"
+            if source.type == sink.type == "Clock":
+                self.clock_links.append((connection.start, connection.end))
+                continue
             types = [source.type, *(type_of(h.type) for h in connection.hops[:-1] if h.type), sink.type]
             if len(set(types)) > 1:
                 self.problems.append(f"{where}: type mismatch, {' to '.join(types)}")
@@ -295,6 +300,8 @@ class _Checker:
         report = self.problems if self.strict else self.notes
         for name, description in self.descriptions.items():
             for variable in description.named("input"):
+                if variable.clock is not None and not variable.clock.triggered:
+                    continue  # the master ticks it
                 if (name, variable.name) not in fed | bound:
                     report.append(f"{name}.{variable.name}: input is not connected and keeps its start value")
 

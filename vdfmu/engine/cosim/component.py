@@ -162,16 +162,25 @@ class Slave:
                 self.run(self.access("Set", [v for v, _ in group], numbers, heap))
 
     def access(
-        self, verb: str, variables: Sequence[Variable], values: NDArray[Any], heap: Heap
+        self,
+        verb: str,
+        variables: Sequence[Variable],
+        values: NDArray[Any],
+        heap: Heap,
+        chosen: Callable[[Variable], bool] = lambda v: True,
     ) -> list[Call]:
-        """Return the calls that get or set variables of one kind, whose values are `values`, in place."""
+        """Return the calls that get or set the chosen variables of one kind, whose values are `values`, in place."""
         calls: list[Call] = []
-        for native in dict.fromkeys(v.native for v in variables):
-            places = [i for i, v in enumerate(variables) if v.native == native]
+        for native in dict.fromkeys(v.native for v in variables if chosen(v)):
+            places = [i for i, v in enumerate(variables) if v.native == native and chosen(v)]
             own = [variables[i] for i in places]
             moved = Transfer(verb, own, places, values, self.dtypes[native], heap, self._known, self._failure)
             calls.append(self.value_call(moved))
         return calls
+
+    def between_events(self, variable: Variable) -> bool:
+        """Whether a variable is got or set between the events, too."""
+        return True
 
     def run(self, calls: Sequence[Call]) -> None:
         """Make calls one after the other."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Sequence
 from ctypes import CFUNCTYPE, byref, c_bool, c_char, c_char_p, c_double, c_int, c_size_t, c_uint32, c_void_p
@@ -20,6 +21,10 @@ __all__ = ["Slave3"]
 _RECEIVER = CFUNCTYPE(None, c_void_p, c_int, c_char_p, c_char_p)(on_message)
 _EVENT, _END, _EARLY = range(3)
 """Answers of doStep."""
+_UPDATES = 1000
+"""Updates of discrete states at one event at most."""
+_CHANGED = 2
+"""Of fmi3IntervalQualifier."""
 
 
 class Slave3(Slave):
@@ -32,12 +37,17 @@ class Slave3(Slave):
         **{f"{sign}Int{bits}": np.dtype(f"{sign.lower()}int{bits}") for sign in ("", "U") for bits in (8, 16, 32, 64)},
     }  # fmt: skip
 
+    event_mode = in_event = event_needed = False
+    """Whether the master handles its events; whether it is in event mode; whether a step has ended at an event."""
+    next_event = math.inf
+    """Its next event, as far as it is known [s]."""
+
     def make(self) -> int | None:
         """See `Slave.make`."""
         return self.function("InstantiateCoSimulation")(
             self.name.encode(), self.description.guid.encode(), f"{self.folder / 'resources'}{os.sep}".encode(),
-            c_bool(False), c_bool(True), c_bool(False), c_bool(False), None, c_size_t(0), c_void_p(self.token),
-            _RECEIVER, None,
+            c_bool(False), c_bool(True), c_bool(self.event_mode), c_bool(self.event_mode), None, c_size_t(0),
+            c_void_p(self.token), _RECEIVER, None,
         )  # fmt: skip
 
     def prepare(
@@ -73,6 +83,8 @@ class Slave3(Slave):
         called = moved.around(partial(function, self.argument))
         return called, references, count, moved.pointer, n, moved.name
 
+    # ------------------------------------------------------------------ steps
+
     def step_call(self, clock: c_double, size: c_double) -> Call:
         """See `Slave.step_call`."""
         step, last = self.function("DoStep"), c_double()
@@ -82,16 +94,104 @@ class Slave3(Slave):
 
         def do_step(component: Any, clock: c_double, size: c_double, keep: Any) -> int:
             status = step(component, clock, size, keep, *answers)
-            if any_flag.value and status < 2:
-                self._answer(flags, last.value)
+            end = clock.value + size.value
+            while any_flag.value and status < 2 and not self._answered(flags, last.value):
+                rest = c_double(last.value), c_double(end - last.value)
+                status = step(component, *rest, keep, *answers)
             return status
 
         return do_step, self.argument, clock, size, c_bool(True), "doStep"
 
-    def _answer(self, flags: Any, last: float) -> None:
-        """Take what a step has answered beside its status."""
+    def _answered(self, flags: Any, last: float) -> bool:
+        """Take what a step has answered beside its status; False if the rest of it is to be done."""
+        self.event_needed = bool(flags[_EVENT])
         if flags[_END]:
             self.box.ended[self.name] = last
-        elif flags[_EARLY]:
+            return True
+        if not flags[_EARLY]:
+            return True
+        if not self.event_mode:
             reason = f"it returned early, at t = {last:.9g} s, which it was not allowed to"
             raise CosimError(self.name, "doStep", self.box.time, reason)
+        if self.event_needed:  # alone: others may have stepped beyond
+            self.enter_event()
+            own = [
+                v.reference
+                for v in self.description.variables.values()
+                if v.clock and v.causality == "output"
+            ]
+            if any(self.clocks(own)):
+                raise CosimError(
+                    self.name, "getClock", self.box.time,
+                    f"a clock ticks at t = {last:.9g} s, between two communication points, when others cannot be told; "
+                    "choose a step that ends there",
+                )  # fmt: skip
+            self.update(last)
+            self.leave_event()
+        return self.name in self.box.ended
+
+    # ------------------------------------------------------------------ events
+
+    def discrete(self, variable: Variable) -> bool:
+        """Whether an input is set in event mode only."""
+        return self.event_mode and (variable.variability == "discrete" or bool(variable.clocks))
+
+    def between_events(self, variable: Variable) -> bool:
+        """See `Slave.between_events`."""
+        if not self.event_mode:
+            return True
+        return not variable.clocks and (variable.causality == "output" or not self.discrete(variable))
+
+    def exit_initialization(self) -> None:
+        """See `Slave.exit_initialization`."""
+        super().exit_initialization()
+        self.in_event = self.event_mode
+
+    def enter_event(self) -> None:
+        """Enter event mode."""
+        self.event_needed = False
+        if not self.in_event:
+            self.call("EnterEventMode")
+            self.in_event = True
+
+    def leave_event(self) -> None:
+        """Go on to steps."""
+        if self.in_event:
+            self.call("EnterStepMode")
+            self.in_event = False
+
+    def update(self, time: float) -> None:
+        """Update the discrete states at an event."""
+        flags, next_event = (c_bool * 5)(), c_double()
+        again, end, _, _, defined = range(5)
+        arguments = *(byref(flags, i) for i in range(5)), byref(next_event)
+        for _ in range(_UPDATES):
+            self.call("UpdateDiscreteStates", *arguments)
+            if flags[end]:
+                self.box.ended[self.name] = time
+            if not flags[again] or flags[end]:
+                self.next_event = next_event.value if flags[defined] else math.inf
+                return
+        reason = f"its discrete states do not settle: they need more than {_UPDATES} updates"
+        raise CosimError(self.name, "updateDiscreteStates", time, reason)
+
+    def set_clocks(self, references: Sequence[int]) -> None:
+        """Let input clocks tick."""
+        n = len(references)
+        if n:
+            self.call("SetClock", (c_uint32 * n)(*references), c_size_t(n), (c_bool * n)(*[True] * n))
+
+    def clocks(self, references: Sequence[int]) -> list[bool]:
+        """Return which output clocks tick."""
+        n = len(references)
+        ticks = (c_bool * max(n, 1))()
+        if n:
+            self.call("GetClock", (c_uint32 * n)(*references), c_size_t(n), ticks)
+        return list(ticks)[:n]
+
+    def intervals(self, references: Sequence[int]) -> list[float | None]:
+        """Return the intervals of clocks [s]; None for those that have not changed."""
+        n = len(references)
+        intervals, qualifiers = (c_double * n)(), (c_int * n)()
+        self.call("GetIntervalDecimal", (c_uint32 * n)(*references), c_size_t(n), intervals, qualifiers)
+        return [x if q == _CHANGED else None for x, q in zip(intervals, qualifiers, strict=True)]

@@ -14,6 +14,7 @@ from vdfmu.engine.cosim.component import Slave, Watch
 from vdfmu.engine.cosim.component2 import Slave2
 from vdfmu.engine.cosim.component3 import Slave3
 from vdfmu.engine.cosim.continuous import ContinuousStepper
+from vdfmu.engine.cosim.events import Events
 from vdfmu.engine.cosim.exchange import Exchange, SampledStepper
 from vdfmu.engine.cosim.messages import LogMessage, MessageBox
 from vdfmu.errors import CosimError
@@ -52,6 +53,7 @@ class Components:
         self.slaves: dict[str, Slave] = {}
         self.exchange = Exchange(checked, self.slaves, box, words)
         self._watch = watch
+        self._events: Events | None = None
         self._stepper: SampledStepper | ContinuousStepper | None = None
 
     def load(self) -> None:
@@ -60,9 +62,11 @@ class Components:
         for name, description in self.checked.descriptions.items():
             folder = self.folders[description.source]
             version = Slave2 if description.version == "2.0" else Slave3
-            self.slaves[name] = version(name, description, folder, self.box, corrupt, self._watch)
+            slave = self.slaves[name] = version(name, description, folder, self.box, corrupt, self._watch)
+            if isinstance(slave, Slave3):
+                slave.event_mode = description.event_mode and self.checked.algorithm not in CONTINUOUS
             with InterruptGuard():  # of which units written in Python would make an error
-                self.slaves[name].instantiate()
+                slave.instantiate()
 
     def initialize(
         self, begin: float, end: float, tolerance: float | None, convergence: float = CONVERGENCE
@@ -78,6 +82,8 @@ class Components:
             for slave in self.slaves.values():
                 slave.exit_initialization()
             self.exchange.read_outputs()
+            if any(isinstance(slave, Slave3) and slave.event_mode for slave in self.slaves.values()):
+                self._events = Events(self.exchange, begin)
         self.box.flush()
 
     def couple(
@@ -94,7 +100,7 @@ class Components:
                 span=span,
             )
         else:
-            self._stepper = SampledStepper(self.exchange)
+            self._stepper = SampledStepper(self.exchange, self._events)
         return self._stepper
 
     def close(self) -> CosimError | None:

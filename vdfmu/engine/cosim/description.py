@@ -36,13 +36,33 @@ def type_of(name: str) -> str:
 
 
 @dataclass(frozen=True)
+class Clock:
+    """Of a clock of FMI 3.0: how its interval varies, the interval, NaN if it is asked for, and the first tick [s]."""
+
+    variability: str
+    interval: float
+    shift: float
+
+    @property
+    def triggered(self) -> bool:
+        """Whether another component ticks it, or it ticks others."""
+        return self.variability == "triggered"
+
+    @property
+    def asked(self) -> bool:
+        """Whether the component says the interval."""
+        return self.variability in ("calculated", "tunable", "changing", "countdown")
+
+
+@dataclass(frozen=True)
 class Variable:
     """A scalar variable of an FMU, or an element of an array of FMI 3.0.
 
     `reference` is its value reference, `type` Real, Integer, Enumeration, Boolean, String or Binary, `items` those of
     an enumeration, `nominal` the size of its values, in its unit, None where the FMU does not say, `limits` the least
     and the largest value, `native` the type in the names of the FMI functions that get and set it, `index` its position
-    among the `length` elements, row by row, `start` its start value.
+    among the `length` elements, row by row, `start` its start value, `clocks` the value references of its clocks,
+    `clock` what a clock is.
     """
 
     name: str
@@ -60,6 +80,8 @@ class Variable:
     index: int = 0
     length: int = 1
     start: Value = 0
+    clocks: tuple[int, ...] = ()
+    clock: Clock | None = None
 
     @property
     def kind(self) -> str:
@@ -97,6 +119,8 @@ class Description:
         Whether it takes derivatives of its real inputs, and lets them run linearly over a step.
     varies_steps : bool
         Whether its steps may differ in length.
+    event_mode : bool
+        Whether its events can be handled by the master.
     """
 
     source: str
@@ -110,6 +134,7 @@ class Description:
     saves_state: bool = False
     interpolates_inputs: bool = False
     varies_steps: bool = True
+    event_mode: bool = False
 
     def named(self, causality: str) -> list[Variable]:
         """Return the variables of one causality, in the order of the FMU."""
@@ -227,13 +252,16 @@ def _describe(model: ModelDescription, root: Any, source: str, identifier: str) 
         identifier=identifier,
         guid=str(model.guid),
         once_per_process=bool(model.coSimulation and model.coSimulation.canBeInstantiatedOnlyOncePerProcess),
-        variables=_variables(model, relative),
+        variables=_variables(
+            model, relative, {v.get("name"): v for v in root.iterfind("ModelVariables/Clock")}
+        ),
         step_dependencies=_unknowns(model.outputs),
         initial_dependencies=_unknowns(model.initialUnknowns),
         version=str(model.fmiVersion),
         saves_state=bool(model.coSimulation and model.coSimulation.canGetAndSetFMUstate),
         varies_steps=bool(model.coSimulation and model.coSimulation.canHandleVariableCommunicationStepSize),
         interpolates_inputs=bool(model.coSimulation and model.coSimulation.canInterpolateInputs),
+        event_mode=bool(model.coSimulation and model.coSimulation.hasEventMode),
     )
 
 
@@ -254,7 +282,7 @@ def element_names(name: str, shape: Sequence[int] | None) -> list[str]:
     return [f"{name}[{','.join(str(i + 1) for i in index)}]" for index in np.ndindex(*shape)]
 
 
-def _variables(model: ModelDescription, relative: set[str]) -> dict[str, Variable]:
+def _variables(model: ModelDescription, relative: set[str], clocks: Mapping[str, Any]) -> dict[str, Variable]:
     units: dict[str, Unit] = {}
     for unit in model.unitDefinitions:
         base = unit.baseUnit
@@ -290,8 +318,23 @@ def _variables(model: ModelDescription, relative: set[str]) -> dict[str, Variabl
                 index=index,
                 length=len(names),
                 start=start,
+                clocks=tuple(each.valueReference for each in v.clocks or ()),  # pyright: ignore[reportAttributeAccessIssue]
+                clock=_clock(clocks[name]) if name in clocks else None,
             )
     return variables
+
+
+def _clock(element: Any) -> Clock:
+    def seconds(decimal: str, counter: str, default: float) -> float:
+        if element.get(counter) is not None and element.get("resolution") is not None:
+            return int(element.get(counter)) / int(element.get("resolution"))
+        return float(element.get(decimal, default))
+
+    return Clock(
+        element.get("intervalVariability"),
+        seconds("intervalDecimal", "intervalCounter", math.nan),
+        seconds("shiftDecimal", "shiftCounter", 0.0),
+    )
 
 
 def _native(kind: str, version: str) -> str:
