@@ -18,9 +18,8 @@ from matplotlib.figure import Figure
 
 from benchmarks.importer_worker import MARK
 from benchmarks.report import COLOURS, Report, Table, new_figure, tidy
-from benchmarks.system import Clock, least, median, quiet, quiet_run, write_emptied
-from vdfmu.engine.cosim.container import simulate_container, write_container
-from vdfmu.engine.ssp.read import load_ssp
+from benchmarks.system import Clock, container_run, least, median, quiet_run, write_emptied
+from vdfmu.engine.cosim.container import write_container
 from vdfmu.fmu import build_fmus
 from vdfmu.fmu.native.compile import native_available
 from vdfmu.scenario import Scenario, load_scenario
@@ -133,7 +132,6 @@ def study(
             form: write_container(path, folder / f"{form}_container.fmu", step=step)
             for form, path in packages.items()
         }
-        system = load_ssp(package)
         q: dict[str, np.ndarray] = {}
         say(
             f"{rounds} rounds of {stop:g} s at {step * 1e3:g} ms in each importer, with native and with empty FMUs"
@@ -144,9 +142,7 @@ def study(
                 results = quiet_run(path, step=step, stop=stop, algorithm="jacobi", progress=clock.progress)
                 _note(found, MASTER, form, clock.wall, clock.processor)
                 clock = Clock()
-                folded = simulate_container(
-                    containers[form], system, stop=stop, step=step, progress=clock.progress, log=quiet
-                )
+                folded = container_run(containers[form], stop=stop, step=step, progress=clock.progress)
                 _note(found, CONTAINER, form, clock.wall, clock.processor)
                 if form == "native":
                     q |= {MASTER: results.array("plant.q")[-1], CONTAINER: folded.array("plant.q")[-1]}

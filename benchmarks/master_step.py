@@ -21,6 +21,7 @@ from vdfmu.engine.cosim.exchange import Exchange, SampledStepper
 from vdfmu.kernel import KernelFunction
 from vdfmu.kernel.structure import values
 from vdfmu.scenario import Scenario, load_scenario
+from vdfmu.scenario.values import group_value
 from vdfmu.unit.integrator import Integrator
 from vdfmu.unit.interface import Interface
 from vdfmu.units import shipped_units
@@ -248,13 +249,15 @@ def kernel_cases(scenario: Scenario, results: Results) -> list[Case]:
     functions = {unit: Interface(shipped_units()[unit], robots[unit]).functions for unit in UNITS}
     x = np.hstack([results.array(f"plant.{name}")[middle] for name in ("q", "q_dot", "kappa_dot", "tau_s")])
     feedforward = functions["feedforward"].function(
-        f"feedforward_outputs_{scenario.feedforward.mode}", p=values(scenario.robot)
+        f"feedforward_outputs_{group_value(scenario, 'feedforward.mode')}", p=values(scenario.robot)
     )
     for name in ("q_d", "q_d_dot", "q_d_ddot", "q_d_dddot", "q_d_ddddot"):
         feedforward.args[name][:] = results.array(f"trajectory.{name}")[middle]
     trajectory = functions["trajectory"].function("trajectory_outputs")
-    controller = functions["controller"].function(f"controller_outputs_{scenario.controller.velocity}")
-    trajectory.args["T"][0] = scenario.trajectory.T
+    controller = functions["controller"].function(
+        f"controller_outputs_{group_value(scenario, 'controller.velocity')}"
+    )
+    trajectory.args["T"][0] = group_value(scenario, "trajectory.T")
     controller.args["ell"][:] = scenario.robot.ell
     plant = {"x": x, "p": values(scenario.plant_robot)}
     step = functions["plant"].function("plant_step", **plant)

@@ -13,12 +13,12 @@ from matplotlib.figure import Figure
 
 from benchmarks.native_plan import Plan, interpreter_parts, ready
 from benchmarks.report import COLOURS, Report, Table, new_figure, tidy
-from benchmarks.system import Clock, least, median, packed, quiet, quiet_run, write_emptied
+from benchmarks.system import Clock, container_run, least, median, packed, quiet_run, write_emptied
 from vdfmu.engine.cosim import Results
-from vdfmu.engine.cosim.container import simulate_container, write_container
-from vdfmu.engine.ssp.read import load_ssp
+from vdfmu.engine.cosim.container import write_container
 from vdfmu.fmu.native.compile import native_available
 from vdfmu.scenario import Scenario, load_scenario
+from vdfmu.scenario.replace import with_units
 
 __all__ = ["Native", "run", "study"]
 
@@ -28,6 +28,7 @@ PYTHON, NATIVE, ISOLATED, JACOBI, CONTAINER = (
     "Python FMUs", "native FMUs, gauss-seidel", "native FMUs in a process of their own", "native FMUs, jacobi",
     "container FMU",
 )  # fmt: skip
+OWN = "native FMUs, the controller a user's file"
 EMPTY, EMPTY_CONTAINER = "empty FMUs, gauss-seidel", "container FMU of empty FMUs"
 LOOP, LOOP_CONTAINER = "native FMUs in a compiled loop", "container FMU in a compiled loop"
 
@@ -41,7 +42,7 @@ class Native:
     wall, processor : dict of case to list of (100,) arrays
         Blocks of each round, see :class:`benchmarks.system.Clock`; all cases take turns.
     units : dict of unit to (dict of "set" | "do_step" | "get" to time)
-        Inside the units' libraries.
+        Inside the units' libraries; that of the user's controller is `OWN`.
     container : dict of "do_step" | "get" to time
         Inside the container's library, with its units.
     master, container_master : dict of "calls" | "gather" | "record" to time
@@ -72,7 +73,12 @@ class Native:
     @property
     def in_units(self) -> float:
         """Time inside the libraries of the four units [s]."""
-        return sum(sum(parts.values()) for parts in self.units.values())
+        return sum(sum(self.units[unit].values()) for unit in UNITS)
+
+    @property
+    def more_of_own(self) -> float:
+        """What the user's controller takes in its library more than that of the package [s]."""
+        return sum(self.units[OWN].values()) - sum(self.units["controller"].values())
 
 
 def run(report: Report, quick: bool = False) -> None:
@@ -106,12 +112,16 @@ def study(
     """
     found = Native(scenario.step, stop, stop_python)
     step, n = scenario.step, round(stop / scenario.step)
-    with packed(scenario) as python, packed(scenario, "native") as package:
+    own_scenario = with_units(scenario, {"controller": Path(__file__).with_name("own_controller.py")})
+    with (
+        packed(scenario) as python,
+        packed(scenario, "native") as package,
+        packed(own_scenario, "native") as own,
+    ):
         folder = package.parent
         container = write_container(package, folder / "container.fmu", step=step)
         empty = write_emptied(package, folder / "empty.ssp")
         empty_container = write_container(empty, folder / "empty.fmu", step=step)
-        system = load_ssp(package)
         last: dict[str, Results] = {}
         loop: dict[str, dict[str, np.ndarray]] = {}
 
@@ -125,9 +135,7 @@ def study(
 
         def in_container(case: str, fmu: Path) -> None:
             clock = Clock()
-            last[case] = simulate_container(
-                fmu, system, stop=stop, step=step, progress=clock.progress, log=quiet
-            )
+            last[case] = container_run(fmu, stop=stop, step=step, progress=clock.progress)
             _note(found, case, clock.wall, clock.processor)
 
         def in_loop(case: str, path: Path, algorithm: str) -> None:
@@ -142,6 +150,7 @@ def study(
         for _ in range(rounds):
             under_master(PYTHON, python, stop_python)
             under_master(NATIVE, package, stop)
+            under_master(OWN, own, stop)
             under_master(ISOLATED, package, stop)
             under_master(JACOBI, package, stop, "jacobi")
             in_container(CONTAINER, container)
@@ -153,13 +162,18 @@ def study(
         say("parts of a step")
         units: dict[tuple[str, str], list[np.ndarray]] = defaultdict(list)
         inner: dict[tuple[str, str], list[np.ndarray]] = defaultdict(list)
+        of_own: dict[tuple[str, str], list[np.ndarray]] = defaultdict(list)
+        plans = (
+            (package, "gauss-seidel", units), (own, "gauss-seidel", of_own), (container, "jacobi", inner)
+        )  # fmt: skip
         for _ in range(rounds):
-            for path, algorithm, kept in ((package, "gauss-seidel", units), (container, "jacobi", inner)):
+            for path, algorithm, kept in plans:
                 with ready(path, algorithm, stop) as exchange:
                     for name, blocks in Plan(exchange, step).run(n, clocks=True)[1].items():
                         kept[name].append(blocks)
-        found.units = {unit: {} for unit in UNITS}
-        for (unit, what), rounds_of in units.items():
+        found.units = {unit: {} for unit in (*UNITS, OWN)}
+        controller = {(OWN, what): kept for (unit, what), kept in of_own.items() if unit == "controller"}
+        for (unit, what), rounds_of in (units | controller).items():
             if what != "gather":
                 found.units[unit][what] = max(least(rounds_of), 0.0)
         found.container = {what: least(rounds_of) for (_, what), rounds_of in inner.items()}
@@ -172,6 +186,7 @@ def study(
     found.differences = {
         PYTHON: float(np.max(np.abs(q[PYTHON][:shared] - q[NATIVE][:shared]))),
         ISOLATED: float(np.max(np.abs(q[ISOLATED] - q[NATIVE]))),
+        OWN: float(np.max(np.abs(q[OWN] - q[NATIVE]))),
         CONTAINER: float(np.max(np.abs(q[CONTAINER] - q[JACOBI]))),
         LOOP: max(
             float(np.max(np.abs(loop[LOOP][name] - last[NATIVE][name]))) for name in last[NATIVE].names
@@ -198,7 +213,18 @@ def tabulate(found: Native, report: Report) -> None:
         [("form", ""), ("simulated [s]", "g"), ("least", ".2f"), ("median", ".2f"), ("processor", ".2f"),
          ("real-time factor", ".1f"), ("times as fast as Python FMUs", ".1f"), ("as native, gauss-seidel", ".2f")],
     )  # fmt: skip
-    for case in (PYTHON, NATIVE, ISOLATED, JACOBI, CONTAINER, LOOP, LOOP_CONTAINER, EMPTY, EMPTY_CONTAINER):
+    for case in (
+        PYTHON,
+        NATIVE,
+        OWN,
+        ISOLATED,
+        JACOBI,
+        CONTAINER,
+        LOOP,
+        LOOP_CONTAINER,
+        EMPTY,
+        EMPTY_CONTAINER,
+    ):
         time = found.least(case)
         real = case not in (EMPTY, EMPTY_CONTAINER)
         processor = found.processor.get(case)
@@ -225,11 +251,12 @@ def tabulate(found: Native, report: Report) -> None:
         [("part", ""), ("set", ".3f"), ("doStep", ".3f"), ("get", ".3f"), ("sum", ".3f"), ("share", ".1%")],
     )
     total = found.least(NATIVE)
-    for unit in UNITS:
+    for unit in (*UNITS, OWN):
         own = found.units[unit]
         values = [us * own[k] if k in own else None for k in ("set", "do_step", "get")]
-        parts.add(f"in {unit}", *values, us * sum(own.values()), sum(own.values()) / total)
-    parts.add("in all units", None, None, None, us * found.in_units, found.in_units / total)
+        label = "in controller, a user's file" if unit == OWN else f"in {unit}"
+        parts.add(label, *values, us * sum(own.values()), sum(own.values()) / total)
+    parts.add("in all units of the package", None, None, None, us * found.in_units, found.in_units / total)
     for key, value in _master(found).items():
         parts.add(f"master: {_LABELS[key]}", None, None, None, us * value, value / total)
     parts.add("total", None, None, None, us * total, 1.0)
@@ -244,6 +271,8 @@ def tabulate(found: Native, report: Report) -> None:
         f"Container: {us * sum(found.container.values()):.2f} us inside its library, of which "
         f"{us * found.container['do_step']:.2f} us in doStep and {us * found.container['get']:.2f} us in getReal of "
         f"all outputs; {us * (found.least(CONTAINER) - sum(found.container.values())):.2f} us in the master.",
+        f"The controller's law takes {us * found.more_of_own:+.3f} us a step where it comes from a user's file: the "
+        f"calls and the copies are the same, and positions differ by {found.differences[OWN]:.0e} rad.",
         f"The units alone take {us * found.in_units:.2f} us, so no form of these FMUs can be more than "
         f"{total / found.in_units:.2f} times as fast as they are under the master.",
     ]
@@ -259,6 +288,7 @@ def tabulate(found: Native, report: Report) -> None:
         "master_us": {k: us * v for k, v in _master(found).items()},
         "container_us": {k: us * v for k, v in found.container.items()},
         "ctypes_floor_us": us * floor,
+        "more_of_own_us": us * found.more_of_own,
         "differences_rad": found.differences,
     }
 
@@ -286,7 +316,7 @@ _COLOURS = {
 
 def _bars(found: Native) -> dict[str, dict[str, float]]:
     """Forms, each with its parts [s]."""
-    do_step = {unit: parts["do_step"] for unit, parts in found.units.items()}
+    do_step = {unit: found.units[unit]["do_step"] for unit in UNITS}
     inside = {
         "plant doStep": do_step["plant"],
         "feedforward doStep": do_step["feedforward"],

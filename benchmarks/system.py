@@ -14,21 +14,22 @@ from pathlib import Path
 import numpy as np
 
 from vdfmu.engine.cosim import LogMessage, Results, simulate
+from vdfmu.engine.ssp.structure import Component, System
 from vdfmu.files import pack_zip
-from vdfmu.fmu import build_fmus
 from vdfmu.fmu.native.compile import compile_library
 from vdfmu.fmu.native.platforms import this_platform
 from vdfmu.scenario import Scenario
+from vdfmu.scenario.parts import build_parts
 from vdfmu.ssp.write import write_ssp
 
-__all__ = ["Clock", "least", "median", "packed", "quiet", "quiet_run", "write_emptied"]
+__all__ = ["Clock", "container_run", "least", "median", "packed", "quiet", "quiet_run", "write_emptied"]
 
 
 @contextmanager
 def packed(scenario: Scenario, backend: str = "python") -> Generator[Path]:
-    """Build the four FMUs and the package of a scenario in a temporary folder."""
+    """Build the FMUs and the package of a scenario in a temporary folder."""
     with tempfile.TemporaryDirectory(prefix="vdfmu-bench-") as folder:
-        fmus = build_fmus(scenario.robot, Path(folder) / "fmus", backend=backend)
+        fmus = build_parts(scenario, Path(folder) / "fmus", backend=backend)
         yield write_ssp(scenario, fmus, Path(folder) / f"{scenario.name}.ssp")
 
 
@@ -127,3 +128,18 @@ def least(rounds: Sequence[np.ndarray]) -> float:
 def median(rounds: Sequence[np.ndarray]) -> float:
     """Median over the rounds of the time of a step [s]."""
     return float(np.median(np.sum(rounds, axis=1)))
+
+
+def container_run(
+    container: Path, *, step: float, stop: float, progress: Callable[[int, int], None] | None = None
+) -> Results:
+    """Run a container FMU as the only component of a system; its signals have the names of its units'."""
+    with tempfile.TemporaryDirectory(prefix="vdfmu-bench-") as folder:
+        package, member = Path(folder) / "container.ssp", f"resources/{container.name}"
+        pack_zip(package, {member: container.read_bytes()})
+        only = Component("container", member, "CoSimulation", {})
+        results = simulate(
+            System(package, "container", (only,), (), {}), start=0.0, stop=stop, step=step, algorithm="jacobi",
+            progress=progress, log=quiet, isolate=False,
+        )  # fmt: skip
+    return results.renamed(lambda name: name.removeprefix("container."))

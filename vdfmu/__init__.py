@@ -97,7 +97,8 @@ def __getattr__(name: str) -> Any:
     """Import a name of the API when it is first used, so that an FMU does not load the master or the plots."""
     if name not in _WHERE:
         raise AttributeError(f"module 'vdfmu' has no attribute {name!r}")
-    return getattr(import_module(_WHERE[name]), name)
+    value = globals()[name] = getattr(import_module(_WHERE[name]), name)
+    return value
 
 
 def __dir__() -> list[str]:

@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+import threading
+from collections import Counter
+from collections.abc import Sequence
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
+from vdfmu.fmu.native.rows import compiled_rows
 from vdfmu.kernel import Kernel
 from vdfmu.model import Robot
 from vdfmu.model.robot import robot_argument
@@ -16,9 +21,42 @@ __all__ = [
 ]  # fmt: skip
 
 
+_NO_WRENCH = np.zeros(6)
+_WORTH = 50_000
+"""States of batches, of one function and robot, from which on it is compiled: what that takes, they take uncompiled."""
+
+
+class _Kernel(Kernel):
+    """The functions of a robot; large batches run compiled where the compiler is installed."""
+
+    def __init__(self, robot: Robot) -> None:
+        super().__init__(robot)
+        self._lock = threading.Lock()
+        self._asked: Counter[str] = Counter()
+        self._compiled: dict[str, Any] = {}
+
+    def calculate(
+        self,
+        name: str,
+        prepared: Any,
+        arrays: Sequence[npt.NDArray[np.float64]],
+        out: npt.NDArray[np.float64],
+    ) -> None:
+        """Calculate a batch."""
+        with self._lock:
+            self._asked[name] += len(out)
+            if name not in self._compiled and self._asked[name] >= _WORTH:
+                self._compiled[name] = compiled_rows(self.casadi_function(name))
+        run = self._compiled.get(name)
+        if run is None:
+            super().calculate(name, prepared, arrays, out)
+        else:
+            run([*arrays, self.p], out)
+
+
 @lru_cache(maxsize=32)
 def _kernel(robot: Robot) -> Kernel:
-    return Kernel(robot_argument(robot))  # robots are immutable and hash by identity
+    return _Kernel(robot_argument(robot))  # robots are immutable and hash by identity
 
 
 def inverse_dynamics(
@@ -55,7 +93,7 @@ def inverse_dynamics(
     """
     kernel = _kernel(robot)
     n = kernel.robot.n
-    wrench = np.zeros(6) if F_e is None else F_e
+    wrench = _NO_WRENCH if F_e is None else F_e
     return kernel.rows("inverse_dynamics", (q, q_dot, q_ddot, wrench), (n, n, n, 6))
 
 
@@ -87,7 +125,7 @@ def forward_dynamics(
     """
     kernel = _kernel(robot)
     n = kernel.robot.n
-    wrench = np.zeros(6) if F_e is None else F_e
+    wrench = _NO_WRENCH if F_e is None else F_e
     return kernel.rows("forward_dynamics", (q, q_dot, tau, wrench), (n, n, n, 6))
 
 

@@ -3,7 +3,14 @@
 #include <math.h>
 #include <string.h>
 
+#include "step.h"
+
 #define READABLE (INITIALIZATION | EVENT | CONTINUOUS | TERMINATED)
+
+static void time_or_states_changed(Instance *I)
+{
+    I->core->stale |= STALE_OUTPUTS | STALE_DERIVATIVES;
+}
 
 Status enter_event_mode(Instance *I)
 {
@@ -29,16 +36,28 @@ Status check_event_iteration(const Instance *I, bool pointers_given)
     return pointers_given ? STATUS_OK : fail_null(I, "a pointer for each answer");
 }
 
+Status update_discrete_states(Instance *I, bool pointers_given, double *next)
+{
+    if (check_event_iteration(I, pointers_given) != STATUS_OK)
+        return STATUS_ERROR;
+    *next = INFINITY;
+    if (unit.period == unit.n)
+        return STATUS_OK;
+    const Samples at = samples_at(I, I->m[unit.time]);
+    if (at.last > I->core->sampled) {
+        unit.update(I->m);
+        I->core->sampled = at.last;
+        time_or_states_changed(I);
+    }
+    *next = at.next;
+    return STATUS_OK;
+}
+
 Status check_integrator_step(const Instance *I, bool pointers_given)
 {
     if (!allowed(I, CONTINUOUS))
         return STATUS_ERROR;
     return pointers_given ? STATUS_OK : fail_null(I, "a pointer for each answer");
-}
-
-static void time_or_states_changed(Instance *I)
-{
-    I->core->stale |= STALE_OUTPUTS | STALE_DERIVATIVES;
 }
 
 Status set_time(Instance *I, double time)

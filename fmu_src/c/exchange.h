@@ -1,4 +1,4 @@
-/* Model exchange: modes, time, states, derivatives. There are no events. */
+/* Model exchange: modes, time, states, derivatives. The only events are samples, whose times are known. */
 #ifndef VDFMU_EXCHANGE_H
 #define VDFMU_EXCHANGE_H
 
@@ -8,6 +8,8 @@ Status enter_event_mode(Instance *I);
 Status enter_continuous_time_mode(Instance *I);
 /* Whether these are allowed: the FMI functions write the same answers always. */
 Status check_event_iteration(const Instance *I, bool pointers_given);
+/* Take the sample that is due, once; `next` is the time of the one after it [s], INFINITY if nothing is sampled. */
+Status update_discrete_states(Instance *I, bool pointers_given, double *next);
 Status check_integrator_step(const Instance *I, bool pointers_given);
 Status set_time(Instance *I, double time);
 Status set_states(Instance *I, const double x[], size_t n);

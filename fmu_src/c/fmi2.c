@@ -2,6 +2,7 @@
 #include "config.h"
 
 #include <fmi2Functions.h>
+#include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -20,6 +21,14 @@
     I->call = name
 
 #define RETURN(status) return (fmi2Status)(status)
+
+/* A function that passes its arguments on. */
+#define CALL(function, name, arguments, action) \
+    fmi2Status function arguments               \
+    {                                           \
+        ENTER(name);                            \
+        RETURN(action);                         \
+    }
 
 /* ---------------------------------------------------------------- importer */
 
@@ -53,11 +62,9 @@ const char *fmi2GetVersion(void)
     return "2.0";
 }
 
-fmi2Status fmi2SetDebugLogging(fmi2Component c, fmi2Boolean loggingOn, size_t nCategories, const fmi2String categories[])
-{
-    ENTER("setDebugLogging");
-    RETURN(set_debug_logging(I, loggingOn != 0, nCategories, categories));
-}
+CALL(fmi2SetDebugLogging, "setDebugLogging",
+     (fmi2Component c, fmi2Boolean loggingOn, size_t nCategories, const fmi2String categories[]),
+     set_debug_logging(I, loggingOn != 0, nCategories, categories))
 
 /* ---------------------------------------------------------------- life cycle */
 
@@ -96,49 +103,19 @@ fmi2Status fmi2SetupExperiment(fmi2Component c, fmi2Boolean toleranceDefined, fm
                                              .stop_time = stopTime}));
 }
 
-fmi2Status fmi2EnterInitializationMode(fmi2Component c)
-{
-    ENTER("enterInitializationMode");
-    RETURN(enter_initialization(I, NULL));
-}
-
-fmi2Status fmi2ExitInitializationMode(fmi2Component c)
-{
-    ENTER("exitInitializationMode");
-    RETURN(exit_initialization(I));
-}
-
-fmi2Status fmi2Terminate(fmi2Component c)
-{
-    ENTER("terminate");
-    RETURN(terminate(I));
-}
-
-fmi2Status fmi2Reset(fmi2Component c)
-{
-    ENTER("reset");
-    RETURN(reset(I));
-}
+CALL(fmi2EnterInitializationMode, "enterInitializationMode", (fmi2Component c), enter_initialization(I, NULL))
+CALL(fmi2ExitInitializationMode, "exitInitializationMode", (fmi2Component c), exit_initialization(I))
+CALL(fmi2Terminate, "terminate", (fmi2Component c), terminate(I))
+CALL(fmi2Reset, "reset", (fmi2Component c), reset(I))
 
 /* ---------------------------------------------------------------- values */
 
-fmi2Status fmi2GetReal(fmi2Component c, const fmi2ValueReference vr[], size_t nvr, fmi2Real value[])
-{
-    ENTER("getReal");
-    RETURN(get_reals(I, vr, nvr, value, nvr));
-}
-
-fmi2Status fmi2GetInteger(fmi2Component c, const fmi2ValueReference vr[], size_t nvr, fmi2Integer value[])
-{
-    ENTER("getInteger");
-    RETURN(get_integers(I, vr, nvr, value, nvr));
-}
-
-fmi2Status fmi2GetBoolean(fmi2Component c, const fmi2ValueReference vr[], size_t nvr, fmi2Boolean value[])
-{
-    ENTER("getBoolean");
-    RETURN(get_booleans(I, vr, nvr, value, nvr));
-}
+CALL(fmi2GetReal, "getReal", (fmi2Component c, const fmi2ValueReference vr[], size_t nvr, fmi2Real value[]),
+     get_reals(I, vr, nvr, value, nvr))
+CALL(fmi2GetInteger, "getInteger", (fmi2Component c, const fmi2ValueReference vr[], size_t nvr, fmi2Integer value[]),
+     get_integers(I, vr, nvr, value, nvr))
+CALL(fmi2GetBoolean, "getBoolean", (fmi2Component c, const fmi2ValueReference vr[], size_t nvr, fmi2Boolean value[]),
+     get_booleans(I, vr, nvr, value, nvr))
 
 fmi2Status fmi2GetString(fmi2Component c, const fmi2ValueReference vr[], size_t nvr, fmi2String value[])
 {
@@ -147,23 +124,14 @@ fmi2Status fmi2GetString(fmi2Component c, const fmi2ValueReference vr[], size_t 
     RETURN(no_such_type(I, "String", vr, nvr));
 }
 
-fmi2Status fmi2SetReal(fmi2Component c, const fmi2ValueReference vr[], size_t nvr, const fmi2Real value[])
-{
-    ENTER("setReal");
-    RETURN(set_reals(I, vr, nvr, value, nvr));
-}
-
-fmi2Status fmi2SetInteger(fmi2Component c, const fmi2ValueReference vr[], size_t nvr, const fmi2Integer value[])
-{
-    ENTER("setInteger");
-    RETURN(set_integers(I, vr, nvr, value, nvr));
-}
-
-fmi2Status fmi2SetBoolean(fmi2Component c, const fmi2ValueReference vr[], size_t nvr, const fmi2Boolean value[])
-{
-    ENTER("setBoolean");
-    RETURN(set_booleans(I, vr, nvr, value, nvr));
-}
+CALL(fmi2SetReal, "setReal", (fmi2Component c, const fmi2ValueReference vr[], size_t nvr, const fmi2Real value[]),
+     set_reals(I, vr, nvr, value, nvr))
+CALL(fmi2SetInteger, "setInteger",
+     (fmi2Component c, const fmi2ValueReference vr[], size_t nvr, const fmi2Integer value[]),
+     set_integers(I, vr, nvr, value, nvr))
+CALL(fmi2SetBoolean, "setBoolean",
+     (fmi2Component c, const fmi2ValueReference vr[], size_t nvr, const fmi2Boolean value[]),
+     set_booleans(I, vr, nvr, value, nvr))
 
 fmi2Status fmi2SetString(fmi2Component c, const fmi2ValueReference vr[], size_t nvr, const fmi2String value[])
 {
@@ -174,41 +142,17 @@ fmi2Status fmi2SetString(fmi2Component c, const fmi2ValueReference vr[], size_t 
 
 /* ---------------------------------------------------------------- saved states */
 
-fmi2Status fmi2GetFMUstate(fmi2Component c, fmi2FMUstate *FMUstate)
-{
-    ENTER("getFMUstate");
-    RETURN(state_get(I, FMUstate));
-}
-
-fmi2Status fmi2SetFMUstate(fmi2Component c, fmi2FMUstate FMUstate)
-{
-    ENTER("setFMUstate");
-    RETURN(state_set(I, FMUstate));
-}
-
-fmi2Status fmi2FreeFMUstate(fmi2Component c, fmi2FMUstate *FMUstate)
-{
-    ENTER("freeFMUstate");
-    RETURN(state_free(I, FMUstate));
-}
-
-fmi2Status fmi2SerializedFMUstateSize(fmi2Component c, fmi2FMUstate FMUstate, size_t *size)
-{
-    ENTER("serializedFMUstateSize");
-    RETURN(state_size(I, FMUstate, size));
-}
-
-fmi2Status fmi2SerializeFMUstate(fmi2Component c, fmi2FMUstate FMUstate, fmi2Byte serializedState[], size_t size)
-{
-    ENTER("serializeFMUstate");
-    RETURN(state_to_bytes(I, FMUstate, (unsigned char *)serializedState, size));
-}
-
-fmi2Status fmi2DeSerializeFMUstate(fmi2Component c, const fmi2Byte serializedState[], size_t size, fmi2FMUstate *FMUstate)
-{
-    ENTER("deSerializeFMUstate");
-    RETURN(state_from_bytes(I, (const unsigned char *)serializedState, size, FMUstate));
-}
+CALL(fmi2GetFMUstate, "getFMUstate", (fmi2Component c, fmi2FMUstate *FMUstate), state_get(I, FMUstate))
+CALL(fmi2SetFMUstate, "setFMUstate", (fmi2Component c, fmi2FMUstate FMUstate), state_set(I, FMUstate))
+CALL(fmi2FreeFMUstate, "freeFMUstate", (fmi2Component c, fmi2FMUstate *FMUstate), state_free(I, FMUstate))
+CALL(fmi2SerializedFMUstateSize, "serializedFMUstateSize", (fmi2Component c, fmi2FMUstate FMUstate, size_t *size),
+     state_size(I, FMUstate, size))
+CALL(fmi2SerializeFMUstate, "serializeFMUstate",
+     (fmi2Component c, fmi2FMUstate FMUstate, fmi2Byte serializedState[], size_t size),
+     state_to_bytes(I, FMUstate, (unsigned char *)serializedState, size))
+CALL(fmi2DeSerializeFMUstate, "deSerializeFMUstate",
+     (fmi2Component c, const fmi2Byte serializedState[], size_t size, fmi2FMUstate *FMUstate),
+     state_from_bytes(I, (const unsigned char *)serializedState, size, FMUstate))
 
 /* ---------------------------------------------------------------- derivatives */
 
@@ -224,26 +168,19 @@ fmi2Status fmi2GetDirectionalDerivative(fmi2Component c, const fmi2ValueReferenc
 
 /* ---------------------------------------------------------------- model exchange */
 
-fmi2Status fmi2EnterEventMode(fmi2Component c)
-{
-    ENTER("enterEventMode");
-    RETURN(enter_event_mode(I));
-}
+CALL(fmi2EnterEventMode, "enterEventMode", (fmi2Component c), enter_event_mode(I))
 
 fmi2Status fmi2NewDiscreteStates(fmi2Component c, fmi2EventInfo *fmi2eventInfo)
 {
     ENTER("newDiscreteStates");
-    const Status status = check_event_iteration(I, fmi2eventInfo != NULL);
+    double next;
+    const Status status = update_discrete_states(I, fmi2eventInfo != NULL, &next);
     if (status == STATUS_OK)
-        *fmi2eventInfo = (fmi2EventInfo){0};
+        *fmi2eventInfo = (fmi2EventInfo){.nextEventTimeDefined = isfinite(next), .nextEventTime = isfinite(next) ? next : 0.0};
     RETURN(status);
 }
 
-fmi2Status fmi2EnterContinuousTimeMode(fmi2Component c)
-{
-    ENTER("enterContinuousTimeMode");
-    RETURN(enter_continuous_time_mode(I));
-}
+CALL(fmi2EnterContinuousTimeMode, "enterContinuousTimeMode", (fmi2Component c), enter_continuous_time_mode(I))
 
 fmi2Status fmi2CompletedIntegratorStep(fmi2Component c, fmi2Boolean noSetFMUStatePriorToCurrentPoint,
                                        fmi2Boolean *enterEventMode, fmi2Boolean *terminateSimulation)
@@ -256,23 +193,11 @@ fmi2Status fmi2CompletedIntegratorStep(fmi2Component c, fmi2Boolean noSetFMUStat
     RETURN(status);
 }
 
-fmi2Status fmi2SetTime(fmi2Component c, fmi2Real time)
-{
-    ENTER("setTime");
-    RETURN(set_time(I, time));
-}
-
-fmi2Status fmi2SetContinuousStates(fmi2Component c, const fmi2Real x[], size_t nx)
-{
-    ENTER("setContinuousStates");
-    RETURN(set_states(I, x, nx));
-}
-
-fmi2Status fmi2GetDerivatives(fmi2Component c, fmi2Real derivatives[], size_t nx)
-{
-    ENTER("getDerivatives");
-    RETURN(get_derivatives(I, derivatives, nx));
-}
+CALL(fmi2SetTime, "setTime", (fmi2Component c, fmi2Real time), set_time(I, time))
+CALL(fmi2SetContinuousStates, "setContinuousStates", (fmi2Component c, const fmi2Real x[], size_t nx),
+     set_states(I, x, nx))
+CALL(fmi2GetDerivatives, "getDerivatives", (fmi2Component c, fmi2Real derivatives[], size_t nx),
+     get_derivatives(I, derivatives, nx))
 
 fmi2Status fmi2GetEventIndicators(fmi2Component c, fmi2Real eventIndicators[], size_t ni)
 {
@@ -281,26 +206,15 @@ fmi2Status fmi2GetEventIndicators(fmi2Component c, fmi2Real eventIndicators[], s
     RETURN(get_event_indicators(I, ni));
 }
 
-fmi2Status fmi2GetContinuousStates(fmi2Component c, fmi2Real x[], size_t nx)
-{
-    ENTER("getContinuousStates");
-    RETURN(get_states(I, x, nx));
-}
-
-fmi2Status fmi2GetNominalsOfContinuousStates(fmi2Component c, fmi2Real x_nominal[], size_t nx)
-{
-    ENTER("getNominalsOfContinuousStates");
-    RETURN(get_nominals(I, x_nominal, nx));
-}
+CALL(fmi2GetContinuousStates, "getContinuousStates", (fmi2Component c, fmi2Real x[], size_t nx), get_states(I, x, nx))
+CALL(fmi2GetNominalsOfContinuousStates, "getNominalsOfContinuousStates",
+     (fmi2Component c, fmi2Real x_nominal[], size_t nx), get_nominals(I, x_nominal, nx))
 
 /* ---------------------------------------------------------------- co-simulation */
 
-fmi2Status fmi2SetRealInputDerivatives(fmi2Component c, const fmi2ValueReference vr[], size_t nvr, const fmi2Integer order[],
-                                       const fmi2Real value[])
-{
-    ENTER("setRealInputDerivatives");
-    RETURN(set_input_rates(I, vr, nvr, order, value));
-}
+CALL(fmi2SetRealInputDerivatives, "setRealInputDerivatives",
+     (fmi2Component c, const fmi2ValueReference vr[], size_t nvr, const fmi2Integer order[], const fmi2Real value[]),
+     set_input_rates(I, vr, nvr, order, value))
 
 fmi2Status fmi2GetRealOutputDerivatives(fmi2Component c, const fmi2ValueReference vr[], size_t nvr, const fmi2Integer order[],
                                         fmi2Real value[])
@@ -318,45 +232,25 @@ fmi2Status fmi2DoStep(fmi2Component c, fmi2Real currentCommunicationPoint, fmi2R
     RETURN(do_step(I, currentCommunicationPoint, communicationStepSize, NULL));
 }
 
-fmi2Status fmi2CancelStep(fmi2Component c)
-{
-    ENTER("cancelStep");
-    RETURN(fail(I, "there is no step to cancel: doStep returns when the step is done."));
-}
+CALL(fmi2CancelStep, "cancelStep", (fmi2Component c),
+     fail(I, "there is no step to cancel: doStep returns when the step is done."))
 
 /* Steps are never pending, so there is nothing to ask for. */
 static fmi2Status no_status(fmi2Component c, const char *call)
 {
     ENTER(call);
-    RETURN(discard(I, "there is no status: doStep returns when the step is done, and tells by its own status how it went."));
+    RETURN(discard(I, "there is no status: doStep returns when the step is done, and its own status says how it went."));
 }
 
-fmi2Status fmi2GetStatus(fmi2Component c, const fmi2StatusKind s, fmi2Status *value)
-{
-    (void)s, (void)value;
-    return no_status(c, "getStatus");
-}
+#define NO_STATUS(name, type)                                                                 \
+    fmi2Status fmi2Get##name(fmi2Component c, const fmi2StatusKind s, type *value)            \
+    {                                                                                         \
+        (void)s, (void)value;                                                                 \
+        return no_status(c, "get" #name);                                                     \
+    }
 
-fmi2Status fmi2GetRealStatus(fmi2Component c, const fmi2StatusKind s, fmi2Real *value)
-{
-    (void)s, (void)value;
-    return no_status(c, "getRealStatus");
-}
-
-fmi2Status fmi2GetIntegerStatus(fmi2Component c, const fmi2StatusKind s, fmi2Integer *value)
-{
-    (void)s, (void)value;
-    return no_status(c, "getIntegerStatus");
-}
-
-fmi2Status fmi2GetBooleanStatus(fmi2Component c, const fmi2StatusKind s, fmi2Boolean *value)
-{
-    (void)s, (void)value;
-    return no_status(c, "getBooleanStatus");
-}
-
-fmi2Status fmi2GetStringStatus(fmi2Component c, const fmi2StatusKind s, fmi2String *value)
-{
-    (void)s, (void)value;
-    return no_status(c, "getStringStatus");
-}
+NO_STATUS(Status, fmi2Status)
+NO_STATUS(RealStatus, fmi2Real)
+NO_STATUS(IntegerStatus, fmi2Integer)
+NO_STATUS(BooleanStatus, fmi2Boolean)
+NO_STATUS(StringStatus, fmi2String)

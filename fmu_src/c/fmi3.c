@@ -2,6 +2,7 @@
 #include "config.h"
 
 #include <fmi3Functions.h>
+#include <math.h>
 #include <stdlib.h>
 
 #include "derivative.h"
@@ -19,6 +20,14 @@
     I->call = name
 
 #define RETURN(status) return (fmi3Status)(status)
+
+/* A function that passes its arguments on. */
+#define CALL(function, name, arguments, action) \
+    fmi3Status function arguments               \
+    {                                           \
+        ENTER(name);                            \
+        RETURN(action);                         \
+    }
 
 /* ---------------------------------------------------------------- importer */
 
@@ -55,11 +64,9 @@ const char *fmi3GetVersion(void)
     return fmi3Version;
 }
 
-fmi3Status fmi3SetDebugLogging(fmi3Instance instance, fmi3Boolean loggingOn, size_t nCategories, const fmi3String categories[])
-{
-    ENTER("setDebugLogging");
-    RETURN(set_debug_logging(I, loggingOn, nCategories, categories));
-}
+CALL(fmi3SetDebugLogging, "setDebugLogging",
+     (fmi3Instance instance, fmi3Boolean loggingOn, size_t nCategories, const fmi3String categories[]),
+     set_debug_logging(I, loggingOn, nCategories, categories))
 
 /* ---------------------------------------------------------------- life cycle */
 
@@ -133,57 +140,43 @@ fmi3Status fmi3EnterInitializationMode(fmi3Instance instance, fmi3Boolean tolera
                                                  .stop_time = stopTime}));
 }
 
-#define CHANGE_OF_MODE(function, name, action)   \
-    fmi3Status function(fmi3Instance instance)   \
-    {                                            \
-        ENTER(name);                             \
-        RETURN(action);                          \
-    }
-
-CHANGE_OF_MODE(fmi3ExitInitializationMode, "exitInitializationMode", exit_initialization(I))
-CHANGE_OF_MODE(fmi3EnterConfigurationMode, "enterConfigurationMode", refuse_configuration(I))
-CHANGE_OF_MODE(fmi3ExitConfigurationMode, "exitConfigurationMode", refuse_configuration(I))
-CHANGE_OF_MODE(fmi3EnterEventMode, "enterEventMode", enter_event_mode(I))
-CHANGE_OF_MODE(fmi3EnterContinuousTimeMode, "enterContinuousTimeMode", enter_continuous_time_mode(I))
-CHANGE_OF_MODE(fmi3EnterStepMode, "enterStepMode", fail(I, "this unit has no event mode in co-simulation to return from."))
-CHANGE_OF_MODE(fmi3Terminate, "terminate", terminate(I))
-CHANGE_OF_MODE(fmi3Reset, "reset", reset(I))
-CHANGE_OF_MODE(fmi3EvaluateDiscreteStates, "evaluateDiscreteStates", check_event_iteration(I, true))
+CALL(fmi3ExitInitializationMode, "exitInitializationMode", (fmi3Instance instance), exit_initialization(I))
+CALL(fmi3EnterConfigurationMode, "enterConfigurationMode", (fmi3Instance instance), refuse_configuration(I))
+CALL(fmi3ExitConfigurationMode, "exitConfigurationMode", (fmi3Instance instance), refuse_configuration(I))
+CALL(fmi3EnterEventMode, "enterEventMode", (fmi3Instance instance), enter_event_mode(I))
+CALL(fmi3EnterContinuousTimeMode, "enterContinuousTimeMode", (fmi3Instance instance), enter_continuous_time_mode(I))
+CALL(fmi3EnterStepMode, "enterStepMode", (fmi3Instance instance),
+     fail(I, "this unit has no event mode in co-simulation to return from."))
+CALL(fmi3Terminate, "terminate", (fmi3Instance instance), terminate(I))
+CALL(fmi3Reset, "reset", (fmi3Instance instance), reset(I))
+CALL(fmi3EvaluateDiscreteStates, "evaluateDiscreteStates", (fmi3Instance instance), check_event_iteration(I, true))
 
 /* ---------------------------------------------------------------- values */
 
-#define REFERENCES const fmi3ValueReference valueReferences[], size_t nValueReferences
+#define REFERENCES fmi3Instance instance, const fmi3ValueReference valueReferences[], size_t nValueReferences
 
-#define VARIABLES(name, type, getter, setter)                                                                           \
-    fmi3Status fmi3Get##name(fmi3Instance instance, REFERENCES, type values[], size_t nValues)                          \
-    {                                                                                                                   \
-        ENTER("get" #name);                                                                                             \
-        RETURN(getter(I, valueReferences, nValueReferences, values, nValues));                                          \
-    }                                                                                                                   \
-    fmi3Status fmi3Set##name(fmi3Instance instance, REFERENCES, const type values[], size_t nValues)                    \
-    {                                                                                                                   \
-        ENTER("set" #name);                                                                                             \
-        RETURN(setter(I, valueReferences, nValueReferences, values, nValues));                                          \
-    }
+#define VARIABLES(name, type, getter, setter)                                           \
+    CALL(fmi3Get##name, "get" #name, (REFERENCES, type values[], size_t nValues),       \
+         getter(I, valueReferences, nValueReferences, values, nValues))                 \
+    CALL(fmi3Set##name, "set" #name, (REFERENCES, const type values[], size_t nValues), \
+         setter(I, valueReferences, nValueReferences, values, nValues))
 
 VARIABLES(Float64, fmi3Float64, get_reals, set_reals)
 VARIABLES(Int32, fmi3Int32, get_integers, set_integers)
 VARIABLES(Boolean, fmi3Boolean, get_bools, set_bools)
 
+#if defined(__GNUC__)
+#pragma GCC diagnostic push
+#pragma GCC diagnostic ignored "-Wunused-parameter"
+#endif
+
 /* Types that no variable has. */
-#define NO_VARIABLES(name, type)                                                                                        \
-    fmi3Status fmi3Get##name(fmi3Instance instance, REFERENCES, type values[], size_t nValues)                          \
-    {                                                                                                                   \
-        (void)values, (void)nValues;                                                                                    \
-        ENTER("get" #name);                                                                                             \
-        RETURN(no_such_type(I, #name, valueReferences, nValueReferences));                                              \
-    }                                                                                                                   \
-    fmi3Status fmi3Set##name(fmi3Instance instance, REFERENCES, const type values[], size_t nValues)                    \
-    {                                                                                                                   \
-        (void)values, (void)nValues;                                                                                    \
-        ENTER("set" #name);                                                                                             \
-        RETURN(no_such_type(I, #name, valueReferences, nValueReferences));                                              \
-    }
+#define NONE(function, name, type, arguments) \
+    CALL(function, name, arguments, no_such_type(I, type, valueReferences, nValueReferences))
+
+#define NO_VARIABLES(name, type)                                                                 \
+    NONE(fmi3Get##name, "get" #name, #name, (REFERENCES, type values[], size_t nValues))         \
+    NONE(fmi3Set##name, "set" #name, #name, (REFERENCES, const type values[], size_t nValues))
 
 NO_VARIABLES(Float32, fmi3Float32)
 NO_VARIABLES(Int8, fmi3Int8)
@@ -194,55 +187,34 @@ NO_VARIABLES(UInt32, fmi3UInt32)
 NO_VARIABLES(Int64, fmi3Int64)
 NO_VARIABLES(UInt64, fmi3UInt64)
 NO_VARIABLES(String, fmi3String)
+NONE(fmi3GetBinary, "getBinary", "Binary", (REFERENCES, size_t valueSizes[], fmi3Binary values[], size_t nValues))
+NONE(fmi3SetBinary, "setBinary", "Binary", (REFERENCES, const size_t valueSizes[], const fmi3Binary values[], size_t nValues))
 
-fmi3Status fmi3GetBinary(fmi3Instance instance, REFERENCES, size_t valueSizes[], fmi3Binary values[], size_t nValues)
-{
-    (void)valueSizes, (void)values, (void)nValues;
-    ENTER("getBinary");
-    RETURN(no_such_type(I, "Binary", valueReferences, nValueReferences));
-}
+NONE(fmi3GetClock, "getClock", "Clock", (REFERENCES, fmi3Clock values[]))
+NONE(fmi3SetClock, "setClock", "Clock", (REFERENCES, const fmi3Clock values[]))
+NONE(fmi3GetIntervalDecimal, "getIntervalDecimal", "Clock",
+     (REFERENCES, fmi3Float64 intervals[], fmi3IntervalQualifier qualifiers[]))
+NONE(fmi3GetIntervalFraction, "getIntervalFraction", "Clock",
+     (REFERENCES, fmi3UInt64 counters[], fmi3UInt64 resolutions[], fmi3IntervalQualifier qualifiers[]))
+NONE(fmi3GetShiftDecimal, "getShiftDecimal", "Clock", (REFERENCES, fmi3Float64 shifts[]))
+NONE(fmi3GetShiftFraction, "getShiftFraction", "Clock", (REFERENCES, fmi3UInt64 counters[], fmi3UInt64 resolutions[]))
+NONE(fmi3SetIntervalDecimal, "setIntervalDecimal", "Clock", (REFERENCES, const fmi3Float64 intervals[]))
+NONE(fmi3SetIntervalFraction, "setIntervalFraction", "Clock",
+     (REFERENCES, const fmi3UInt64 counters[], const fmi3UInt64 resolutions[]))
+NONE(fmi3SetShiftDecimal, "setShiftDecimal", "Clock", (REFERENCES, const fmi3Float64 shifts[]))
+NONE(fmi3SetShiftFraction, "setShiftFraction", "Clock",
+     (REFERENCES, const fmi3UInt64 counters[], const fmi3UInt64 resolutions[]))
 
-fmi3Status fmi3SetBinary(fmi3Instance instance, REFERENCES, const size_t valueSizes[], const fmi3Binary values[], size_t nValues)
-{
-    (void)valueSizes, (void)values, (void)nValues;
-    ENTER("setBinary");
-    RETURN(no_such_type(I, "Binary", valueReferences, nValueReferences));
-}
+CALL(fmi3ActivateModelPartition, "activateModelPartition",
+     (fmi3Instance instance, fmi3ValueReference clockReference, fmi3Float64 activationTime),
+     fail(I, "%s has no clocks and cannot be executed by a schedule.", unit.name))
 
-/* ---------------------------------------------------------------- clocks: none */
+CALL(fmi3GetOutputDerivatives, "getOutputDerivatives",
+     (REFERENCES, const fmi3Int32 orders[], fmi3Float64 values[], size_t nValues), get_output_rates(I))
 
-#define NO_CLOCKS(function, name, ...)                                                                                  \
-    fmi3Status function(fmi3Instance instance, REFERENCES, __VA_ARGS__)                                                 \
-    {                                                                                                                   \
-        ENTER(name);                                                                                                    \
-        RETURN(no_such_type(I, "Clock", valueReferences, nValueReferences));                                            \
-    }
-
-#if defined(__GNUC__)
-#pragma GCC diagnostic push
-#pragma GCC diagnostic ignored "-Wunused-parameter"
-#endif
-NO_CLOCKS(fmi3GetClock, "getClock", fmi3Clock values[])
-NO_CLOCKS(fmi3SetClock, "setClock", const fmi3Clock values[])
-NO_CLOCKS(fmi3GetIntervalDecimal, "getIntervalDecimal", fmi3Float64 intervals[], fmi3IntervalQualifier qualifiers[])
-NO_CLOCKS(fmi3GetIntervalFraction, "getIntervalFraction", fmi3UInt64 counters[], fmi3UInt64 resolutions[],
-          fmi3IntervalQualifier qualifiers[])
-NO_CLOCKS(fmi3GetShiftDecimal, "getShiftDecimal", fmi3Float64 shifts[])
-NO_CLOCKS(fmi3GetShiftFraction, "getShiftFraction", fmi3UInt64 counters[], fmi3UInt64 resolutions[])
-NO_CLOCKS(fmi3SetIntervalDecimal, "setIntervalDecimal", const fmi3Float64 intervals[])
-NO_CLOCKS(fmi3SetIntervalFraction, "setIntervalFraction", const fmi3UInt64 counters[], const fmi3UInt64 resolutions[])
-NO_CLOCKS(fmi3SetShiftDecimal, "setShiftDecimal", const fmi3Float64 shifts[])
-NO_CLOCKS(fmi3SetShiftFraction, "setShiftFraction", const fmi3UInt64 counters[], const fmi3UInt64 resolutions[])
 #if defined(__GNUC__)
 #pragma GCC diagnostic pop
 #endif
-
-fmi3Status fmi3ActivateModelPartition(fmi3Instance instance, fmi3ValueReference clockReference, fmi3Float64 activationTime)
-{
-    (void)clockReference, (void)activationTime;
-    ENTER("activateModelPartition");
-    RETURN(fail(I, "%s has no clocks and cannot be executed by a schedule.", unit.name));
-}
 
 /* ---------------------------------------------------------------- dependencies, derivatives */
 
@@ -280,41 +252,17 @@ DERIVATIVE(fmi3GetAdjointDerivative, "getAdjointDerivative", adjoint_derivative)
 
 /* ---------------------------------------------------------------- saved states */
 
-fmi3Status fmi3GetFMUState(fmi3Instance instance, fmi3FMUState *FMUState)
-{
-    ENTER("getFMUState");
-    RETURN(state_get(I, FMUState));
-}
-
-fmi3Status fmi3SetFMUState(fmi3Instance instance, fmi3FMUState FMUState)
-{
-    ENTER("setFMUState");
-    RETURN(state_set(I, FMUState));
-}
-
-fmi3Status fmi3FreeFMUState(fmi3Instance instance, fmi3FMUState *FMUState)
-{
-    ENTER("freeFMUState");
-    RETURN(state_free(I, FMUState));
-}
-
-fmi3Status fmi3SerializedFMUStateSize(fmi3Instance instance, fmi3FMUState FMUState, size_t *size)
-{
-    ENTER("serializedFMUStateSize");
-    RETURN(state_size(I, FMUState, size));
-}
-
-fmi3Status fmi3SerializeFMUState(fmi3Instance instance, fmi3FMUState FMUState, fmi3Byte serializedState[], size_t size)
-{
-    ENTER("serializeFMUState");
-    RETURN(state_to_bytes(I, FMUState, serializedState, size));
-}
-
-fmi3Status fmi3DeserializeFMUState(fmi3Instance instance, const fmi3Byte serializedState[], size_t size, fmi3FMUState *FMUState)
-{
-    ENTER("deserializeFMUState");
-    RETURN(state_from_bytes(I, serializedState, size, FMUState));
-}
+CALL(fmi3GetFMUState, "getFMUState", (fmi3Instance instance, fmi3FMUState *FMUState), state_get(I, FMUState))
+CALL(fmi3SetFMUState, "setFMUState", (fmi3Instance instance, fmi3FMUState FMUState), state_set(I, FMUState))
+CALL(fmi3FreeFMUState, "freeFMUState", (fmi3Instance instance, fmi3FMUState *FMUState), state_free(I, FMUState))
+CALL(fmi3SerializedFMUStateSize, "serializedFMUStateSize", (fmi3Instance instance, fmi3FMUState FMUState, size_t *size),
+     state_size(I, FMUState, size))
+CALL(fmi3SerializeFMUState, "serializeFMUState",
+     (fmi3Instance instance, fmi3FMUState FMUState, fmi3Byte serializedState[], size_t size),
+     state_to_bytes(I, FMUState, serializedState, size))
+CALL(fmi3DeserializeFMUState, "deserializeFMUState",
+     (fmi3Instance instance, const fmi3Byte serializedState[], size_t size, fmi3FMUState *FMUState),
+     state_from_bytes(I, serializedState, size, FMUState))
 
 /* ---------------------------------------------------------------- model exchange */
 
@@ -323,13 +271,15 @@ fmi3Status fmi3UpdateDiscreteStates(fmi3Instance instance, fmi3Boolean *discrete
                                     fmi3Boolean *nextEventTimeDefined, fmi3Float64 *nextEventTime)
 {
     ENTER("updateDiscreteStates");
+    double next;
     const Status status =
-        check_event_iteration(I, discreteStatesNeedUpdate && terminateSimulation && nominalsOfContinuousStatesChanged &&
-                                     valuesOfContinuousStatesChanged && nextEventTimeDefined && nextEventTime);
+        update_discrete_states(I, discreteStatesNeedUpdate && terminateSimulation && nominalsOfContinuousStatesChanged &&
+                                      valuesOfContinuousStatesChanged && nextEventTimeDefined && nextEventTime, &next);
     if (status == STATUS_OK) {
         *discreteStatesNeedUpdate = *terminateSimulation = *nominalsOfContinuousStatesChanged = fmi3False;
-        *valuesOfContinuousStatesChanged = *nextEventTimeDefined = fmi3False;
-        *nextEventTime = 0.0;
+        *valuesOfContinuousStatesChanged = fmi3False;
+        *nextEventTimeDefined = isfinite(next);
+        *nextEventTime = isfinite(next) ? next : 0.0;
     }
     RETURN(status);
 }
@@ -345,23 +295,13 @@ fmi3Status fmi3CompletedIntegratorStep(fmi3Instance instance, fmi3Boolean noSetF
     RETURN(status);
 }
 
-fmi3Status fmi3SetTime(fmi3Instance instance, fmi3Float64 time)
-{
-    ENTER("setTime");
-    RETURN(set_time(I, time));
-}
-
-fmi3Status fmi3SetContinuousStates(fmi3Instance instance, const fmi3Float64 continuousStates[], size_t nContinuousStates)
-{
-    ENTER("setContinuousStates");
-    RETURN(set_states(I, continuousStates, nContinuousStates));
-}
-
-fmi3Status fmi3GetContinuousStateDerivatives(fmi3Instance instance, fmi3Float64 derivatives[], size_t nContinuousStates)
-{
-    ENTER("getContinuousStateDerivatives");
-    RETURN(get_derivatives(I, derivatives, nContinuousStates));
-}
+CALL(fmi3SetTime, "setTime", (fmi3Instance instance, fmi3Float64 time), set_time(I, time))
+CALL(fmi3SetContinuousStates, "setContinuousStates",
+     (fmi3Instance instance, const fmi3Float64 continuousStates[], size_t nContinuousStates),
+     set_states(I, continuousStates, nContinuousStates))
+CALL(fmi3GetContinuousStateDerivatives, "getContinuousStateDerivatives",
+     (fmi3Instance instance, fmi3Float64 derivatives[], size_t nContinuousStates),
+     get_derivatives(I, derivatives, nContinuousStates))
 
 fmi3Status fmi3GetEventIndicators(fmi3Instance instance, fmi3Float64 eventIndicators[], size_t nEventIndicators)
 {
@@ -370,39 +310,18 @@ fmi3Status fmi3GetEventIndicators(fmi3Instance instance, fmi3Float64 eventIndica
     RETURN(get_event_indicators(I, nEventIndicators));
 }
 
-fmi3Status fmi3GetContinuousStates(fmi3Instance instance, fmi3Float64 continuousStates[], size_t nContinuousStates)
-{
-    ENTER("getContinuousStates");
-    RETURN(get_states(I, continuousStates, nContinuousStates));
-}
-
-fmi3Status fmi3GetNominalsOfContinuousStates(fmi3Instance instance, fmi3Float64 nominals[], size_t nContinuousStates)
-{
-    ENTER("getNominalsOfContinuousStates");
-    RETURN(get_nominals(I, nominals, nContinuousStates));
-}
-
-fmi3Status fmi3GetNumberOfEventIndicators(fmi3Instance instance, size_t *nEventIndicators)
-{
-    ENTER("getNumberOfEventIndicators");
-    RETURN(get_number(I, nEventIndicators, 0));
-}
-
-fmi3Status fmi3GetNumberOfContinuousStates(fmi3Instance instance, size_t *nContinuousStates)
-{
-    ENTER("getNumberOfContinuousStates");
-    RETURN(get_number(I, nContinuousStates, unit.n_x));
-}
+CALL(fmi3GetContinuousStates, "getContinuousStates",
+     (fmi3Instance instance, fmi3Float64 continuousStates[], size_t nContinuousStates),
+     get_states(I, continuousStates, nContinuousStates))
+CALL(fmi3GetNominalsOfContinuousStates, "getNominalsOfContinuousStates",
+     (fmi3Instance instance, fmi3Float64 nominals[], size_t nContinuousStates),
+     get_nominals(I, nominals, nContinuousStates))
+CALL(fmi3GetNumberOfEventIndicators, "getNumberOfEventIndicators", (fmi3Instance instance, size_t *nEventIndicators),
+     get_number(I, nEventIndicators, 0))
+CALL(fmi3GetNumberOfContinuousStates, "getNumberOfContinuousStates", (fmi3Instance instance, size_t *nContinuousStates),
+     get_number(I, nContinuousStates, unit.n_x))
 
 /* ---------------------------------------------------------------- co-simulation */
-
-fmi3Status fmi3GetOutputDerivatives(fmi3Instance instance, REFERENCES, const fmi3Int32 orders[], fmi3Float64 values[],
-                                    size_t nValues)
-{
-    (void)valueReferences, (void)nValueReferences, (void)orders, (void)values, (void)nValues;
-    ENTER("getOutputDerivatives");
-    RETURN(get_output_rates(I));
-}
 
 fmi3Status fmi3DoStep(fmi3Instance instance, fmi3Float64 currentCommunicationPoint, fmi3Float64 communicationStepSize,
                       fmi3Boolean noSetFMUStatePriorToCurrentPoint, fmi3Boolean *eventHandlingNeeded,

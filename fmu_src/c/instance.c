@@ -135,7 +135,7 @@ Status set_debug_logging(Instance *I, bool on, size_t n, const char *const names
 static void take_start_values(Instance *I)
 {
     Core *c = I->core;
-    *c = (Core){.phase = INSTANTIATED, .stale = STALE_ALL, .stop_time = INFINITY, .h = FIRST_STEP};
+    *c = (Core){.phase = INSTANTIATED, .stale = STALE_ALL, .stop_time = INFINITY, .h = FIRST_STEP, .sampled = -INFINITY};
     for (size_t i = 0; i < unit.n; i++) {
         I->m[i] = I->held[i] = unit.variables[i].start;
         I->rate[i] = 0.0;
@@ -173,12 +173,12 @@ static bool allocate(Instance *I, const char *name)
     I->kept = room(1, core_size());
     I->size_at = room(n, sizeof *I->size_at);
     I->quick_at = room(n, sizeof *I->quick_at);
-    I->before = room(n, sizeof *I->before);
-    I->d = room(n, sizeof *I->d);
-    I->x_new = room(unit.n_x, sizeof *I->x_new);
-    I->ratio = room(unit.n_x, sizeof *I->ratio);
-    if (!(I->name && I->core && I->kept && I->size_at && I->quick_at && I->before && I->d && I->x_new && I->ratio))
+    I->before = room(2 * (n + unit.n_x), sizeof *I->before);
+    if (!(I->name && I->core && I->kept && I->size_at && I->quick_at && I->before))
         return false;
+    I->d = I->before + n;
+    I->x_new = I->d + n;
+    I->ratio = I->x_new + unit.n_x;
     strcpy(I->name, name);
     I->m = I->core->values;
     I->rate = I->m + n;
@@ -214,8 +214,6 @@ Instance *instance_new(const Host *host, const char *call, const char *name, con
         fail(I, "expected an instance for model exchange (0) or co-simulation (1), got another type.");
     else if (kind == MODEL_EXCHANGE && unit.n_x == 0)
         fail(I, "%s has no continuous states and is for co-simulation only.", unit.name);
-    else if (kind == MODEL_EXCHANGE && unit.period < unit.n)
-        fail(I, "%s has sampled states and is for co-simulation only.", unit.name);
     else
         return I;
     instance_free(I);
@@ -233,9 +231,6 @@ void instance_free(Instance *I)
     free(I->size_at);
     free(I->quick_at);
     free(I->before);
-    free(I->d);
-    free(I->x_new);
-    free(I->ratio);
     free(I);
 }
 

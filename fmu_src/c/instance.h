@@ -38,6 +38,7 @@ typedef struct {
     bool rates;             /* some rate is not zero */
     double start_time, stop_time, tolerance; /* stop_time: INFINITY if it is not defined */
     double h;        /* [s] internal step that the solver tries next */
+    double sampled;  /* [s] last sample taken in event mode; -INFINITY: none */
     double values[]; /* memory, rates of the inputs, memory at the end of the last step; n each */
 } Core;
 
@@ -76,7 +77,7 @@ typedef struct {
     double *m, *rate, *held; /* parts of `core->values` */
     size_t *size_at;         /* (n) number of values of a value reference, 0 if there is none */
     unsigned char *quick_at; /* (n) what a value reference allows without a closer look, of the bits below */
-    double *before, *d;      /* (n) room for a copy of the memory, for a derivative */
+    double *before, *d;      /* (n) room for a copy of the memory, for a derivative; `before` owns these four */
     double *x_new, *ratio;   /* (n_x) room for the solver */
     bool set_requested;      /* in the intermediate update under way */
     State *states;

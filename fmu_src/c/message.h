@@ -7,7 +7,7 @@
 
 #include "unit.h"
 
-/* Starts as {0}. Where memory is short, the text ends early. */
+/* Starts as {0}. It is truncated if allocation fails. */
 typedef struct {
     char *text; /* NULL as long as it is empty */
     size_t length, capacity;

@@ -104,13 +104,13 @@ void states_free(Instance *I)
 /* ---------------------------------------------------------------- bytes
  *
  *     magic 8 | version 4 | kind 4 | size of all 8 | length of GUID 4 | GUID |
- *     phase 4 | flags 4 | start time, stop time, tolerance, h 4 x 8 | n 8 | values 3 n x 8 | checksum of all before 8
+ *     phase 4 | flags 4 | start time, stop time, tolerance, h, last sample 5 x 8 | n 8 | values 3 n x 8 | checksum of all before 8
  *
  * Numbers are little-endian whatever the machine.
  */
 
 #define MAGIC "vdfmu-st"
-#define VERSION 1
+#define VERSION 2
 #define HEADER 28 /* up to the GUID */
 #define SUM 8
 enum { FLAG_STALE = STALE_ALL, FLAG_TOLERANCE = 8, FLAG_RATES = 16, FLAG_ALL = 31 };
@@ -159,7 +159,7 @@ static uint64_t checksum(const unsigned char *bytes, size_t size) /* FNV-1a */
 
 static size_t bytes_size(void)
 {
-    return HEADER + strlen(unit.guid) + 4 + 4 + 4 * 8 + 8 + 3 * unit.n * 8 + SUM;
+    return HEADER + strlen(unit.guid) + 4 + 4 + 5 * 8 + 8 + 3 * unit.n * 8 + SUM;
 }
 
 Status state_size(const Instance *I, const void *state, size_t *size)
@@ -201,6 +201,7 @@ Status state_to_bytes(const Instance *I, const void *state, unsigned char *bytes
     put_double(&c, core->stop_time);
     put_double(&c, core->tolerance);
     put_double(&c, core->h);
+    put_double(&c, core->sampled);
     put(&c, unit.n, 8);
     for (size_t i = 0; i < 3 * unit.n; i++)
         put_double(&c, core->values[i]);
@@ -231,6 +232,8 @@ static bool plausible_core(const Core *core, Kind kind)
         return false;
     if (!isfinite(core->start_time) || !(core->stop_time >= core->start_time) || !(isfinite(core->h) && core->h > 0.0))
         return false;
+    if (!(core->sampled < INFINITY))
+        return false;
     if (!(core->tolerance_defined ? isfinite(core->tolerance) && core->tolerance > 0.0 : core->tolerance == 0.0))
         return false;
     const double *m = core->values, *rate = m + unit.n, *held = rate + unit.n;
@@ -259,6 +262,7 @@ static Status read_core(const Instance *I, Cursor *c, Core *core)
     core->stop_time = take_double(c);
     core->tolerance = take_double(c);
     core->h = take_double(c);
+    core->sampled = take_double(c);
     const uint64_t n = take(c, 8);
     for (size_t i = 0; i < 3 * unit.n; i++)
         core->values[i] = take_double(c);

@@ -143,22 +143,30 @@ static Status step_to_end(Instance *I, Step *s)
     return STATUS_OK;
 }
 
+#define CLOSE 1e-9 /* part of a period within which a time is that of a sample */
+
+Samples samples_at(const Instance *I, double time)
+{
+    const double period = I->m[unit.period], start = I->core->start_time, close = CLOSE * period;
+    const double k = ceil((time - start - close) / period), sample = start + k * period;
+    if (sample <= time + close)
+        return (Samples){sample, start + (k + 1.0) * period};
+    return (Samples){start + (k - 1.0) * period, sample};
+}
+
 /* Sampled states change at the samples from the start of the step on, that at its end excluded: those see the inputs of
  * the next step. */
 static Status step_by_samples(Instance *I, Step *s)
 {
-    const double period = I->m[unit.period], start = I->core->start_time, end = s->end;
-    const double close = 1e-9 * period, point = s->point, size = s->size;
+    const double close = CLOSE * I->m[unit.period], point = s->point, size = s->size, end = s->end;
     memcpy(I->kept, I->core, core_size());
     for (double from = s->point; from < end;) {
-        const double k = ceil((from - start - close) / period);
-        double next = start + k * period;
-        if (next <= from + close) {
+        const Samples at = samples_at(I, from);
+        if (at.last >= from - close) {
             I->m[unit.time] = from;
             unit.update(I->m);
-            next = start + (k + 1.0) * period;
         }
-        const double to = next < end - close ? next : end;
+        const double to = at.next < end - close ? at.next : end;
         const bool whole = from == point && to == end; /* of which to - from has the rounding of the time */
         *s = (Step){.I = I, .point = from, .size = whole ? size : to - from, .end = to};
         if (step_to_end(I, s) != STATUS_OK) {

@@ -338,8 +338,9 @@ def test_native(report: Report) -> None:
     assert found.differences[native.LOOP] == 0.0  # the very calls of the master
     assert {name: set(parts) for name, parts in found.units.items()} == {
         "trajectory": {"do_step", "get"},
-        **dict.fromkeys(("feedforward", "controller", "plant"), {"set", "do_step", "get"}),
+        **dict.fromkeys(("feedforward", "controller", "plant", native.OWN), {"set", "do_step", "get"}),
     }
+    assert found.differences[native.OWN] == 0.0  # the same operations in the same order
     assert (
         found.master["number of calls"] == 11
     )  # set, doStep and get of four units, of which one has no inputs

@@ -134,7 +134,7 @@ def test_check_lists_the_problems_of_a_broken_fmu(tmp_path):
     [
         (["run", "trackng"], "trackng"),
         (["run", "planar_tracking", "--set", "controller.K_p"], "expected UNIT.PARAMETER=VALUE"),
-        (["run", "planar_tracking", "--set", "controller.K_q=1"], "controller has no variable 'K_q'"),
+        (["run", "planar_tracking", "--set", "controller.K_q=1"], "controller has no K_q."),
         (
             ["run", "planar_tracking", "--master", "euler"],
             "expected gauss-seidel, jacobi, extrapolated or iterative",

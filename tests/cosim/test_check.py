@@ -169,7 +169,6 @@ def test_unmatched_parameters_can_be_ignored(pack, xml, monkeypatch):
         f"{no_other}; the value is ignored",
         f"{no_b} or connector; the value is ignored",
     )
-    monkeypatch.setattr("vdfmu.engine.simulate.signals_figure", lambda *_, **__: None)
     with pytest.raises(SspError):
         run_system(path, step=0.5, out=path.parent / "out")
     results = run_system(path, step=0.5, out=path.parent / "out", ignore_unmatched=True)

@@ -11,7 +11,7 @@ import pytest
 import vdfmu.equations
 from vdfmu.model import Robot, load_robot
 from vdfmu.model.parameters import PARAMETERS
-from vdfmu.scenario.scenario import Controller, Feedforward, Scenario, Trajectory
+from vdfmu.scenario.scenario import Scenario
 from vdfmu.unit.interface import Interface
 from vdfmu.units import shipped_units
 
@@ -60,7 +60,8 @@ def identifiers():
     words = set()
     for path in folder.glob("*.py"):
         words |= set(re.findall(r"[A-Za-z_]\w*", path.read_text(encoding="utf-8")))
-    for model in (Robot, Scenario, Trajectory, Feedforward, Controller):
+    words |= {name for unit in shipped_units().values() for name in unit.declared}
+    for model in (Robot, Scenario):
         words |= {f.name for f in dataclasses.fields(model)}
     return words
 

@@ -41,7 +41,6 @@ COMMANDS = (
     Command((*SIMULATE, "1.0"), (*SIMULATE, "0.1")),
     Command(("run", "contrast", "--out", "out"), (*RUN, "0.1")),
     Command((*RUN, "0.05", "--backend", "python"), (*RUN, "0.1")),
-    Command((*RUN, "0.2", "--container"), (*RUN, "0.1")),
     Command((*RUN, "0.2"), (*RUN, "0.1"), cold=True),
     Command((*RUN, "0.2"), (*RUN, "0.1")),
 )

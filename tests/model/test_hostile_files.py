@@ -7,7 +7,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 
 from vdfmu import build_fmus
@@ -136,7 +135,8 @@ def test_a_wrong_sign_or_unit_is_noted(fields: dict[str, Any], note: str) -> Non
 
 def test_angles_in_degrees_are_noted_and_shipped_scenarios_have_no_note() -> None:
     scenario = load_scenario("planar_tracking")
-    degrees = replace(scenario, trajectory=replace(scenario.trajectory, q_end=np.array([0.5, 90.0])))
+    motion = {**scenario.sections["trajectory"], "q_end": [0.5, 90.0]}
+    degrees = replace(scenario, sections={**scenario.sections, "trajectory": motion})
     assert model_notes(degrees) == ["trajectory.q_end[2] = 90 rad looks like degrees: 1.571 rad."]
     for name in ("planar_tracking", "tracking", "slider_tracking"):
         assert model_notes(load_scenario(name)) == []

@@ -5,6 +5,7 @@ import pytest
 
 from vdfmu.model import load_robot
 from vdfmu.scenario import load_scenario
+from vdfmu.scenario.values import group_value
 
 ARM = load_robot("manipulator_6dof")
 
@@ -90,9 +91,11 @@ def test_drives_are_fitted_to_the_catalogue() -> None:
 def test_motion_of_section_4(name: str, degrees: list[float], T: float) -> None:
     scenario = load_scenario(name)
     # Written with 16 or 17 digits: equal to one unit in the last place.
-    np.testing.assert_allclose(scenario.trajectory.q_end, np.radians(degrees), rtol=3e-16, atol=0)
-    np.testing.assert_array_equal(scenario.trajectory.q_start, np.zeros(6))
-    assert scenario.trajectory.T == scenario.stop == T
+    np.testing.assert_allclose(
+        group_value(scenario, "trajectory.q_end"), np.radians(degrees), rtol=3e-16, atol=0
+    )
+    np.testing.assert_array_equal(group_value(scenario, "trajectory.q_start"), np.zeros(6))
+    assert group_value(scenario, "trajectory.T") == scenario.stop == T
     assert scenario.step == 1e-3
     assert scenario.robot.name == "manipulator_6dof"
 
@@ -136,10 +139,12 @@ def test_gains_keep_the_sampled_loop_stable(name: str) -> None:
     scenario = load_scenario(name)
     robot = scenario.robot
     # K_v h / (ell I_m) is the velocity that one sample of damping removes; near 1 a delayed loop fails.
-    assert (scenario.controller.K_v * scenario.step / (robot.ell * robot.I_m) < 0.5).all()
+    assert (group_value(scenario, "controller.K_v") * scenario.step / (robot.ell * robot.I_m) < 0.5).all()
 
 
 def test_gains_of_the_paper_arm() -> None:
-    controller = load_scenario("tracking").controller
-    np.testing.assert_array_equal(controller.K_p, [2000, 2000, 2000, 1000, 1000, 500])
-    np.testing.assert_array_equal(controller.K_v, [50, 50, 40, 30, 25, 20])
+    scenario = load_scenario("tracking")
+    np.testing.assert_array_equal(
+        group_value(scenario, "controller.K_p"), [2000, 2000, 2000, 1000, 1000, 500]
+    )
+    np.testing.assert_array_equal(group_value(scenario, "controller.K_v"), [50, 50, 40, 30, 25, 20])

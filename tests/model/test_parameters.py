@@ -17,7 +17,7 @@ from vdfmu.model import Robot, load_robot
 from vdfmu.model.parameters import OPTIONAL, PARAMETERS
 from vdfmu.model.robot import JOINT_TYPES
 from vdfmu.scenario import load_scenario
-from vdfmu.scenario.scenario import SOLVER_TOLERANCE
+from vdfmu.unit.declaration import SOLVER_TOLERANCE
 from vdfmu.unit.interface import Interface
 from vdfmu.units.plant import Plant
 

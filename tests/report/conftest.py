@@ -32,24 +32,19 @@ def make_robot(types: tuple[str, ...]) -> Robot:
 
 
 def make_scenario(types: tuple[str, ...], source: str = "") -> Scenario:
-    """Return the tracking scenario for a chain; all joints but the last of several move."""
-    scenario, n = load_scenario("tracking"), len(types)
-    motion = scenario.trajectory
-    q_end = motion.q_end[:n].copy()
-    if n > 1:
-        q_end[-1] = motion.q_start[n - 1]
-    trajectory = dataclasses.replace(motion, q_start=motion.q_start[:n], q_end=q_end)
+    """Return the tracking scenario for a chain, with the values that the units have by themselves."""
     paper = {"source": source} if source else {}
     return dataclasses.replace(
-        scenario, robot=make_robot(types), trajectory=trajectory, paper=paper, plant_factors={}
+        load_scenario("tracking"), robot=make_robot(types), sections={}, paper=paper, plant_factors={}
     )
 
 
-def make_results(n: int, points: int = POINTS) -> Results:
-    """Return recorded signals of a run over 2 s."""
+def make_results(n: int, points: int = POINTS, at_rest: bool = False) -> Results:
+    """Return recorded signals of a run over 2 s; all joints but the last of several move, or none."""
     time = np.linspace(0.0, 2.0, points)
     phase = np.arange(n) + 1.0
     q_d = np.sin(np.outer(time, phase))
+    q_d[:, 0 if at_rest else max(1, n - 1) :] = 0.0
     tau_m = 0.1 * np.cos(np.outer(time, phase))
     columns = {
         "trajectory.q_d": q_d,

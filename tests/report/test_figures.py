@@ -128,8 +128,7 @@ def test_two_joint_figures_show_the_joints_that_move(made):
 
 def test_all_joints_are_shown_if_none_moves(made):
     scenario = made.scenario(TWO)
-    rest = dataclasses.replace(scenario.trajectory, q_end=scenario.trajectory.q_start)
-    figure = plots.draw_moving_torques(made.results(2), dataclasses.replace(scenario, trajectory=rest))
+    figure = plots.draw_moving_torques(made.results(2, at_rest=True), scenario)
     assert len(figure.axes) == 3
 
 

@@ -6,7 +6,7 @@ import pytest
 
 from vdfmu.engine.ssp.parse import NAMESPACES
 from vdfmu.scenario import load_scenario
-from vdfmu.scenario.values import robot_parameters, system_values
+from vdfmu.scenario.values import group_value, robot_parameters, system_values
 from vdfmu.ssp.description import SystemDescription
 from vdfmu.ssp.geometry import route
 from vdfmu.ssp.structure_file import structure_file
@@ -76,7 +76,9 @@ def test_the_start_is_one_value_with_two_names_unless_they_differ():
     elsewhere = SystemDescription(scenario, system_values(scenario, {"plant.q_0[2]": "0.1"}))
     assert "start.ssv" not in elsewhere.parameter_sets
     assert bound_values(elsewhere, "plant")["q_0[2]"] == [0.1]
-    assert bound_values(elsewhere, "trajectory")["q_start[2]"] == [scenario.trajectory.q_start[1]]
+    assert bound_values(elsewhere, "trajectory")["q_start[2]"] == [
+        group_value(scenario, "trajectory.q_start")[1]
+    ]
 
 
 def test_both_versions_connect_the_same_elements(scenario):

@@ -89,8 +89,6 @@ def test_what_has_no_inputs_says_so(tmp_path):
     path = wrench(tmp_path)
     with pytest.raises(UsageError, match="nothing to set: .*wrench.csv"):
         vdfmu.run("contrast", inputs=path, out=tmp_path / "out")
-    with pytest.raises(UsageError, match="container: its inputs take values"):
-        vdfmu.run("planar_tracking", inputs=path, container=True, out=tmp_path / "out")
 
 
 def test_a_reference_refuses_a_signal_for_no_free_input():

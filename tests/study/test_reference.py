@@ -9,7 +9,7 @@ from vdfmu.errors import UsageError
 from vdfmu.fmu import build_fmus
 from vdfmu.model import load_robot, robot_from_dict
 from vdfmu.scenario import load_scenario
-from vdfmu.scenario.values import system_values
+from vdfmu.scenario.values import group_value, system_values
 from vdfmu.ssp.description import SystemDescription
 from vdfmu.ssp.write import write_ssp
 from vdfmu.study.reference import REFERENCE_OF, reference
@@ -111,15 +111,16 @@ def test_a_start_beyond_the_end_stops_is_refused():
                            "tau_stall": 0.6, "kappa_dot_max": 3.0}  # fmt: skip
     scenario = load_scenario("planar_tracking", robot_from_dict(data))
     with pytest.raises(
-        UsageError, match=r"plant.q_0\[1\]: expected a start between the end stops, -2 and 2, got 4"
+        UsageError,
+        match=r"plant.q_0\[1\]: expected a position of joint 1 between its end stops, -2 and 2, got 4",
     ):
         system_values(scenario, {"plant.q_0[1]": 4.0})
 
 
 def motion_of(scenario, t):
     """Return the desired positions."""
-    motion = scenario.trajectory
-    return desired_motion(t, motion.q_start, motion.q_end, motion.T, motion.t_start).q_d
+    motion = (group_value(scenario, f"trajectory.{name}") for name in ("q_start", "q_end", "T", "t_start"))
+    return desired_motion(t, *motion).q_d
 
 
 def test_the_rotor_follows_its_own_desired_velocity_without_sampling():

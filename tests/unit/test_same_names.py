@@ -54,11 +54,11 @@ a = { u = 1.0 }
 """
 
 
-def last(folder, a, b, **options):
+def last(folder, a, b, backend="python", **options):
     """Last outputs of two units in a row, of which the first is given 1."""
     (folder / "system.toml").write_text(SYSTEM.format(a=a, b=b))
     (folder / "scenario.toml").write_text(SCENARIO)
-    results = vdfmu.run(folder / "scenario.toml", out=folder / "out", backend="python", **options)
+    results = vdfmu.run(folder / "scenario.toml", out=folder / "out", backend=backend, **options)
     return results["a.y"][-1], results["b.y"][-1]
 
 
@@ -128,3 +128,54 @@ def test_what_no_fmu_would_take_is_refused(held):
         held(period=-0.1).simulate(stop=0.1)
     with pytest.raises(UsageError, match="input u: expected 1 numbers, got 2"):
         held().simulate({"u": [1.0, 2.0]}, stop=0.1)
+
+
+NOTED = '''
+from pathlib import Path
+
+from vdfmu.scalar.symbol import Symbol
+from vdfmu.unit import Input, Output, Parameter, Unit
+
+
+def note(what):
+    with Path(__file__).with_name("log.txt").open("a") as log:
+        log.write(what + " ")
+
+
+note("run")
+
+
+class Gain(Unit):
+    """Gain."""
+
+    u = Input("1", text="in")
+    k = Parameter("1", text="factor", start={start})
+    y = Output("1", text="out")
+
+    def outputs(self):
+        if isinstance(self.u, Symbol):
+            note("trace")
+        self.y = self.k * self.u
+'''
+
+
+def test_a_run_executes_a_file_once_and_traces_a_unit_once(tmp_path):
+    """Both components, their values, FMUs, descriptions and references come from one execution and one trace."""
+    (tmp_path / "noted.py").write_text(NOTED.format(start=3.0))
+    assert last(tmp_path, "noted.py", "noted.py", backend="native") == (3.0, 9.0)
+    assert (tmp_path / "log.txt").read_text().split() == ["run", "trace"]
+    (tmp_path / "noted.py").write_text(NOTED.format(start=5.0))
+    assert last(tmp_path, "noted.py", "noted.py", backend="native") == (5.0, 25.0)
+    assert (tmp_path / "log.txt").read_text().split() == 2 * ["run", "trace"]
+
+
+def test_a_change_within_a_second_and_of_no_size_is_seen(tmp_path, monkeypatch):
+    """Python itself takes the bytecode that it keeps for that of the new source."""
+    monkeypatch.setattr("sys.dont_write_bytecode", False)
+    (tmp_path / "helped.py").write_text(HELPED)
+    for factor in (3.0, 8.0, 5.0):
+        (tmp_path / "factor.py").write_text(f"FACTOR = {factor}\n")
+        helped = find_unit(tmp_path / "helped.py")(u=1.0)
+        helped.outputs()
+        assert helped.y == factor
+    assert sorted(file.name for file in tmp_path.iterdir()) == ["factor.py", "helped.py"]

@@ -117,8 +117,9 @@ def test_what_cannot_be_traced_says_where_why_and_the_way_out(unit):
         rf"^{HERE}, line {line}: outputs\(\) of {unit.__name__} cannot be traced: .*{UNTRACEABLE[unit]}.*"
         r' Write it with .* of vdfmu\.unit; or write backend = "python" in the class'
     )
-    with pytest.raises(UnitError, match=words):
+    with pytest.raises(UnitError, match=words) as raised:
         Traced(Interface(unit, None))
+    assert str(raised.value).count("Write it with") == 1
     # the one word is enough: the same methods in Python
     packed = type(unit.__name__, (unit,), {"backend": "python", "__module__": unit.__module__})
     evaluated = evaluation(Interface(packed, None))

@@ -15,6 +15,7 @@ from vdfmu import __version__
 from vdfmu.cli import cache, files, models, runs, units
 from vdfmu.cli.terminal import console, fail
 from vdfmu.errors import ModelError, SspError, UsageError, VdfmuError
+from vdfmu.once import one_job
 
 __all__ = ["app", "command"]
 
@@ -67,7 +68,8 @@ def command() -> None:
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")
     try:
-        app()
+        with one_job():
+            app()
     except MemoryError:
         fail("the memory does not hold it: choose fewer steps or signals.", 1)
     except (UsageError, ModelError, SspError) as error:

@@ -19,6 +19,7 @@ from vdfmu.cli.terminal import (
     building,
     errors,
     fail,
+    load,
     parse_settings,
     say,
     say_notes,
@@ -47,17 +48,17 @@ def build(
     settings: SetOption = None,
 ) -> None:
     """Build the FMUs of a scenario's system, with the scenario's values as start values, or the FMU of a unit."""
+    chosen = None if scenario.partition(":")[0].endswith(".py") else load(scenario, robot)
     from vdfmu.fmu import build_fmus
     from vdfmu.fmu.build import build_notes
     from vdfmu.model import load_robot
-    from vdfmu.scenario import load_scenario
     from vdfmu.scenario.check import model_notes
     from vdfmu.scenario.parts import build_parts
     from vdfmu.scenario.values import start_values, system_values
     from vdfmu.unit.base import unit_name
     from vdfmu.units import find_unit
 
-    if scenario.partition(":")[0].endswith(".py"):
+    if chosen is None:
         unit = find_unit(scenario)
         fixed = load_robot(robot) if robot is not None else None
         values = start_values(unit, fixed, parse_settings(settings))
@@ -72,7 +73,6 @@ def build(
                 platforms=platform,
             )
     else:
-        chosen = load_scenario(scenario, robot)
         say_notes([*model_notes(chosen), *build_notes(chosen.robot, backend)])
         values = system_values(chosen, parse_settings(settings))
         with building():
@@ -89,6 +89,7 @@ def container(
     settings: SetOption = None,
 ) -> None:
     """Fold the system of a scenario into one native FMU that steps its units without a master."""
+    chosen = load(scenario, robot)
     from vdfmu.engine.cosim.container import write_container
     from vdfmu.fmu.build import build_notes
     from vdfmu.scenario.check import model_notes
@@ -98,7 +99,7 @@ def container(
     from vdfmu.study.run import prepare
     from vdfmu.temporary import temporary_folder
 
-    chosen = prepare(scenario, robot=robot, step=step)
+    chosen = prepare(chosen, step=step)
     say_notes([*model_notes(chosen), *build_notes(chosen.robot, "native")])
     values = system_values(chosen, parse_settings(settings))
     path = out if out is not None else Path(f"{chosen.name}.fmu")
@@ -133,8 +134,8 @@ def ssp(
 
     The FMUs have the scenario's values as start values too, for importers that do not apply all parameter sets.
     """
+    chosen = load(scenario, robot)
     from vdfmu.fmu.build import build_notes
-    from vdfmu.scenario import load_scenario
     from vdfmu.scenario.check import model_notes
     from vdfmu.scenario.parts import build_parts
     from vdfmu.scenario.values import system_values
@@ -143,7 +144,6 @@ def ssp(
     from vdfmu.temporary import temporary_folder
 
     fmi_version = fmi_of_format(form, backend)
-    chosen = load_scenario(scenario, robot)
     say_notes([*model_notes(chosen), *build_notes(chosen.robot, backend)])
     values = system_values(chosen, parse_settings(settings))
     with temporary_folder("vdfmu_") as folder:

@@ -1,4 +1,4 @@
-"""``vdfmu models list`` and ``show``."""
+"""``vdfmu models list``, ``show`` and ``schema``."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ from typing import Annotated, Any
 
 import typer
 from rich.markup import escape
-from rich.table import Table
 
 from vdfmu.cli.terminal import console, say
 
@@ -17,6 +16,8 @@ app = typer.Typer(no_args_is_help=True, help="List and show robots and scenarios
 @app.command("list", epilog="Example: [bold]vdfmu models list[/bold]")
 def list_models() -> None:
     """List the robots and scenarios that travel with the package."""
+    from rich.table import Table
+
     from vdfmu.model import load_robot, robot_names
     from vdfmu.scenario import load_scenario, scenario_names
 
@@ -43,6 +44,8 @@ def show_model(
     if name in scenario_names():
         say((data_path("models") / "scenarios" / f"{name}.toml").read_text(encoding="utf-8"))
         return
+    from rich.table import Table
+
     robot = load_robot(name)
     console.print(f"[bold]{escape(robot.name)}[/bold]: {escape(robot.description)}")
     for row in section("robot"):
@@ -70,6 +73,29 @@ def show_model(
             sources.setdefault(source, []).append(row.name)
         for source, those in sources.items():
             console.print(f"{', '.join(those)}: {source}", markup=False)
+
+
+@app.command("schema", epilog="Example: [bold]vdfmu models schema robot > robot.schema.json[/bold]")
+def show_schema(
+    kind: Annotated[str, typer.Argument(help="robot, scenario or system.")],
+    system: Annotated[
+        str, typer.Option(help="Whose components the sections of a scenario are for.")
+    ] = "system",
+) -> None:
+    """Print the JSON schema of a TOML file, for editors: "#:schema robot.schema.json" in its first line."""
+    import json
+
+    from vdfmu.errors import UsageError
+    from vdfmu.scenario import schema
+
+    known = {
+        "robot": schema.robot_schema,
+        "scenario": lambda: schema.scenario_schema(system),
+        "system": schema.system_schema,
+    }
+    if kind not in known:
+        raise UsageError(f"schema: expected {', '.join(known)}, got {kind!r}.")
+    say(json.dumps(known[kind](), indent=1))
 
 
 def _number(value: Any) -> str:

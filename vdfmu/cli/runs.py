@@ -16,6 +16,7 @@ from vdfmu.cli.terminal import (
     SetOption,
     UnpackOption,
     console,
+    load,
     parse_settings,
     say,
 )
@@ -66,9 +67,6 @@ def run(
     ] = False,
     backend: BackendOption = None,
     fmi: Annotated[str, typer.Option(help="Version of FMI: 2.0, or 3.0 for native FMUs.")] = "2.0",
-    container: Annotated[
-        bool, typer.Option("--container", help="Fold the units into one container FMU and run that.")
-    ] = False,
     settings: SetOption = None,
     unit: Annotated[
         list[str] | None,
@@ -81,16 +79,16 @@ def run(
     input_hold: HoldOption = False,
 ) -> None:
     """Run a scenario: build what is stale, co-simulate, solve the references, compare, write tables and figures."""
+    if Path(scenario).suffix.lower() == ".ssp":
+        raise UsageError(f"{scenario}: is no scenario but a system package; 'vdfmu simulate' runs it.")
+    chosen = load(scenario, robot)
     from vdfmu.report import tables
     from vdfmu.study.run import RUN_OUTPUTS
     from vdfmu.study.run import run as run_study
 
-    if Path(scenario).suffix.lower() == ".ssp":
-        raise UsageError(f"{scenario}: is no scenario but a system package; 'vdfmu simulate' runs it.")
     with Bars() as bars:
         results = run_study(
-            scenario,
-            robot=robot,
+            chosen,
             step=step,
             stop=stop,
             master=master,
@@ -100,7 +98,6 @@ def run(
             reference=not no_reference,
             backend=backend,
             fmi_version=fmi,
-            container=container,
             settings=parse_settings(settings),
             units=parse_settings(unit),
             inputs=inputs,

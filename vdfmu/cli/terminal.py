@@ -11,15 +11,6 @@ from typing import TYPE_CHECKING, Annotated, Any, NoReturn
 import typer
 from rich.console import Console, ConsoleOptions, RenderableType
 from rich.markup import escape
-from rich.progress import (
-    BarColumn,
-    MofNCompleteColumn,
-    Progress,
-    TaskID,
-    TextColumn,
-    TimeElapsedColumn,
-    TimeRemainingColumn,
-)
 from rich.segment import Segment
 
 from vdfmu.errors import UsageError
@@ -27,11 +18,14 @@ from vdfmu.progress import showing
 from vdfmu.text import shown, told
 
 if TYPE_CHECKING:
+    from rich.progress import TaskID
+
     from vdfmu.engine.cosim import LogMessage
+    from vdfmu.scenario import Scenario
 
 __all__ = [
     "BackendOption", "Bars", "RobotOption", "ScenarioArgument", "SetOption", "UnpackOption", "building",
-    "console", "errors", "fail", "parse_settings", "say", "say_notes",
+    "console", "errors", "fail", "load", "parse_settings", "say", "say_notes",
 ]  # fmt: skip
 
 
@@ -101,6 +95,13 @@ def say_notes(notes: Sequence[str]) -> None:
         errors.print(f"note: {note}", markup=False, soft_wrap=True)
 
 
+def load(scenario: str, robot: str | None) -> Scenario:
+    """Load a scenario, before what takes longer to import than to say what is wrong with it."""
+    from vdfmu.scenario.load import load_scenario
+
+    return load_scenario(scenario, robot)
+
+
 def parse_settings(items: list[str] | None) -> dict[str, str]:
     """Read ``--set`` options: name to text."""
     settings: dict[str, str] = {}
@@ -122,6 +123,15 @@ class Bars:
     """Progress bars, one a stage, and the messages of the units above them."""
 
     def __init__(self) -> None:
+        from rich.progress import (
+            BarColumn,
+            MofNCompleteColumn,
+            Progress,
+            TextColumn,
+            TimeElapsedColumn,
+            TimeRemainingColumn,
+        )
+
         self._progress = Progress(
             TextColumn("{task.description:20}"), BarColumn(20), TextColumn("{task.percentage:3.0f} %"),
             MofNCompleteColumn(), TimeElapsedColumn(), TimeRemainingColumn(), console=errors, transient=False,

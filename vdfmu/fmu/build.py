@@ -14,6 +14,7 @@ from vdfmu.fmu.content import BACKENDS, FMI_VERSIONS, Content
 from vdfmu.fmu.native import native_available
 from vdfmu.fmu.python.behaviour import robot_problems
 from vdfmu.model import Robot, check_robot
+from vdfmu.once import one_job
 from vdfmu.unit.base import Unit, unit_name
 from vdfmu.units import find_unit, shipped_units
 
@@ -59,6 +60,7 @@ def choose_backend(backend: str | None) -> str:
 Units = Sequence[str | os.PathLike[str] | type[Unit]]
 
 
+@one_job()
 def build_fmus(
     robot: Robot | None,
     out_dir: str | os.PathLike[str],

@@ -16,6 +16,7 @@ __all__ = [
     "LOG_CATEGORIES",
     "document",
     "model_description",
+    "number",
 ]
 
 DEFAULT_EXPERIMENT = {"startTime": "0", "stopTime": "10", "stepSize": "0.001"}
@@ -31,7 +32,7 @@ _TIME_STAMP = "2026-01-01T00:00:00Z"  # fixed, so that the same sources give the
 
 
 def number(value: float) -> str:
-    """Shortest decimal that reads back as the same float."""
+    """Shortest text of a number, in XML and in C, that reads back as the same number."""
     return repr(float(value))
 
 
@@ -84,7 +85,7 @@ def model_description(
         "maxOutputDerivativeOrder": "0",
         "canRunAsynchronuously": "false",
     }
-    if native and states and not interface.is_sampled:
+    if native and states:
         root.set("numberOfEventIndicators", "0")
         exchange = {"completedIntegratorStepNotNeeded": "true"}
         _add_sources(SubElement(root, "ModelExchange", common | exchange), sources)

@@ -16,16 +16,17 @@ from vdfmu.fmu.description import (
 )
 from vdfmu.unit.interface import Array, Interface
 
-__all__ = ["build_description", "model_description_3"]
+__all__ = ["FMI_3_TYPES", "build_description", "model_description_3"]
 
-_TYPES = {"Real": "Float64", "Integer": "Int32", "Boolean": "Boolean"}
+FMI_3_TYPES = {"Real": "Float64", "Integer": "Int32", "Boolean": "Boolean"}
+"""Type of FMI 2.0 to that of FMI 3.0 and SSP 2.0."""
 
 
 def model_description_3(interface: Interface, guid: str, tool: str) -> Element:
     """Root element of the model description of a native FMU.
 
-    A unit with states also has model exchange. Dependencies are those between whole variables; the FMU tells
-    those between elements.
+    A unit with states also has model exchange. Dependencies are those between whole variables; functions of the
+    FMU give those between elements.
 
     Parameters
     ----------
@@ -84,7 +85,7 @@ def _add_interfaces(root: Element, interface: Interface) -> None:
         "providesAdjointDerivatives": "true",
         "providesPerElementDependencies": "true",
     }
-    if has_states and not interface.is_sampled:
+    if has_states:
         exchange = {"needsCompletedIntegratorStep": "false", "providesEvaluateDiscreteStates": "false"}
         SubElement(root, "ModelExchange", common | exchange)
     simulation = {
@@ -119,7 +120,7 @@ def _add_variable(parent: Element, interface: Interface, array: Array) -> None:
     if variable.causality == "local":
         offset = array.first - interface.derivatives.start
         attributes["derivative"] = str(interface.states.start + offset)
-    element = SubElement(parent, _TYPES[variable.type], attributes)
+    element = SubElement(parent, FMI_3_TYPES[variable.type], attributes)
     for length in array.shape:
         SubElement(element, "Dimension", {"start": str(length)})
 

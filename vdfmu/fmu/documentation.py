@@ -40,6 +40,8 @@ def documentation_files(content: Content) -> dict[str, bytes]:
 def _page(content: Content) -> str:
     interface = content.interface
     name = content.model_name
+    exchange = content.backend == "native" and interface.has_states
+    interfaces = "model exchange and co-simulation" if exchange else "co-simulation"
     if content.backend == "native":
         needs = "Native code; nothing need be installed."
     else:
@@ -55,7 +57,7 @@ def _page(content: Content) -> str:
 <body>
 <h1>{name}</h1>
 <p class="what">{escape(interface.description)}</p>
-{_robot(content)}<p>FMI {content.fmi_version}, {_interfaces(content)}. {needs}
+{_robot(content)}<p>FMI {content.fmi_version}, {interfaces}. {needs}
 Made by vdfmu {content.version} with {escape(content.tool)}, GUID <code>{content.guid}</code>.</p>
 {_docstring(inspect.getdoc(content.unit) or "")}
 <h2>Use</h2>
@@ -106,16 +108,6 @@ see <a href="fmi-ls-ref.txt">fmi-ls-ref.txt</a>.</li>
 <p>MIT, see <a href="licenses/license.txt">licenses/license.txt</a>.</p>"""
 
 
-def _interfaces(content: Content) -> str:
-    return "model exchange and co-simulation" if has_model_exchange(content) else "co-simulation"
-
-
-def has_model_exchange(content: Content) -> bool:
-    """Whether the FMU has an interface for model exchange: a native unit with continuous states and no others."""
-    interface = content.interface
-    return content.backend == "native" and interface.has_states and not interface.is_sampled
-
-
 def _use(content: Content) -> str:
     interface = content.interface
     known = "states and inputs" if interface.has_states else "inputs"
@@ -138,15 +130,16 @@ def _use(content: Content) -> str:
             "<code>tolerance</code> bounds the local error, relative and absolute in SI units. A smaller tolerance of "
             f"the experiment replaces it. Any communication step will do. {held}.</p>"
         )
-    if has_model_exchange(content):
+    if content.backend == "native" and interface.has_states:
         lines.append(
             "<p><b>Model exchange.</b> The equations may be stiff: use an implicit solver (CVODE with BDF, Radau, "
             "Rodas) with a tolerance of 1e-6 or less.</p>"
         )
     if interface.is_sampled:
         lines.append(
-            "<p>Sampled states change every <code>period</code> from the start time on, by the inputs that are there "
-            "at the start of a communication step. Steps need not be multiples of the period.</p>"
+            "<p>Sampled states change every <code>period</code> from the start time on: in co-simulation by the inputs "
+            "at the start of a communication step, which need not be a multiple of the period; in model exchange in "
+            "event mode, at the times that the FMU names.</p>"
         )
     elif not interface.has_states:
         lines.append(

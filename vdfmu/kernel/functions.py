@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 import signal
+import threading
 from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 
@@ -172,6 +174,7 @@ class Kernel(Functions):
         super().__init__(structure_key(robot), cache)
         self.robot = robot
         self.p = values(robot)
+        self._prepared = threading.local()
 
     def names(self) -> Collection[str]:
         """Names of the functions, but for derivatives of them."""
@@ -185,28 +188,70 @@ class Kernel(Functions):
         self, name: str, arguments: Sequence[npt.ArrayLike], sizes: Sequence[int]
     ) -> npt.NDArray[np.float64]:
         """Call a function of one result for arrays (m,) or batches (k, m), with this robot's parameters."""
-        call = self.function(name)
-        names = list(call.args)[: len(sizes)]
+        prepared = getattr(self._prepared, name, None)
+        if prepared is None:
+            prepared = _Prepared(self.casadi_function(name), sizes, self.p)
+            setattr(self._prepared, name, prepared)
+        if prepared.takes(arguments):
+            return prepared.calculated()
+        names = list(prepared.buffers)
         arrays = [_checked(name, a, v, size) for a, v, size in zip(names, arguments, sizes, strict=True)]
         batches = {len(a) for a in arrays if a.ndim == 2}
         if len(batches) > 1:
             raise KernelError(f"{name}: batches of different lengths {sorted(batches)}: expected one length.")
-        call.args["p"][:] = self.p
-        (result,) = call.results.values()
-        if not batches:
-            for argument, array in zip(names, arrays, strict=True):
-                call.args[argument][:] = array
-            call.run()
-            return result.copy()
-        out = np.empty((batches.pop(), len(result)))
+        out = np.empty((batches.pop() if batches else 1, len(prepared.result)))
+        self.calculate(name, prepared, arrays, out)
+        return out if any(array.ndim == 2 for array in arrays) else out[0]
+
+    def calculate(
+        self,
+        name: str,
+        prepared: _Prepared,
+        arrays: Sequence[npt.NDArray[np.float64]],
+        out: npt.NDArray[np.float64],
+    ) -> None:
+        """Calculate a batch: the rows of `out` from those of `arrays`, of which each may be a single one."""
         wide = [np.broadcast_to(a, (len(out), a.shape[-1])) for a in arrays]
-        buffers = [call.args[argument] for argument in names]
-        for k in range(len(out)):
-            for buffer, array in zip(buffers, wide, strict=True):
-                buffer[:] = array[k]
-            call.run()
-            out[k] = result
-        return out
+        for result, *row in zip(out, *wide, strict=True):
+            for buffer, array in zip(prepared.buffers.values(), row, strict=True):
+                buffer[:] = array
+            result[:] = prepared.calculated()
+
+
+class _Prepared:
+    """A function of one result with buffers for one state; each thread has its own.
+
+    Attributes
+    ----------
+    buffers : dict of str to (size,) array
+        Of the arguments but for the parameters, next to each other in memory.
+    result : array
+    """
+
+    def __init__(self, function: ca.Function, sizes: Sequence[int], p: npt.NDArray[np.float64]) -> None:
+        self._all = np.zeros(sum(sizes))
+        parts = np.split(self._all, np.cumsum(sizes)[:-1])
+        self.buffers = dict(zip(function.name_in(), parts, strict=False))
+        self._function = KernelFunction(function, {**self.buffers, "p": p})
+        (self.result,) = self._function.results.values()
+        self._places = [(buffer, buffer.shape) for buffer in parts]
+
+    def takes(self, arguments: Sequence[npt.ArrayLike]) -> bool:
+        """Take over arguments if they are those of one state, and small enough that their squares are finite."""
+        try:
+            for (buffer, shape), argument in zip(self._places, arguments, strict=True):
+                array = np.asarray(argument, dtype=float)
+                if array.shape != shape:
+                    return False
+                buffer[:] = array
+        except (TypeError, ValueError):
+            return False
+        return math.isfinite(self._all.dot(self._all))
+
+    def calculated(self) -> npt.NDArray[np.float64]:
+        """Return the result for what the buffers hold."""
+        self._function.run()
+        return self.result.copy()
 
 
 def _checked(function: str, name: str, value: npt.ArrayLike, size: int) -> npt.NDArray[np.float64]:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from vdfmu.engine.cosim.results import Results
 from vdfmu.model import Robot
 from vdfmu.scenario import Scenario
-from vdfmu.scenario.scenario import MODES
+from vdfmu.scenario.values import group_value
 
 __all__ = ["contrast_caption", "paper_table", "run_caption"]
 
@@ -41,10 +41,11 @@ def run_caption(results: Results, scenario: Scenario, figures: Mapping[int, int]
     step = 1e3 * float(facts.get("step") or scenario.step)
     figure = figures.get(paper_table(scenario))
     settings: Mapping[str, Any] = facts.get("settings") or {}
-    mode = _mode(settings.get("feedforward.mode", scenario.feedforward.mode))
+    chosen = {key: value for key, value in settings.items() if key == "feedforward.mode"}
+    mode = group_value(scenario, "feedforward.mode", chosen)
     lines = [
         f"{_figure(figure)}Scenario {scenario.name}, robot {scenario.robot.name}, master {master}, "
-        f"step {step:g} ms, feedforward {mode}."
+        f"step {step:g} ms{'' if mode is None else f', feedforward {mode}'}."
     ]
     if scenario.plant_factors:
         factors = [
@@ -66,14 +67,6 @@ def contrast_caption(robot: Robot, time: NDArray[np.float64], scenario: Scenario
     step = f", step {1e3 * (time[-1] - time[0]) / (points - 1):g} ms" if points > 1 else ""
     figure = figure if scenario is None or paper_table(scenario) == 3 else 0
     return f"{_figure(figure)}Rigid links, {name}robot {robot.name}, {points} points{step}."
-
-
-def _mode(setting: object) -> str:
-    """Return the name of a mode that is set by name or by number."""
-    text = str(setting).strip()
-    return next(
-        (name for number, name in enumerate(MODES) if text in (name, str(number), f"{number}.0")), text
-    )
 
 
 def _figure(number: int | None) -> str:

@@ -240,7 +240,7 @@ def draw_errors(results: Results, scenario: Scenario) -> Figure:
 @style.styled
 def draw_moving_positions(results: Results, scenario: Scenario) -> Figure:
     """Figure 13: desired and actual positions of the joints that move, above their tracking errors."""
-    moving = _moving(scenario)
+    moving = _moving(results)
     groups = group_joints(scenario.robot, moving)
     figure = style.new_figure(
         "Joint positions and their tracking errors",
@@ -270,7 +270,7 @@ def draw_moving_torques(results: Results, scenario: Scenario) -> Figure:
 
     Each joint has a torque panel of its own: in one panel the smaller torques would be flat lines.
     """
-    robot, moving = scenario.robot, _moving(scenario)
+    robot, moving = scenario.robot, _moving(results)
     groups = group_joints(robot, moving)
     rows, columns = style.grid_of(len(moving))
     figure = style.new_figure(
@@ -390,8 +390,7 @@ def _torques(results: Results, robot: Robot) -> tuple[Floats, Floats]:
     return robot.ell * results.array("controller.tau"), robot.ell * results.array("controller.tau_m")
 
 
-def _moving(scenario: Scenario) -> list[int]:
+def _moving(results: Results) -> list[int]:
     """Joints whose desired position changes; all if none does."""
-    trajectory = scenario.trajectory
-    moving = np.flatnonzero(trajectory.q_end != trajectory.q_start).tolist()
-    return moving or list(range(scenario.robot.n))
+    q_d = results.array("trajectory.q_d")
+    return np.flatnonzero(np.ptp(q_d, axis=0)).tolist() or list(range(q_d.shape[1]))

@@ -203,8 +203,6 @@ def facts(summary: Summary) -> list[tuple[str, str]]:
         found = [
             (name, f"{text} of FMI {summary['fmi']}" if name == "Units" else text) for name, text in found
         ]
-    if summary.get("container"):
-        found = [(name, f"{text} in one container FMU" if name == "Units" else text) for name, text in found]
     done: Summary | None = summary.get("communication")
     if done is not None:
         lengths = dict.fromkeys(f"{1e3 * done[key]:.3g}" for key in ("shortest_step", "longest_step"))

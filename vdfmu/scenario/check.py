@@ -6,7 +6,9 @@ import numpy as np
 
 from vdfmu.engine.algorithms import MOST_STEPS
 from vdfmu.model.read import Problems
+from vdfmu.scenario.parts import tables_of
 from vdfmu.scenario.scenario import Scenario
+from vdfmu.scenario.values import section_values
 
 __all__ = ["check_step", "model_notes"]
 
@@ -31,16 +33,20 @@ def model_notes(scenario: Scenario) -> list[str]:
     heavy = [m for m in masses if m > _HEAVY_LINK]
     if heavy:
         notes.append(f"a mass of {max(heavy):g} kg looks like grams.")
-    angles = {f"trajectory.{name}": getattr(scenario.trajectory, name) for name in ("q_start", "q_end")}
+    tables = tables_of(scenario.system, robot)
+    angles = {
+        f"{component}.{name}": value
+        for component, section in section_values(scenario.system, robot, scenario.sections).items()
+        for name, value in section.items()
+        if tables[component].find(name).unit == "rad"
+    }
     if robot.limits:
-        angles |= {"q_min": robot.q_min, "q_max": robot.q_max}
-    revolute = np.array([joint == "revolute" for joint in robot.joint_types])
-    for name, q in angles.items():
-        wide = np.flatnonzero(revolute & (np.abs(q) > _WIDE_ANGLE))
-        if wide.size:
-            i = int(wide[0])
-            notes.append(f"{name}[{i + 1}] = {q[i]:g} rad looks like degrees: {np.radians(q[i]):.4g} rad.")
-    return notes
+        for name in ("q_min", "q_max"):
+            pairs = enumerate(zip(robot.joint_types, getattr(robot, name), strict=True), start=1)
+            angles |= {f"{name}[{i}]": q for i, (joint, q) in pairs if joint == "revolute"}
+    wide = (f"{name} = {q:g} rad looks like degrees: {np.radians(q):.4g} rad." for name, q in angles.items()
+            if abs(q) > _WIDE_ANGLE)  # fmt: skip
+    return notes + list(wide)
 
 
 _STRONG_GRAVITY = 30.0

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import os
 from collections.abc import Collection, Mapping, Sequence
 from contextlib import suppress
@@ -13,21 +12,23 @@ from vdfmu.fmu import build_fmus
 from vdfmu.fmu.build import choose_backend
 from vdfmu.fmu.content import Content
 from vdfmu.kernel.cache import cache_folder, load, store
-from vdfmu.scenario import Scenario
+from vdfmu.model import Robot
 from vdfmu.scenario.foreign import ForeignInterface
+from vdfmu.scenario.scenario import Scenario
+from vdfmu.scenario.system_file import SystemFile
 from vdfmu.unit.base import Unit, unit_name
 from vdfmu.unit.interface import Interface
 from vdfmu.units import find_unit
 
-__all__ = ["Variables", "build_parts", "cached_fmus", "tables_of", "units_of", "with_units"]
+__all__ = ["Variables", "build_parts", "cached_fmus", "tables_of", "units_of"]
 
 Variables = Interface | ForeignInterface
 """The variables of a component."""
 
 
-def units_of(scenario: Scenario) -> dict[str, type[Unit]]:
-    """Units of the scenario's system by component, without those that are FMUs of any tool."""
-    parts = {name: part for name, part in scenario.system.parts.items() if part.fmu is None}
+def units_of(system: SystemFile) -> dict[str, type[Unit]]:
+    """Units of a system by component, without those that are FMUs of any tool."""
+    parts = {name: part for name, part in system.parts.items() if part.fmu is None}
     # a file is run once for all its components
     found = {
         unit: unit if isinstance(unit, type) else find_unit(unit)
@@ -36,51 +37,20 @@ def units_of(scenario: Scenario) -> dict[str, type[Unit]]:
     return {name: found[part.unit] for name, part in parts.items()}
 
 
-def tables_of(scenario: Scenario, components: Collection[str] | None = None) -> dict[str, Variables]:
-    """Variables of the components of the scenario's system, or of some of them, by component."""
-    units = units_of(scenario)
+def tables_of(
+    system: SystemFile, robot: Robot, components: Collection[str] | None = None
+) -> dict[str, Variables]:
+    """Variables of the components of a system, or of some of them, by component."""
+    units = units_of(system)
     found: dict[str, Variables] = {}
-    for name, part in scenario.system.parts.items():
+    for name, part in system.parts.items():
         if components is not None and name not in components:
             continue
         if part.fmu is not None:
             found[name] = ForeignInterface(part.fmu)
         else:
-            robot = scenario.robot if units[name].needs_robot() else None
-            found[name] = Interface(units[name], robot)
+            found[name] = Interface(units[name], robot if units[name].needs_robot() else None)
     return found
-
-
-def with_units(scenario: Scenario, units: Mapping[str, Any]) -> Scenario:
-    """Return the scenario with other units for some components, without connections to signals that these lack.
-
-    Raises
-    ------
-    UsageError, UnitError
-        For a name that is not that of a component, or what is no unit.
-    """
-    system = scenario.system.with_units(units)
-    tables = tables_of(dataclasses.replace(scenario, system=system), units)
-    has = {
-        name: {(v.group, v.causality) for v in table if v.causality in ("input", "output")}
-        for name, table in tables.items()
-    }
-
-    def lacks(signal: str, causality: str) -> bool:
-        component, _, group = signal.partition(".")
-        return component in has and (group, causality) not in has[component]
-
-    kept: dict[str, list[str]] = {}
-    dropped: list[str] = []
-    for source, targets in system.connections.items():
-        for target in targets:
-            if lacks(source, "output") or lacks(target, "input"):
-                dropped.append(f"{source} -> {target}")
-            else:
-                kept.setdefault(source, []).append(target)
-    return dataclasses.replace(
-        scenario, system=dataclasses.replace(system, connections=kept, dropped=tuple(dropped))
-    )
 
 
 def build_parts(
@@ -97,7 +67,7 @@ def build_parts(
     `values` are start values by component; other arguments as of :func:`vdfmu.fmu.build_fmus`. Components of one unit
     have an FMU each if their start values differ.
     """
-    units = units_of(scenario)
+    units = units_of(scenario.system)
     placed = _placed(units, values or {}, Path(folder))
     found: dict[str, Path] = {
         name: part.fmu for name, part in scenario.system.parts.items() if part.fmu is not None
@@ -142,7 +112,7 @@ def cached_fmus(
     backend = choose_backend(backend)
     cached: dict[str, bytes | None] = {}
     places: dict[str, Path] = {}
-    units = units_of(scenario)
+    units = units_of(scenario.system)
     placed = _placed(units, {}, Path(folder))
     for name, unit in units.items():
         robot = scenario.robot if unit.needs_robot() else None

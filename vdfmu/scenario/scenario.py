@@ -13,77 +13,8 @@ from vdfmu.model.robot import Robot
 from vdfmu.scenario.system_file import SystemFile
 
 KINDS = ("contrast", "cosimulation")
-MODES = ("inverse", "vdc")
-VELOCITIES = ("kappa_dot", "q_dot", "mixed")
-SOLVER_TOLERANCE = 1e-7
-"""Tolerance of the plant's solver where nothing else is said, relative and absolute in SI units."""
 FACTOR_FIELDS = tuple(row.name for row in PARAMETERS.values() if row.fold != "always")
 """Fields of the robot that a plant factor may scale."""
-
-
-@dataclass(frozen=True, eq=False)
-class Trajectory:
-    """The motion of Eq. (57), from rest to rest.
-
-    Parameters
-    ----------
-    q_start, q_end : (n,) [rad]
-        Joint positions before and after; m for a prismatic joint.
-    T : float [s]
-        Duration of the motion.
-    t_start : float [s]
-        When it begins.
-    """
-
-    q_start: Array
-    q_end: Array
-    T: float
-    t_start: float
-
-
-@dataclass(frozen=True, eq=False)
-class Feedforward:
-    """Mode and gains of the feedforward, Eq. (12)-(28) and (48)-(53).
-
-    Parameters
-    ----------
-    mode : "inverse" or "vdc"
-        The exact inverse along the desired motion, or the paper's required velocities.
-    Lambda : (n,) [1/s]
-        Gain of the required velocity q_dot_r = q_dot_d + Lambda (q_d - q).
-    K_V : (n,)
-        Gain of every link's velocity error in Eq. (50), K_V times the unit matrix [N.s/m, N.m.s/rad].
-    k_vq : (n,) [N.m.s/rad], motor side
-        Gain of the velocity error of the joint output link, Eq. (26).
-    k_vkappa : (n,) [N.m.s/rad], motor side
-        Gain of the velocity error of the rotor (kappa_dot, so rad/s of the joint), Eq. (27).
-    """
-
-    mode: str
-    Lambda: Array
-    K_V: Array
-    k_vq: Array
-    k_vkappa: Array
-
-
-@dataclass(frozen=True, eq=False)
-class Controller:
-    """Gains of the PD controller, Eq. (58).
-
-    Parameters
-    ----------
-    K_p : (n,) [N.m/rad], link side
-    K_v : (n,) [N.m.s/rad], link side
-    tau_max : (n,) [N.m], motor side
-        Limit of the motor torque; infinity for none.
-    velocity : "kappa_dot", "q_dot" or "mixed"
-        What K_v acts on: kappa_dot_d - kappa_dot, q_d_dot - q_dot as printed, or q_d_dot - kappa_dot.
-    """
-
-    K_p: Array
-    K_v: Array
-    tau_max: Array
-    velocity: str
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,13 +40,11 @@ class Scenario:
         Largest relative error of a coupled signal in a step; None for steps of the given length.
     tolerance : float
         Relative tolerance of the plant's solver.
-    trajectory : Trajectory
-    feedforward : Feedforward
-    controller : Controller
     plant_factors : mapping of str to float or (n,) array
         Field of the robot to its factor: plant = nominal * factor.
     sections : mapping of str to mapping
-        Component to the values of its variables that the file sets, but for those above.
+        Component to the values that the file sets: a group of variables, or one of them, ``K_p`` or ``K_p[1]``, to its
+        value, or values. :func:`vdfmu.scenario.values.system_values` reads them.
     paper : mapping
         What the paper reports: `source` and lists that start at joint 1. Empty if it reports nothing.
     inputs, input_hold : optional
@@ -133,9 +62,6 @@ class Scenario:
     master: str
     adaptive: float | None
     tolerance: float
-    trajectory: Trajectory
-    feedforward: Feedforward
-    controller: Controller
     plant_factors: Mapping[str, Array | float]
     sections: Mapping[str, Mapping[str, Any]]
     paper: Mapping[str, Any]

@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-import dataclasses
-import os
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, cast
 
-from vdfmu.errors import UsageError
 from vdfmu.model.read import Problems, Table, nearest, shown
 
 __all__ = ["Box", "Part", "SystemFile", "read_system_file"]
@@ -66,24 +63,6 @@ class SystemFile:
     connections: Mapping[str, list[str]]
     shared: Mapping[str, Mapping[str, str]]
     dropped: tuple[str, ...] = ()
-
-    def with_units(self, units: Mapping[str, Any]) -> SystemFile:
-        """Return the system with other units for some components.
-
-        Raises
-        ------
-        UsageError
-            For a name that is not that of a component.
-        """
-        parts = dict(self.parts)
-        for name, unit in units.items():
-            if name not in parts:
-                raise UsageError(
-                    f"units: the system {self.name} has no component {name!r}. There are: {', '.join(parts)}."
-                )
-            value = unit if isinstance(unit, type) else os.fspath(unit)
-            parts[name] = dataclasses.replace(parts[name], unit=value)
-        return dataclasses.replace(self, parts=parts)
 
 
 def read_system_file(

@@ -1,27 +1,126 @@
-"""Parameter values of the units from a robot and a scenario: what the parameter sets of the SSP hold."""
+"""Values of the components from robot, scenario and settings: what the parameter sets of the SSP hold."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import math
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from vdfmu.engine.ssp.structure import spread
 from vdfmu.errors import UsageError
 from vdfmu.kernel.structure import parameters
 from vdfmu.model import Robot
 from vdfmu.model.parameters import PARAMETERS
-from vdfmu.scenario import Scenario
+from vdfmu.model.read import nearest
 from vdfmu.scenario.parts import Variables, tables_of
+from vdfmu.scenario.scenario import Scenario
+from vdfmu.scenario.system_file import SystemFile
 from vdfmu.unit.base import Unit
 from vdfmu.unit.interface import Interface
 from vdfmu.unit.variable import NO_LIMIT, Variable
 
-__all__ = ["is_free", "override", "robot_parameters", "scenario_parameters", "start_values", "system_values"]
+__all__ = [
+    "group_value", "is_free", "override", "robot_parameters", "section_values", "start_values", "system_values",
+]  # fmt: skip
 
 Values = dict[str, Any]
+
+
+def system_values(scenario: Scenario, settings: Mapping[str, Any] | None = None) -> dict[str, Values]:
+    """All values of the components that robot, scenario and settings decide: component to variable to value.
+
+    Variables that none of them names are not in it: they keep the start values of their declaration. An input that
+    nothing feeds, such as the wrench at the end effector, has its start value.
+
+    Raises
+    ------
+    UsageError
+        As :func:`override`, and for positions beyond the robot's end stops.
+    """
+    system, tables = scenario.system, tables_of(scenario.system, scenario.robot)
+    written = _set_all(system, tables, _sections(system, scenario.sections))
+    changed = _set_all(system, tables, settings or {})
+    values = {
+        name: {v.name: v.start for v in table if isinstance(table, Interface) and is_free(system, name, v)}
+        | ({"tolerance": scenario.tolerance} if "tolerance" in table.reference else {})
+        | robot_parameters(name, table, scenario)
+        | written.get(name, {})
+        | changed.get(name, {})
+        for name, table in tables.items()
+    }
+    _check_stops(tables, values, scenario.robot)
+    return values
+
+
+def section_values(
+    system: SystemFile, robot: Robot, sections: Mapping[str, Mapping[str, Any]]
+) -> dict[str, Values]:
+    """Values of the sections of a scenario's file: component to variable to value.
+
+    A group that shares its value with others, as ``[shared]`` of the system has it, sets these too.
+
+    Raises
+    ------
+    UsageError
+        As :func:`override`, and for positions beyond the robot's end stops.
+    """
+    tables = tables_of(system, robot)
+    values = _set_all(system, tables, _sections(system, sections))
+    _check_stops(tables, values, robot)
+    return values
+
+
+def override(scenario: Scenario, settings: Mapping[str, Any]) -> dict[str, Values]:
+    """Read settings such as ``controller.K_p[1]=3000``: component to variable to value.
+
+    A name without an index sets all elements: ``controller.K_p=3000``, or each of them by a list or array. An integer
+    with named values takes the name: ``feedforward.mode=vdc``. ``robot.mass[3]=3`` reaches every component that has the
+    parameter. Inputs that nothing feeds can be set too.
+
+    Raises
+    ------
+    UsageError
+        For an unknown component or variable, one that cannot be set, a value that does not fit, or another number of
+        values; with one line for each setting that is wrong.
+    """
+    return _set_all(scenario.system, tables_of(scenario.system, scenario.robot), settings)
+
+
+def start_values(unit: type[Unit], robot: Robot | None, settings: Mapping[str, Any]) -> Values:
+    """Read settings of a unit by itself, ``K_p=3000`` or ``K_p[1]=3000``: variable to value.
+
+    Raises
+    ------
+    UsageError
+        As :func:`override`.
+    """
+    table = Interface(unit, robot if unit.needs_robot() else None)
+    values: Values = {}
+    for key, value in settings.items():
+        values |= _spread(_named(table, key, key), key, value)
+    return values
+
+
+def group_value(scenario: Scenario, name: str, settings: Mapping[str, Any] | None = None) -> Any:
+    """Value of a component's group, ``controller.K_p``: a float, the name of a choice, or an array of its shape.
+
+    None if there is no such component or group.
+    """
+    component, _, group = name.partition(".")
+    table = tables_of(scenario.system, scenario.robot, (component,)).get(component, ())
+    values = system_values(scenario, settings).get(component, {})
+    found = {v.index: values.get(v.name, v.start) for v in table if v.group == group}
+    if not found:
+        return None
+    if () in found:
+        choices = next(v.choices for v in table if v.group == group)
+        return choices[found[()]] if choices else found[()]
+    array = np.full([1 + max(axis) for axis in zip(*found, strict=True)], np.nan)
+    for index, value in found.items():
+        array[index] = value
+    return array
 
 
 def robot_parameters(component: str, table: Variables, scenario: Scenario) -> Values:
@@ -36,199 +135,150 @@ def robot_parameters(component: str, table: Variables, scenario: Scenario) -> Va
     }
 
 
-def scenario_parameters(component: str, table: Variables, scenario: Scenario) -> Values:
-    """Values of a component that the scenario sets: motion, gains, modes, start position, tolerance.
-
-    An input of a unit that nothing feeds, such as the wrench at the end effector, has its start value. A value without
-    a place in the component, such as the name of a mode in an FMU, is left out.
-    """
-    motion, gains, feedback = scenario.trajectory, scenario.feedforward, scenario.controller
-    known: dict[str, dict[str, Any]] = {
-        "trajectory": {
-            "q_start": motion.q_start,
-            "q_end": motion.q_end,
-            "T": motion.T,
-            "t_start": motion.t_start,
-        },
-        "feedforward": {k: getattr(gains, k) for k in ("mode", "Lambda", "K_V", "k_vq", "k_vkappa")},
-        "controller": {
-            "K_p": feedback.K_p,
-            "K_v": feedback.K_v,
-            "tau_max": np.minimum(feedback.tau_max, NO_LIMIT),
-            "velocity": feedback.velocity,
-        },
-        "plant": {"q_0": motion.q_start},
-    }
-    groups = known.get(component, {}) | {"tolerance": scenario.tolerance}
-    free = {v.name: v.start for v in table if is_free(component, v, scenario)}
-    return (free if isinstance(table, Interface) else {}) | {
-        v.name: _cast(table, v.name, np.asarray(groups[v.group])[v.index])
-        for v in table
-        if v.group in groups and v.causality == "parameter" and _has_place(v, np.asarray(groups[v.group]))
-    }
-
-
-def _has_place(variable: Variable, value: NDArray[Any]) -> bool:
-    """Whether an element of a value can be that of a variable."""
-    inside = all(i < size for i, size in zip(variable.index, value.shape, strict=False))
-    return (
-        len(variable.index) == value.ndim and inside and (value.dtype.kind != "U" or bool(variable.choices))
-    )
-
-
-def is_free(component: str, variable: Variable, scenario: Scenario) -> bool:
+def is_free(system: SystemFile, component: str, variable: Variable) -> bool:
     """Whether a variable is an input that nothing feeds."""
-    fed = {end for targets in scenario.system.connections.values() for end in targets}
+    fed = {end for targets in system.connections.values() for end in targets}
     return variable.causality == "input" and f"{component}.{variable.group}" not in fed
 
 
-def system_values(scenario: Scenario, settings: Mapping[str, Any] | None = None) -> dict[str, Values]:
-    """All values of the components that robot, scenario and settings decide: component to variable to value.
-
-    Variables that none of them names are not in it: they keep the start values of their declaration.
-    """
-    tables = tables_of(scenario)
-    written = {
-        f"{component}.{group}": value
-        for component, section in scenario.sections.items()
-        for group, value in section.items()
-    }
-    changed = override(scenario, written | dict(settings or {}), tables)
-    values = {
-        name: robot_parameters(name, table, scenario)
-        | scenario_parameters(name, table, scenario)
-        | changed.get(name, {})
-        for name, table in tables.items()
-    }
-    if scenario.robot.limits and "plant" in values:
-        _check_start(values["plant"], scenario.robot.n)
-    return values
+def _sections(system: SystemFile, sections: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
+    """Values of sections by ``component.group``, with those of groups that share them."""
+    written = {f"{name}.{key}": value for name, section in sections.items() for key, value in section.items()}
+    for members in system.shared.values():
+        groups = [f"{component}.{group}" for component, group in members.items()]
+        given = next((written[group] for group in groups if group in written), None)
+        if given is not None:
+            written = dict.fromkeys(groups, given) | written
+    return written
 
 
-def _check_start(plant: Values, n: int) -> None:
-    """Raise UsageError for a start beyond the end stops, which would throw the link out of them."""
-    for i in range(1, n + 1):
-        q, low, high = (plant.get(f"{name}[{i}]") for name in ("q_0", "q_min", "q_max"))
-        if q is not None and low is not None and high is not None and not low <= q <= high:
-            raise UsageError(
-                f"plant.q_0[{i}]: expected a start between the end stops, {low:g} and {high:g}, got {q:g}."
-            )
-
-
-def override(
-    scenario: Scenario, settings: Mapping[str, Any], tables: Mapping[str, Variables] | None = None
+def _set_all(
+    system: SystemFile, tables: Mapping[str, Variables], settings: Mapping[str, Any]
 ) -> dict[str, Values]:
-    """Read settings such as ``controller.K_p[1]=3000``: component to variable to value.
-
-    A name without an index sets all elements: ``controller.K_p=3000``, or each of them by a list or array. An integer
-    with named values takes the name: ``feedforward.mode=vdc``. ``robot.mass[3]=3`` reaches every component that has the
-    parameter. Inputs that nothing feeds can be set too.
-
-    Raises
-    ------
-    UsageError
-        For an unknown component or variable, one that cannot be set, a value that does not fit, or another number of
-        values; with one line for each setting that is wrong.
-    """
+    """Read settings, see :func:`override`."""
     values: dict[str, Values] = {}
     problems: list[str] = []
-    known = tables_of(scenario) if tables is None else tables
     for key, value in settings.items():
         component, _, name = key.partition(".")
         reached = [component]
-        if component == "robot" and "robot" not in known:
-            reached = [
-                c for c, table in known.items() if any(name in (v.group, v.name) for v in _of_robot(table))
-            ]
+        if component == "robot" and "robot" not in tables:
+            reached = [c for c, table in tables.items() if _has_parameter(table, name)]
         try:
             if not reached:
                 raise UsageError(f"{key}: no component has a parameter {name} of the robot.")
             for one in reached:
-                values.setdefault(one, {}).update(_set(scenario, known, one, name, key, value))
+                values.setdefault(one, {}).update(_set(system, tables, one, name, key, value))
         except UsageError as error:
-            problems.append(str(error))
+            problems += str(error).splitlines()
     if problems:
-        raise UsageError("\n".join(problems))
+        raise UsageError("\n".join(dict.fromkeys(problems)))
     return values
 
 
-def _of_robot(table: Variables) -> list[Variable]:
-    """Parameters of a component that describe the robot."""
-    return [v for v in table if v.group in PARAMETERS and v.causality == "parameter"] if table.robot else []
+def _has_parameter(table: Variables, name: str) -> bool:
+    """Whether a component has a parameter of the robot."""
+    of_robot = (v for v in table if v.group in PARAMETERS and v.causality == "parameter")
+    return table.robot is not None and any(name in (v.group, v.name) for v in of_robot)
 
 
 def _set(
-    scenario: Scenario, tables: Mapping[str, Variables], component: str, name: str, key: str, value: Any
+    system: SystemFile, tables: Mapping[str, Variables], component: str, name: str, key: str, value: Any
 ) -> Values:
     """Return the values of one setting of a component."""
     if component not in tables or not name:
-        raise UsageError(f"{key}: expected unit.parameter=value with a unit of {', '.join(tables)}.")
-    table = tables[component]
-    variables = [v for v in table if name in (v.group, v.name)] or [table.find(name)]
+        raise UsageError(f"{key}: expected component.parameter, a component of {', '.join(tables)}.")
+    variables = _named(tables[component], name, key)
     for variable in variables:
-        if variable.causality != "parameter" and not is_free(component, variable, scenario):
+        if variable.causality != "parameter" and not is_free(system, component, variable):
             fed = "n output" if variable.causality == "output" else " connected input"
             raise UsageError(
                 f"{key}: {variable.name} is a{fed} of {component}; only parameters and free inputs can be set."
             )
-    return _spread(table, variables, key, value)
+    return _spread(variables, key, value)
 
 
-def start_values(unit: type[Unit], robot: Robot | None, settings: Mapping[str, Any]) -> Values:
-    """Read settings of a unit by itself, ``K_p=3000`` or ``K_p[1]=3000``: variable to value.
-
-    Raises
-    ------
-    UsageError
-        As :func:`override`.
-    """
-    table = Interface(unit, robot if unit.needs_robot() else None)
-    values: Values = {}
-    for key, value in settings.items():
-        values |= _spread(
-            table, [v for v in table if key in (v.group, v.name)] or [table.find(key)], key, value
-        )
-    return values
+def _named(table: Variables, name: str, key: str) -> list[Variable]:
+    """Variables of a name, with or without an index."""
+    found = [v for v in table if name in (v.group, v.name)]
+    if not found:
+        groups = list(dict.fromkeys(v.group for v in table if v.causality != "output"))
+        of_group = [v.name for v in table if v.group == name.partition("[")[0]]
+        raise UsageError(f"{key}: {table.name} has no {name}. {nearest(name, of_group or groups)}")
+    return found
 
 
-def _spread(table: Variables, variables: Sequence[Variable], key: str, value: Any) -> Values:
+def _spread(variables: Sequence[Variable], key: str, value: Any) -> Values:
     """Return the values of the variables of one setting."""
-    names = [variable.name for variable in variables]
     try:
-        values = spread(value, names)
+        values = spread(value, [variable.name for variable in variables])
     except ValueError as error:
         raise UsageError(f"{key}: {error}.") from None
-    return {name: _cast(table, name, one) for name, one in zip(names, values, strict=True)}
+    component = key.partition(".")[0] if "." in key else ""
+    found: Values = {}
+    problems: list[str] = []
+    for variable, one in zip(variables, values, strict=True):
+        try:
+            found[variable.name] = _cast(variable, one)
+        except ValueError as error:
+            place = key if len(variables) == 1 or np.ndim(value) == 0 else f"{component}.{variable.name}"
+            problems.append(f"{place}: {error}.")
+    if problems:
+        raise UsageError("\n".join(dict.fromkeys(problems)))
+    return found
 
 
-def _cast(table: Variables, name: str, value: Any) -> Any:
-    """Value of the variable's type from a number, a name or a text, within its limits."""
-    variable = table.find(name)
-    where = f"{table.name}.{name}"
-    unit = f" {variable.unit}" if variable.unit and variable.unit != "1" else ""
+def _cast(variable: Variable, value: Any) -> Any:
+    """Value of the variable's type from a number, a name or a text; ValueError for one that it does not have."""
     text = str(value).strip()
-    if variable.choices and text in variable.choices:
+    if text in variable.choices:
         return variable.choices.index(text)
     if variable.type == "Boolean":
         known = {"true": True, "1": True, "false": False, "0": False}
         if text.lower() not in known:
-            raise UsageError(f"{where}: expected true or false, got {text!r}.")
+            raise ValueError(f"expected true or false, got {text!r}")
         return known[text.lower()]
     try:
-        number = float(text)
+        number = math.nan if isinstance(value, bool) else float(text)
     except ValueError:
-        expected = (
-            f"one of {', '.join(variable.choices)}"
-            if variable.choices
-            else f"a number{unit and ' in' + unit}"
-        )
-        raise UsageError(f"{where}: expected {expected}, got {text!r}.") from None
-    low = -np.inf if variable.minimum is None else variable.minimum
-    high = np.inf if variable.maximum is None else variable.maximum
-    if not np.isfinite(number) or not low <= number <= high:
-        raise UsageError(f"{where}: expected a finite number from {low:g} to {high:g}{unit}, got {text}.")
+        number = math.nan
+    if number == math.inf and variable.start == NO_LIMIT:
+        return NO_LIMIT
+    problem = variable.problem(number if not math.isnan(number) else text)
+    if problem:
+        raise ValueError(problem)
     if variable.type == "Integer":
         if number != int(number):
-            raise UsageError(f"{where}: expected an integer, got {text}.")
+            raise ValueError(f"expected an integer, got {text}")
         return int(number)
     return number
+
+
+def _check_stops(tables: Mapping[str, Variables], values: Mapping[str, Values], robot: Robot) -> None:
+    """Raise UsageError for positions of joints beyond the end stops, out of which the link would be thrown."""
+    if not robot.limits:
+        return
+    problems = [
+        f"{component}.{v.name}: expected a position of joint {i + 1} between its end stops, {low:g} and {high:g}, "
+        f"got {q:g}."
+        for component, table in tables.items()
+        for v in _positions(table)
+        for (i,), q in [(v.index, values.get(component, {}).get(v.name))]
+        for low, high in [_stops(values.get(component, {}), robot, i)]
+        if q is not None and not low <= q <= high
+    ]
+    if problems:
+        raise UsageError("\n".join(problems))
+
+
+def _stops(values: Values, robot: Robot, i: int) -> tuple[float, float]:
+    low, high = (values.get(f"{name}[{i + 1}]", getattr(robot, name)[i]) for name in ("q_min", "q_max"))
+    return low, high
+
+
+def _positions(table: Variables) -> Iterable[Variable]:
+    """Parameters of a component that are positions of the joints."""
+    if isinstance(table, Interface):
+        declared = table.unit.declared
+        for v in table:
+            if v.causality == "parameter" and v.group in declared and declared[v.group].unit == "position":
+                yield v

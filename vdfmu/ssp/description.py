@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from vdfmu.errors import SspError
+from vdfmu.fmu.description3 import FMI_3_TYPES
 from vdfmu.kernel.structure import parameters
 from vdfmu.scenario import Scenario
 from vdfmu.scenario.parts import Variables, tables_of
@@ -22,7 +23,6 @@ from vdfmu.unit.variable import Variable
 __all__ = ["Binding", "Link", "ParameterSet", "Signal", "SystemDescription", "positions"]
 
 Values = Mapping[str, Mapping[str, Any]]
-_SSP_2_TYPES = {"Real": "Float64", "Integer": "Int32"}
 
 
 @dataclass(frozen=True)
@@ -122,7 +122,7 @@ class SystemDescription:
         self.name, self.description = system.name, system.description
         self.groups = system.connections
         self._shared = system.shared
-        self.tables: dict[str, Variables] = tables_of(scenario)
+        self.tables: dict[str, Variables] = tables_of(system, scenario.robot)
         self.corners = _corners(system)
         self._signals = {unit: self._signals_of(table) for unit, table in self.tables.items()}
 
@@ -139,8 +139,8 @@ class SystemDescription:
         for array in table.arrays:
             variables = table.memory[array.positions]
             if variables[0].causality in ("input", "output", "parameter"):
-                kind = variables[0].type
-                found.append(Signal(array.name, variables, array.shape, _SSP_2_TYPES.get(kind, kind)))
+                kind = FMI_3_TYPES[variables[0].type]
+                found.append(Signal(array.name, variables, array.shape, kind))
         return tuple(found)
 
     def signals(self, unit: str, kind: str) -> tuple[Signal, ...]:

@@ -9,6 +9,7 @@ from lxml import etree  # pyright: ignore[reportAttributeAccessIssue]  # lxml sh
 
 from vdfmu import __version__
 from vdfmu.engine.ssp.parse import NAMESPACES
+from vdfmu.fmu.description import number
 from vdfmu.measure import measure
 
 __all__ = ["META", "add", "add_foreign", "add_units", "number", "root", "to_bytes", "value_text"]
@@ -57,11 +58,6 @@ def add_units(parent: Any, name: str, units: Iterable[str]) -> None:
         element = add(parent, name)
         for unit in wanted:
             add(add(element, "ssc:Unit", name=unit), "ssc:BaseUnit", **measure(unit).exponents)
-
-
-def number(value: float) -> str:
-    """Shortest text of a number that reads back as the same number."""
-    return repr(float(value))
 
 
 def value_text(kind: str, value: Any) -> str:

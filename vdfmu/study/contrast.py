@@ -13,6 +13,7 @@ from vdfmu.kernel import Kernel
 from vdfmu.measure import unit_of
 from vdfmu.model import Robot
 from vdfmu.scenario import Scenario
+from vdfmu.scenario.values import group_value
 
 __all__ = ["Contrast", "contrast"]
 
@@ -77,9 +78,10 @@ def contrast(scenario: Scenario) -> Contrast:
     The two formulations share no line of code. The third variant shows one reading of Table 3: the difference
     that a gravity constant of 9.80 in place of 9.81 m/s2 makes. The other is a thousandth of the torques themselves.
     """
-    robot, motion = scenario.robot, scenario.trajectory
+    robot = scenario.robot
+    motion = [group_value(scenario, f"trajectory.{name}") for name in ("q_start", "q_end", "T", "t_start")]
     time: Floats = scenario.step * np.arange(round(scenario.stop / scenario.step) + 1, dtype=np.float64)
-    desired = [desired_motion(float(t), motion.q_start, motion.q_end, motion.T, motion.t_start) for t in time]
+    desired = [desired_motion(float(t), *motion) for t in time]
     q, q_dot, q_ddot = (
         np.array([getattr(d, name) for d in desired]) for name in ("q_d", "q_d_dot", "q_d_ddot")
     )

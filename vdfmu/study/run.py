@@ -14,21 +14,19 @@ import numpy as np
 from vdfmu import __version__
 from vdfmu.engine.algorithms import ALGORITHMS
 from vdfmu.engine.cosim import Interrupted, LogMessage, Results, simulate
-from vdfmu.engine.cosim.container import simulate_container, write_container
 from vdfmu.engine.cosim.inputs import Inputs, read_inputs
 from vdfmu.engine.cosim.master import check_coupling
 from vdfmu.engine.folder import DRAWN, SYSTEM_OUTPUTS, keep, replacing_results, write_summary
-from vdfmu.engine.ssp.read import load_ssp
 from vdfmu.errors import CosimError, UsageError
 from vdfmu.fmu.build import build_notes, choose_backend
 from vdfmu.model import Robot, load_robot
 from vdfmu.model.read import Problems
+from vdfmu.once import one_job
 from vdfmu.progress import Progress, showing
-from vdfmu.report.plots import contrast_figures, run_figures
-from vdfmu.report.signals import signals_figure
 from vdfmu.scenario import Scenario, load_scenario
 from vdfmu.scenario.check import check_step, model_notes
-from vdfmu.scenario.parts import cached_fmus, with_units
+from vdfmu.scenario.parts import cached_fmus
+from vdfmu.scenario.replace import with_units
 from vdfmu.scenario.values import system_values
 from vdfmu.ssp.description import SystemDescription
 from vdfmu.ssp.write import write_ssp
@@ -36,6 +34,7 @@ from vdfmu.study.contrast import contrast
 from vdfmu.study.reference import BLOCK, REFERENCE_OF, reference_blocks
 from vdfmu.study.summary import (
     compare,
+    compared,
     estimation_errors,
     has_signals,
     implied_gains,
@@ -49,7 +48,6 @@ __all__ = ["RUN_OUTPUTS", "prepare", "run"]
 
 RUN_OUTPUTS = (
     *SYSTEM_OUTPUTS,
-    "container.fmu",
     "system.ssp",
     *(f"figure_{number}.png" for number in (7, 8, 10, 11, 13, 14)),
     "torques.png",
@@ -107,6 +105,7 @@ def prepare(
     return scenario
 
 
+@one_job()
 def run(
     scenario: Scenario | str | os.PathLike[str],
     *,
@@ -120,7 +119,6 @@ def run(
     reference: bool = True,
     backend: str | None = None,
     fmi_version: str = "2.0",
-    container: bool = False,
     settings: Mapping[str, Any] | None = None,
     units: Mapping[str, Any] | None = None,
     inputs: Inputs = None,
@@ -152,9 +150,7 @@ def run(
     backend : "native" or "python", optional
         Kind of FMU; default native where its compiler is installed.
     fmi_version : "2.0" or "3.0", optional
-        Of the units' FMUs; Python FMUs and the container are of FMI 2.0.
-    container : bool, optional
-        Fold the native units into one FMU, ``container.fmu``, and run that. It steps them as ``jacobi`` does.
+        Of the units' FMUs; Python FMUs are of FMI 2.0.
     settings : mapping of str to value, optional
         Parameters and inputs that nothing feeds, ``{"controller.K_p[1]": 3000}``; without an index for all elements,
         one value or a list or array with one for each.
@@ -191,9 +187,9 @@ def run(
     folder = Path(out) if out is not None else Path("results") / scenario.name
     report = progress or (lambda stage, done, total: None)
     if scenario.kind == "contrast":
-        if backend is not None or container or fmi_version != "2.0":
+        if backend is not None or fmi_version != "2.0":
             raise UsageError(
-                f"scenario {scenario.name} has no units, so there is no backend, no version of FMI and no container."
+                f"scenario {scenario.name} has no units, so there is no backend and no version of FMI."
             )
         if settings or scenario.inputs:
             names = [*(settings or {}), *(table.where for table in scenario.inputs)]
@@ -203,13 +199,9 @@ def run(
         with replacing_results(folder, RUN_OUTPUTS, overwrite) as partial:
             return _run_contrast(scenario, partial)
 
-    if container and fmi_version != "2.0":
-        raise UsageError("container: holds units of FMI 2.0, got fmi_version 3.0. Leave one of them out.")
-    if backend is None and (container or fmi_version != "2.0"):
+    if backend is None and fmi_version != "2.0":
         backend = "native"
     backend = choose_backend(backend)
-    if container:
-        scenario = _for_container(scenario, backend, master)
     text_settings = {key: str(value) for key, value in (settings or {}).items()}
     values = system_values(scenario, settings)
     free = scenario.master == "iterative" or scenario.adaptive is not None
@@ -226,19 +218,16 @@ def run(
         with temporary_folder("vdfmu_fmus_") as fmus, showing(report):
             built = cached_fmus(scenario, fmus, backend, fmi_version)
             package = write_ssp(scenario, built, partial / "system.ssp", values, mixed=True)
-        if container:
-            write_container(package, partial / "container.fmu", step=scenario.step)
         report("build", 1, 1)
         summary = _head(scenario) | {
             "backend": backend,
             "fmi": fmi_version,
-            "container": container,
             "settings": text_settings,
             "warnings": warnings,
             "left_out": list(scenario.system.dropped),
         }
         try:
-            results = _simulate(scenario, package, container, report, log)
+            results = _simulate(scenario, package, report, log)
         except (CosimError, Interrupted) as error:
             keep(error, partial, summary)
             raise
@@ -255,48 +244,36 @@ def run(
         if reference:
             summary |= _references(scenario, package, values, results, report)
         if has_signals(results, *_DRAWN):
+            from vdfmu.report.plots import run_figures  # takes long to import
+
             run_figures(results.thinned(DRAWN), scenario, partial)
         else:
+            from vdfmu.report.signals import signals_figure
+
             signals_figure(results.thinned(DRAWN), partial)
         write_summary(summary, partial)
         return results
 
 
-def _for_container(scenario: Scenario, backend: str, master: str | None) -> Scenario:
-    if backend != "native":
-        raise UsageError("container: needs native FMUs; Python FMUs do not run inside one.")
-    if master not in (None, "jacobi"):
-        raise UsageError(f"container: it steps its units as jacobi does, got master {master!r}.")
-    if scenario.inputs:
-        raise UsageError("container: its inputs take values, not signals; run without container.")
-    return dataclasses.replace(scenario, master="jacobi", adaptive=None)
-
-
 def _simulate(
     scenario: Scenario,
     package: Path,
-    container: bool,
     report: Progress,
     log: Callable[[LogMessage], None] | None,
 ) -> Results:
-    stop, step = scenario.stop, scenario.step
-    stream = package.with_name("results.csv")
-
     def progress(done: int, total: int) -> None:
         report("co-simulation", done, total)
 
-    if container:
-        folded = package.with_name("container.fmu")
-        return simulate_container(
-            folded, load_ssp(package), stop=stop, step=step, progress=progress, log=log, stream=stream
-        )
     return simulate(
-        package, start=0.0, stop=stop, step=step, algorithm=scenario.master, adaptive=scenario.adaptive,
-        inputs=scenario.inputs, progress=progress, log=log, stream=stream,
+        package, start=0.0, stop=scenario.stop, step=scenario.step, algorithm=scenario.master,
+        adaptive=scenario.adaptive, inputs=scenario.inputs, progress=progress, log=log,
+        stream=package.with_name("results.csv"),
     )  # fmt: skip
 
 
 def _run_contrast(scenario: Scenario, folder: Path) -> Results:
+    from vdfmu.report.plots import contrast_figures
+
     study = contrast(scenario)
     results = study.results()
     results.summary = _head(scenario) | study.summary(dict(scenario.paper))
@@ -319,8 +296,8 @@ def _references(
     show. If that shows as well, single solutions separate: then ``separation`` says how far, and the references are
     compared by their statistics too.
     """
-    compared: dict[str, Any] = {}
-    found: dict[str, Any] = {"reference": compared}
+    differences: dict[str, Any] = {}
+    found: dict[str, Any] = {"reference": differences}
     foreign = [name for name, part in scenario.system.parts.items() if part.fmu is not None]
     if foreign:
         return {"no_reference": f"{', '.join(foreign)}: an FMU has no equations to solve here"}
@@ -330,28 +307,30 @@ def _references(
             float(np.abs(part.array("trajectory.q_d") - part.array("plant.q")).max())
             for part in results.blocks(BLOCK)
         )
+    description = SystemDescription(scenario, values)
     for key, name in _wanted(scenario):
         stage = f"{name} reference"
         report(stage, 0, 1)
         solution = reference_blocks(
             name,
-            SystemDescription(scenario, values),
+            description,
             step=scenario.step,
             stop=scenario.stop,
+            groups=compared(results),
             progress=lambda done, total, stage=stage: report(stage, done, total),
         )
         try:
-            compared[key], statistics = compare(results, solution, scenario.robot)
+            differences[key], statistics = compare(results, solution, scenario.robot)
         except UsageError as error:  # of an algebraic loop, which the run may have solved
             found["no_reference"] = str(error).rstrip(".")
             continue
         report(stage, 1, 1)
-        if len(compared) == 1 and compared[key].get("max_position_difference_rad", 0.0) > visible:
+        if len(differences) == 1 and differences[key].get("max_position_difference_rad", 0.0) > visible:
             separation = _separation(scenario, package, values, results)
             if separation > visible:
                 found["separation"] = {"change": _NUDGE, "max_position_difference_rad": separation}
         if "separation" in found:
-            compared[key] |= statistics
+            differences[key] |= statistics
     return found
 
 

@@ -13,11 +13,12 @@ from vdfmu.model import Robot
 from vdfmu.study.reference import BLOCK, REFERENCE_OF, Reference
 
 __all__ = [
-    "compare", "estimation_errors", "has_signals", "implied_gains", "power_bond", "sampling_warnings",
+    "compare", "compared", "estimation_errors", "has_signals", "implied_gains", "power_bond", "sampling_warnings",
     "tracking_errors",
 ]  # fmt: skip
 
 _SAMPLING_LIMIT = 0.5
+_COMPARED = ("plant.q", "controller.tau", "feedforward.tau_m")
 _ESTIMATES = ("tau_f_hat", "tau_s_hat")
 
 
@@ -83,6 +84,12 @@ def implied_gains(
     }
 
 
+def compared(results: Results) -> tuple[str, ...] | None:
+    """Return the groups of a reference that :func:`compare` reads; None for all outputs."""
+    needed = ("trajectory.q_d", "plant.q", "controller.tau", "controller.tau_m", "feedforward.tau_m")
+    return _COMPARED if has_signals(results, *needed) else None
+
+
 def compare(
     results: Results, reference: Iterable[Reference], robot: Robot
 ) -> tuple[dict[str, Any], dict[str, float]]:
@@ -96,9 +103,7 @@ def compare(
         Largest relative differences of a joint between the RMS errors of the run and of the reference, for loops whose
         single solutions separate, see `vdfmu.study.run`. Errors as in :func:`tracking_errors`.
     """
-    if not has_signals(
-        results, "trajectory.q_d", "plant.q", "controller.tau", "controller.tau_m", "feedforward.tau_m"
-    ):
+    if compared(results) is None:
         return _compare_all(results, reference), {}
     name, at, position, torque, before = "", 0.0, -1.0, 0.0, None
     squares = np.zeros((4, robot.n))  # of the errors of position and torque, ours and theirs
@@ -178,7 +183,7 @@ def power_bond(results: Results, robot: Robot) -> dict[str, Any]:
     dict
         ``power_bond``: for each joint ``residual_energy_j``, the sum over the rows; ``residual_energy_abs_j``, the sum
         of the absolute values; ``exchanged_energy_j``, the same of the energy that the plant took up. Empty where the
-        inputs were not recorded, as those inside a container are not.
+        inputs were not recorded.
     """
     needed = ("controller.kappa_dot[1]", "plant.tau[1]")
     if any(name not in results for name in needed):

@@ -14,9 +14,9 @@ import numpy as np
 
 from vdfmu.errors import UnitError, UsageError
 from vdfmu.model import Robot
-from vdfmu.scenario.scenario import SOLVER_TOLERANCE
 from vdfmu.unit.declaration import (
     JOINTS,
+    SOLVER_TOLERANCE,
     Declared,
     Input,
     Parameter,

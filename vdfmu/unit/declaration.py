@@ -43,6 +43,8 @@ JOINTS = _Joints()
 """Length of an axis: the number of joints, or links, of the robot."""
 
 Axis = int | _Joints
+SOLVER_TOLERANCE = 1e-7
+"""Tolerance of the plant's solver where nothing else is said, relative and absolute in SI units."""
 PHASES = ("start", "outputs", "derivatives", "update")
 """The methods of a unit: what they set is in `Declared.set_by`."""
 

@@ -10,8 +10,9 @@ import numpy.typing as npt
 from vdfmu.errors import KernelError
 from vdfmu.kernel.functions import KernelFunction
 from vdfmu.kernel.rodas import ORDER
-from vdfmu.scenario.scenario import SOLVER_TOLERANCE
+from vdfmu.unit.declaration import SOLVER_TOLERANCE
 from vdfmu.unit.evaluate import Evaluation
+from vdfmu.unit.motion import Solver
 from vdfmu.unit.trace import argument_name
 
 __all__ = ["Integrator"]
@@ -23,8 +24,8 @@ MAXIMUM_STEPS = 1_000_000
 _SAFETY, _SHRINK, _GROW = 0.9, 0.2, 5.0
 
 
-class Integrator:
-    """The solver that moves the states of a unit in its memory.
+class Integrator(Solver):
+    """The solver of FMUs.
 
     The local error of every internal step is kept below `tolerance` times (1 SI unit + the state's
     magnitude), in the root mean square over all states. Everything that decides the next step is in the memory and
@@ -42,7 +43,7 @@ class Integrator:
     """
 
     def __init__(self, unit: Evaluation) -> None:
-        self.unit = unit
+        super().__init__(unit)
         self.x = unit.x
         interface = unit.interface
         functions = interface.functions

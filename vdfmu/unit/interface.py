@@ -20,6 +20,7 @@ import numpy as np
 from vdfmu.errors import UnitError, UsageError
 from vdfmu.kernel.structure import parameters
 from vdfmu.model import Robot
+from vdfmu.once import once
 from vdfmu.unit.base import Unit, unit_name
 from vdfmu.unit.check import check_unit
 from vdfmu.unit.dependencies import patterns
@@ -97,15 +98,11 @@ class Interface:
     def __init__(
         self, unit: type[Unit], robot: Robot | None, start: Mapping[str, float] | None = None
     ) -> None:
-        if robot is None and unit.needs_robot():
-            raise UnitError(f"{unit.__name__} needs a robot, for its joints. Name one.")
-        check_unit(unit, robot)
         self.unit = unit
         self.robot = robot
-        self.variables = tuple(scalar_variables(unit, robot))
+        self.variables, derivatives = _declared(unit, robot)
         if start:
             self.variables = self._started(start)
-        derivatives = derivative_variables(unit, robot)
         N, n_x = len(self.variables), len(derivatives)
         first = next((i for i, v in enumerate(self.variables) if v.causality == "output"), N)
         self.states = slice(first, first + n_x) if n_x else slice(N, N)
@@ -153,7 +150,7 @@ class Interface:
     @cached_property
     def functions(self) -> UnitFunctions:
         """Traced functions of the unit."""
-        return UnitFunctions(self.unit, self.robot)
+        return _functions(self.unit, self.robot)
 
     @cached_property
     def program(self) -> Program:
@@ -185,7 +182,7 @@ class Interface:
         """Whether the unit has continuous states."""
         return self.states.stop > self.states.start
 
-    @property
+    @cached_property
     def is_sampled(self) -> bool:
         """Whether the unit has sampled states."""
         return any(v.variability == "discrete" for v in self)
@@ -291,12 +288,26 @@ class Interface:
         return tuple(i for i, array in enumerate(self.arrays) for _ in range(array.size))
 
     def array_description(self, array: Array) -> str:
-        """Return the description of an array: that of its elements, without what tells one from the next."""
+        """Return the description of an array: that of its elements, without their indices."""
         text = self.memory[array.first].description
         return general_description(text) if array.shape else text
 
 
+@once
+def _declared(unit: type[Unit], robot: Robot | None) -> tuple[tuple[Variable, ...], tuple[Variable, ...]]:
+    """Return the variables of a unit and the derivatives of its states; UnitError if it is declared wrongly."""
+    if robot is None and unit.needs_robot():
+        raise UnitError(f"{unit.__name__} needs a robot, for its joints. Name one.")
+    check_unit(unit, robot)
+    return tuple(scalar_variables(unit, robot)), tuple(derivative_variables(unit, robot))
+
+
+@once
+def _functions(unit: type[Unit], robot: Robot | None) -> UnitFunctions:
+    return UnitFunctions(unit, robot)
+
+
 def general_description(description: str) -> str:
-    """Return a description without what tells one variable of a group from the next."""
+    """Return a description without the index of the variable in its group."""
     text = re.sub(r"^Joint \d+: |,? axis [\d,]+$|, row \d+, column \d+$| [\d,]+$", "", description)
     return text[:1].upper() + text[1:]

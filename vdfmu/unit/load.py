@@ -11,12 +11,14 @@ from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
 
 from vdfmu.errors import UnitError, UsageError
+from vdfmu.once import once
 from vdfmu.unit.base import Unit, unit_name
 from vdfmu.unit.place import declarations
 
 __all__ = ["load_units"]
 
 
+@once
 def load_units(file: Path) -> dict[str, type[Unit]]:
     """Return the units that a Python file declares, by name. The file is run.
 
@@ -38,6 +40,8 @@ def load_units(file: Path) -> dict[str, type[Unit]]:
     folder = str(path.parent)
     before = set(sys.modules)
     sys.path.insert(0, folder)
+    # Python takes bytecode for that of a source of the same second and size
+    writes_none, sys.dont_write_bytecode = sys.dont_write_bytecode, True
     try:
         spec.loader.exec_module(module)
     except SyntaxError as error:
@@ -48,6 +52,7 @@ def load_units(file: Path) -> dict[str, type[Unit]]:
         reason = str(error) if isinstance(error, UnitError) else f"{type(error).__name__}: {error}"
         raise UnitError(f"{where}: {reason.rstrip('.')}.") from None
     finally:
+        sys.dont_write_bytecode = writes_none
         if folder in sys.path:
             sys.path.remove(folder)
         # modules beside the file are its own: another unit may have others of the same names, or these be edited

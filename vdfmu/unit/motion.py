@@ -1,17 +1,16 @@
-"""The states of a unit over time: scipy between the samples, and sampled states that change at each."""
+"""The states of a unit over time: a solver between the samples, and sampled states that change at each."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
 
 from vdfmu.unit.evaluate import Evaluation
 
-__all__ = ["TOLERANCE", "Motion", "samples"]
+__all__ = ["TOLERANCE", "Motion", "Solver", "samples"]
 
 Floats = npt.NDArray[np.float64]
 
@@ -28,42 +27,30 @@ class _RunawayError(ArithmeticError):
     """The motion has no end that can be found."""
 
 
-class Motion:
-    """Moves the states of a unit with its inputs held; from where they run away on they are not numbers.
+class Solver:
+    """Moves the states of a unit in its memory, with the inputs held.
 
-    Parameters
+    Attributes
     ----------
     unit : Evaluation
         Its memory holds inputs and states.
     start : float [s]
-        The first sample.
-    tolerance : float
-        Absolute, and relative, of scipy's solver.
-    method : "LSODA" or "DOP853"
-        For long ways and stiff equations, or for short ones.
-    rtol : float
-        Relative tolerance where it is larger.
+        Time of the first sample.
     """
 
-    def __init__(
-        self,
-        unit: Evaluation,
-        start: float = 0.0,
-        tolerance: float = TOLERANCE,
-        method: Literal["LSODA", "DOP853"] = "LSODA",
-        rtol: float = 1e-13,
-    ) -> None:
-        self.unit, self.start, self.tolerance, self._method, self._rtol = unit, start, tolerance, method, rtol
-        self.h = math.inf
-        """Last full step [s], a good first one for what comes next."""
-        self._calls = 0
+    def __init__(self, unit: Evaluation, start: float = 0.0) -> None:
+        self.unit, self.start = unit, start
 
-    def move(self, t: float, end: float) -> None:
-        """Move from `t` to `end` [s]; outputs are not calculated."""
+    def move(self, t: float, end: float, duration: float | None = None) -> None:
+        """Move from `t` to `end` [s]; outputs are not calculated.
+
+        `duration` is the step between them where the times have its rounding.
+        """
         for begin, to, sampled in samples(self.unit, self.start, t, end):
             if sampled:
                 self.sample(begin)
-            self.advance(begin, to - begin)
+            whole = (begin, to) == (t, end)
+            self.advance(begin, duration if duration is not None and whole else to - begin)
         self.unit.memory[-1] = end
 
     def sample(self, t: float) -> None:
@@ -72,17 +59,39 @@ class Motion:
         self.unit.update()
 
     def advance(self, t: float, duration: float) -> None:
-        """Move the continuous states by `duration` [s]."""
+        """Move the continuous states from `t` by `duration` [s]."""
+        raise NotImplementedError
+
+
+class Motion(Solver):
+    """Moves the states by scipy; from where they run away on they are not numbers.
+
+    Parameters
+    ----------
+    unit, start : see :class:`Solver`
+    tolerance : float
+        Absolute, and relative, of scipy's solver.
+    """
+
+    def __init__(self, unit: Evaluation, start: float = 0.0, tolerance: float = TOLERANCE) -> None:
+        super().__init__(unit, start)
+        self.tolerance = tolerance
+        self.h = math.inf
+        """Last full step [s], a good first one for what comes next."""
+        self._calls = 0
+
+    def advance(self, t: float, duration: float) -> None:
+        """Move the continuous states from `t` by `duration` [s]."""
         if not self.unit.x.size or not np.isfinite(self.unit.x).all():
             return
-        from scipy import integrate  # takes half a second to import
+        from scipy.integrate import LSODA  # takes a third of a second to import
 
         self._calls = 0
         first = min(self.h, duration) if self.h < math.inf else None
         try:
-            solver = getattr(integrate, self._method)(
+            solver = LSODA(
                 self._rate, t, self.unit.x.copy(), t + duration,
-                rtol=max(self.tolerance, self._rtol), atol=self.tolerance, first_step=first,
+                rtol=max(self.tolerance, 1e-13), atol=self.tolerance, first_step=first,
             )  # fmt: skip
             while solver.status == "running":
                 if solver.step() is not None:

@@ -7,21 +7,36 @@ import inspect
 from collections.abc import Iterator
 from pathlib import Path
 
-__all__ = ["declarations", "place"]
+__all__ = ["declarations", "place", "shown", "source_file"]
+
+
+def source_file(unit: type) -> Path | None:
+    """Return the file of a unit; None for one that was typed in."""
+    try:
+        file = Path(inspect.getsourcefile(unit) or "")
+    except (OSError, TypeError):
+        return None
+    return file if file.is_file() else None
+
+
+def shown(unit: type) -> str:
+    """Return the file of a unit, from the current folder where it lies in it; the name of one that was typed in."""
+    file = source_file(unit)
+    if file is None:
+        return unit.__name__
+    return str(file.relative_to(Path.cwd()) if file.is_relative_to(Path.cwd()) else file)
 
 
 def place(unit: type, name: str = "") -> str:
     """Return file and line, ``my_unit.py, line 7``, of a variable or method of a unit; without a name, of its class."""
     owner = next((c for c in unit.__mro__ if name in vars(c)), unit) if name else unit
-    try:
-        file = inspect.getsourcefile(owner) or ""
-        source = Path(file).read_text(encoding="utf-8")
-    except (OSError, TypeError, ValueError):  # typed in, not read from a file
+    file = source_file(owner)
+    if file is None:
         return unit.__name__
-    for line, declared in declarations(source, owner.__name__):
+    for line, declared in declarations(file.read_text(encoding="utf-8"), owner.__name__):
         if declared == name:
-            return f"{file}, line {line}"
-    return file
+            return f"{shown(owner)}, line {line}"
+    return shown(owner)
 
 
 def declarations(source: str, class_name: str) -> Iterator[tuple[int, str]]:

@@ -8,7 +8,6 @@ name is ``own_x`` there.
 
 from __future__ import annotations
 
-import inspect
 from dataclasses import dataclass
 from functools import cached_property
 from hashlib import sha256
@@ -28,6 +27,7 @@ from vdfmu.scalar.elimination import factorize, solve
 from vdfmu.scalar.symbol import from_sx, to_sx
 from vdfmu.unit.base import Unit, unit_name
 from vdfmu.unit.declaration import PHASES
+from vdfmu.unit.place import shown, source_file
 from vdfmu.unit.trace import Leaf, SymbolicWatch, argument_name, leaves, run, state_slices
 from vdfmu.unit.variable import scalar_variables
 
@@ -163,21 +163,21 @@ class UnitFunctions(Functions):
         UnitError
             If one of them cannot be read.
         """
-        try:
-            path = Path(inspect.getsourcefile(self.unit) or "")
-        except (TypeError, OSError):  # a class that was typed in
-            path = Path()
-        if not path.is_file() and self.unit.backend == "native":
-            return {}
+        path = source_file(self.unit)
+        if path is None:
+            if self.unit.backend == "native":
+                return {}
+            raise UnitError(
+                f"{self.unit.__name__}: a Python FMU carries the file of its unit, and this one has none."
+            )
         found: dict[str, bytes] = {}
-        for name, file in {
-            "unit.py": path,
-            **{name: path.with_name(name) for name in self.unit.files},
-        }.items():
+        for name in ("unit.py", *self.unit.files):
             try:
-                found[name] = file.read_bytes()
+                found[name] = (path if name == "unit.py" else path.with_name(name)).read_bytes()
             except OSError as error:
-                raise UnitError(f"{path}: files: {name} cannot be read: {error.strerror}.") from None
+                raise UnitError(
+                    f"{shown(self.unit)}: files: {name} cannot be read: {error.strerror}."
+                ) from None
         return found
 
     def made(self, name: str) -> ca.Function:

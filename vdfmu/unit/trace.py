@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import inspect
 import re
 import traceback
 from collections.abc import Iterator, Mapping
-from pathlib import Path
 from typing import Any, NoReturn
 
 import casadi as ca
@@ -17,7 +15,7 @@ from vdfmu.kernel.structure import symbolic_robot
 from vdfmu.scalar.symbol import SymbolArray, from_sx, to_sx
 from vdfmu.unit.base import Unit
 from vdfmu.unit.declaration import Choice, Declared, Derivative, Output, Sampled, State, Switch
-from vdfmu.unit.place import place
+from vdfmu.unit.place import place, shown, source_file
 
 __all__ = ["Leaf", "SymbolicWatch", "argument_name", "leaves"]
 
@@ -328,26 +326,16 @@ def run(unit: Unit, phase: str, watch: Any) -> Any:
 
 
 _WAY_OUT = (
-    " Write it with arithmetic, elementwise functions of numpy and those of vdfmu.unit; or write "
-    'backend = "python" in the class, and its FMU runs the method in Python.'
+    " Write it with arithmetic, elementwise functions of numpy, and where(condition, a, b), clip, minimum, maximum or "
+    'sgn of vdfmu.unit; or write backend = "python" in the class, and its FMU runs the method in Python.'
 )
 
 
 def _fail(unit: Unit, phase: str, error: Exception, reason: str, symbols: bool = False) -> NoReturn:
-    file = _file(type(unit))
-    lines = [
-        frame.lineno
-        for frame in traceback.extract_tb(error.__traceback__)
-        if frame.filename == inspect.getsourcefile(type(unit))
-    ]
-    where = f"{file}, line {lines[-1]}" if lines else file
+    file = str(source_file(type(unit)))
+    lines = [frame.lineno for frame in traceback.extract_tb(error.__traceback__) if frame.filename == file]
+    where = f"{shown(type(unit))}, line {lines[-1]}" if lines else shown(type(unit))
     what = "cannot be traced" if symbols else "fails"
     raise UnitError(
         f"{where}: {phase}() of {type(unit).__name__} {what}: {reason}.{_WAY_OUT if symbols else ''}"
     ) from None
-
-
-def _file(unit: type[Unit]) -> str:
-    """Return the file of a unit, from the current folder where it lies in it."""
-    file = Path(inspect.getsourcefile(unit) or unit.__name__)
-    return str(file.relative_to(Path.cwd()) if file.is_relative_to(Path.cwd()) else file)

@@ -76,11 +76,12 @@ class Variable:
 
     def problem(self, value: Any) -> str | None:
         """Return what is wrong with a value, as ``expected .., got ..``; None if nothing."""
+        unit = f" {self.unit}" if self.unit and self.unit != "1" else ""
         try:
             value = float(value)
         except (TypeError, ValueError):
-            return f"expected a number, got {value!r}"
-        unit = f" {self.unit}" if self.unit and self.unit != "1" else ""
+            names = " or ".join(self.choices)
+            return f"expected {names or 'a number' + (unit and ' in' + unit)}, got {value!r}"
         low, high = self.minimum, self.maximum
         if self.choices:
             if value in range(len(self.choices)):

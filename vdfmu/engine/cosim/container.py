@@ -6,20 +6,17 @@ the outputs at the start of the step (Jacobi), at one fixed step. Its variables 
 
 from __future__ import annotations
 
-import dataclasses
 import math
 import os
-import re
 import uuid
 import zipfile
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
 import fmpy
 import fmpy.model_description as fmi
-import numpy as np
 from fmpy.container_fmu.cli import create_container_fmu
 from fmpy.container_fmu.config import Component, Configuration, Connection
 from fmpy.model_description import read_model_description
@@ -29,20 +26,15 @@ from vdfmu.engine.cosim.check import check_system
 from vdfmu.engine.cosim.checked import Checked
 from vdfmu.engine.cosim.description import Description, Value
 from vdfmu.engine.cosim.link import Link
-from vdfmu.engine.cosim.master import Interrupted, simulate
-from vdfmu.engine.cosim.messages import LogMessage, log_to_logging
-from vdfmu.engine.cosim.results import Results
 from vdfmu.engine.cosim.schedule import cycles, topological
 from vdfmu.engine.ssp.archive import Archive
 from vdfmu.engine.ssp.read import load_ssp
-from vdfmu.engine.ssp.structure import Component as Component_
-from vdfmu.engine.ssp.structure import Connection as Connection_
-from vdfmu.engine.ssp.structure import Parameter, System
-from vdfmu.errors import CosimError, FmuError, UsageError
+from vdfmu.engine.ssp.structure import System
+from vdfmu.errors import FmuError, UsageError
 from vdfmu.files import pack_zip
 from vdfmu.temporary import temporary_folder
 
-__all__ = ["simulate_container", "write_container"]
+__all__ = ["write_container"]
 
 _NAME = "container"
 
@@ -241,105 +233,3 @@ def _model(
 
 def _text(value: Value) -> str:
     return str(value).lower() if isinstance(value, bool) else str(value)
-
-
-def simulate_container(
-    container: str | os.PathLike[str],
-    system: System,
-    *,
-    stop: float,
-    step: float,
-    progress: Callable[[int, int], None] | None = None,
-    log: Callable[[LogMessage], None] | None = None,
-    stream: Path | None = None,
-) -> Results:
-    """Run a container FMU under the master and name its signals as those of its units.
-
-    Parameters
-    ----------
-    container : path
-        Of :func:`write_container`.
-    system : System
-        What is in it.
-    stop, step : float [s]
-        End of the run, and the container's step or a multiple.
-    progress, log, stream : optional
-        As in :func:`vdfmu.engine.cosim.simulate`. In the stream the signals have the names of the container's until
-        the end.
-
-    Returns
-    -------
-    Results
-        As of a ``jacobi`` run of the system; at a multiple of the container's step without the units' inputs.
-
-    Raises
-    ------
-    SspError, UsageError, CosimError, Interrupted
-        As :func:`vdfmu.engine.cosim.simulate`.
-    """
-    container = Path(container)
-    description = read_model_description(str(container))
-    experiment = description.defaultExperiment
-    inside = float((experiment and experiment.stepSize) or step)  # FMI 2.0 has no other place for it
-    if abs(step / inside - round(step / inside)) > 1e-9 * step / inside or step < 0.5 * inside:
-        raise UsageError(f"step: expected a multiple of the container's step {inside:g} s, got {step:g} s.")
-    member = f"resources/{container.name}"
-    links = system.connections if step < 1.5 * inside else ()
-    with temporary_folder("vdfmu_container_") as folder:
-        package = Path(folder) / f"{container.stem}.ssp"
-        pack_zip(package, {member: container.read_bytes()})
-        # nothing feeds its inputs, as nothing feeds those of the units inside: they keep the values of the system
-        free = tuple(
-            Parameter(_NAME, v.name, float(v.start or 0.0), v.type, None, (), container.name)
-            for v in description.modelVariables
-            if v.causality == "input" and v.type == "Real"
-        )
-        only = Component_(_NAME, member, "CoSimulation", {}, free)
-        folded = System(package, container.stem, (only,), (), {})
-
-        def say(message: LogMessage) -> None:
-            text = message.text.replace(f"{_NAME}.", "", 1)
-            (log or log_to_logging)(dataclasses.replace(message, text=text))
-
-        def unfold(folded: Results) -> Results:
-            results = _unfold(folded, links)
-            if stream is not None:
-                results.to_csv(stream)
-            return results
-
-        try:
-            results = simulate(
-                folded, start=0.0, stop=stop, step=step, algorithm="jacobi", progress=progress, log=say,
-                isolate=False, stream=stream,
-            )  # fmt: skip
-        except (CosimError, Interrupted) as error:
-            if error.results is not None:
-                error.results = unfold(error.results)
-            if isinstance(error, CosimError):
-                raise _of_unit(error) from None
-            raise
-    return unfold(results)
-
-
-def _of_unit(error: CosimError) -> CosimError:
-    """Return the error of the unit in the container that failed, where it named itself."""
-    named = re.fullmatch(
-        r"(?:\[.+?\] )?([^:]+): (\w+)(?: at t = \S+ s)? failed: (.*)", error.reason, re.DOTALL
-    )
-    unit, call, reason = named.groups() if named else (error.unit, error.call, error.reason)
-    return CosimError(unit, call, error.time, reason, error.results)
-
-
-def _unfold(results: Results, links: Sequence[Connection_]) -> Results:
-    """Give the signals the names of the units', and add what the inputs at the end of `links` were.
-
-    In a step the container feeds each input with the output at its start.
-    """
-    outputs = results.renamed(lambda name: name.removeprefix(f"{_NAME}."))
-    before = np.maximum(np.arange(len(results)) - 1, 0)
-    inputs = {
-        ".".join(c.end): (outputs[source][before], outputs.units[source])
-        for c in links
-        if (source := ".".join(c.start)) in outputs
-    }
-    return outputs.with_reals(inputs)

@@ -76,7 +76,7 @@ class Course:
     """
 
     def __init__(self, t: Floats, values: Floats, held: bool) -> None:
-        self.held, self._t, self._values = held, t, values
+        self.held, self.t, self.values = held, t, values
         self.tolerance = _CLOSE * float(np.abs(t).max())
         """Difference [s] within which a time is that of a row."""
         change, least = np.diff(values, axis=0), 0.0
@@ -89,7 +89,7 @@ class Course:
 
     def at(self, time: float) -> Floats:
         """Return the values (n,) at a time."""
-        t, values = self._t, self._values
+        t, values = self.t, self.values
         i = int(t.searchsorted(time + self.tolerance, "right")) - 1
         if i < 0:
             return values[0]

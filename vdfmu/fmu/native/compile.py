@@ -40,7 +40,7 @@ _INCLUDE = re.compile(rb'^\s*#\s*include\s*["<]([^">]+)[">]', re.MULTILINE)
 
 
 def native_available() -> bool:
-    """Tell whether native FMUs can be built, and run, here: whether the compiler is installed."""
+    """Whether native FMUs can be built and run here: whether the compiler is installed."""
     try:
         this_platform()
         _zig()
@@ -277,20 +277,22 @@ class _Workshop:
         if self._stopped:
             self._stop()
         try:
-            _, said = process.communicate()
+            _, output = process.communicate()
         finally:
             self._running.discard(process)
         if process.returncode == 0:
             return
-        words = said.decode("utf-8", "replace")
+        words = output.decode("utf-8", "replace")
         full = "NoSpaceLeft" in words or "No space left" in words
         spare = str(self._folder / "zig_support")
         if full and environment["ZIG_GLOBAL_CACHE_DIR"] != spare:  # without the cache it only takes longer
             self._environment = self._environment | {"ZIG_GLOBAL_CACHE_DIR": spare}
             return self._run(job, place, what, arguments)
-        told = "\n".join(line for line in words.splitlines() if line and not line.startswith("warning(zcu)"))
+        errors = "\n".join(
+            line for line in words.splitlines() if line and not line.startswith("warning(zcu)")
+        )
         hint = f" {_ROOM}" if full else ""
-        raise FmuError(f"{job.name} for {job.platform}: {what} cannot be compiled:\n{told}{hint}")
+        raise FmuError(f"{job.name} for {job.platform}: {what} cannot be compiled:\n{errors}{hint}")
 
     def _stop(self) -> None:
         self._stopped = True

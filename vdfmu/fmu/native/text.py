@@ -5,7 +5,7 @@ from __future__ import annotations
 import textwrap
 from collections.abc import Iterable
 
-__all__ = ["array", "cell", "comment", "fields", "integer", "number", "string"]
+__all__ = ["array", "cell", "comment", "fields", "string"]
 
 WIDTH = 110
 
@@ -28,16 +28,6 @@ def string(text: str) -> str:
         else:
             found.append(f"\\{byte:03o}")
     return f'"{"".join(found)}"'
-
-
-def number(value: float) -> str:
-    """Shortest floating literal that reads back as the same number."""
-    return repr(float(value))
-
-
-def integer(value: int) -> str:
-    """Integer literal."""
-    return str(int(value))
 
 
 def cell(*values: object) -> str:

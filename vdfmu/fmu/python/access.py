@@ -37,5 +37,5 @@ def writer(memory: npt.NDArray[np.float64], vrs: list[int]) -> Write:
 
 
 def _consecutive(vrs: list[int]) -> bool:
-    """Tell whether references count up by one: they are a slice of the memory then."""
+    """Whether references count up by one, and so are a slice of the memory."""
     return bool(vrs) and vrs == list(range(vrs[0], vrs[0] + len(vrs)))

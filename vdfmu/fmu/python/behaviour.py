@@ -14,7 +14,7 @@ from vdfmu.model import check_robot
 from vdfmu.unit.evaluate import Traced, evaluation
 from vdfmu.unit.integrator import Integrator
 from vdfmu.unit.interface import Interface
-from vdfmu.unit.motion import Motion, samples
+from vdfmu.unit.motion import Motion
 
 __all__ = ["Behaviour", "robot_problems"]
 
@@ -35,10 +35,9 @@ class Behaviour:
         self.interface = interface
         self.memory = memory
         self._unit = evaluation(interface, memory)
-        self._start = 0.0
-        self._solver: Integrator | Motion | None = None
-        if interface.has_states:
-            self._solver = Integrator(self._unit) if isinstance(self._unit, Traced) else Motion(self._unit)
+        own = interface.has_states and isinstance(self._unit, Traced)
+        self._solver = Integrator(self._unit) if own else Motion(self._unit)
+        self._saved = ("start", "h", "tolerance") if interface.has_states else ("start",)
 
     def check(self) -> list[str]:
         """Problems of the parameter values together; those of each alone are checked when they are set."""
@@ -49,11 +48,11 @@ class Behaviour:
 
         `tolerance` is that of the experiment; the smaller of it and the parameter holds.
         """
-        if self._solver is not None:
+        if self.interface.has_states:
             own = float(self._unit.group("tolerance")[0])
             self._solver.tolerance = own if tolerance is None else min(own, tolerance)
             self._solver.h = 1e-4
-        self._start = self.memory[-1] = t
+        self._solver.start = self.memory[-1] = t
         self._unit.start()
 
     def outputs(self, t: float) -> None:
@@ -68,36 +67,24 @@ class Behaviour:
         """
         before = self.memory.copy()
         try:
-            for begin, end, sampled in samples(self._unit, self._start, t, t + duration):
-                if sampled:
-                    self.memory[-1] = begin
-                    self._unit.update()
-                if self._solver is not None:
-                    whole = (
-                        begin == t and end == t + duration
-                    )  # whose difference has the rounding of the time
-                    self._solver.advance(begin, duration if whole else end - begin)
-                    if not np.isfinite(self._unit.x).all():
-                        raise KernelError(
-                            f"the states are not finite before t = {end:.9g} s. Check the parameters."
-                        )
-            self.outputs(t + duration)
+            self._solver.move(t, t + duration, duration)
+            if self._unit.x.size and not np.isfinite(self._unit.x).all():
+                raise KernelError(
+                    f"the states are not finite before t = {t + duration:.9g} s. Check the parameters."
+                )
+            self._unit.outputs()
         except (KernelError, UnitError) as error:
             self.memory[:] = before
             raise FmuError(str(error)) from None
 
     def state(self) -> Any:
         """Everything beyond the variables that decides the future, JSON-able."""
-        solver = self._solver
-        return {"start": self._start} | ({"h": solver.h, "tolerance": solver.tolerance} if solver else {})
+        return {name: getattr(self._solver, name) for name in self._saved}
 
     def restore(self, state: Any) -> None:
         """Take a state of :meth:`state` back; raise and change nothing if it is none."""
-        solver = self._solver
-        h, tolerance = (float(state["h"]), float(state["tolerance"])) if solver else (0.0, 0.0)
-        self._start = float(state["start"])
-        if solver:
-            solver.h, solver.tolerance = h, tolerance
+        for name, value in {name: float(state[name]) for name in self._saved}.items():
+            setattr(self._solver, name, value)
 
 
 def robot_problems(interface: Interface, memory: Floats) -> list[str]:

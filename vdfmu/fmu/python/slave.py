@@ -69,7 +69,7 @@ class UnitSlave(Fmi2Slave):
 
     unit: ClassVar[str] = ""
     log_categories = LOG_CATEGORIES
-    # what an instance that the wrapper has released says of itself, should it be called again
+    # of an instance that the wrapper has released, should it be called again
     instance_name, phase, time = "a unit that is free", "freed", 0.0
 
     def __init__(self, **kwargs: Any) -> None:
@@ -346,9 +346,7 @@ class UnitSlave(Fmi2Slave):
             phase, stale = _PHASES[known["phase"]], bool(known["stale"])
             times = known["time"], known["start_time"], known["experiment_tolerance"]
             memory = np.array(known["memory"], dtype=float).reshape(len(self._memory))
-            self._behaviour.restore(
-                known["behaviour"]
-            )  # the last that may fail: till here nothing is changed
+            self._behaviour.restore(known["behaviour"])  # the last that may fail: nothing has changed yet
         except (LookupError, TypeError, ValueError) as error:
             raise FmuError(f"the state is damaged: {type(error).__name__}: {error}.") from None
         self._memory[:] = memory

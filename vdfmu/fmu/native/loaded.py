@@ -1,0 +1,47 @@
+"""Compiled functions in this process: what is fast enough for a solver or a loop of Python."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from ctypes import CDLL
+from pathlib import Path
+from typing import TypeVar
+
+from vdfmu.fmu.native.compile import compile_library
+from vdfmu.fmu.native.platforms import PLATFORMS, this_platform
+from vdfmu.temporary import temporary_folder
+
+__all__ = ["SHOWN", "loaded"]
+
+_Library = TypeVar("_Library", bound=CDLL)
+
+SHOWN = """#ifdef _WIN32
+#define SHOWN __declspec(dllexport)
+#else
+#define SHOWN __attribute__((visibility("default")))
+#endif
+"""
+"""C text that defines the mark of functions that Python is to find."""
+
+
+def loaded(files: Mapping[str, bytes], name: str, kind: type[_Library] = CDLL) -> _Library:
+    """Compile C files, or take their library from the cache, and load it.
+
+    Parameters
+    ----------
+    files : mapping of str to bytes
+    name : str
+        Of the library.
+    kind : type
+        `CDLL`, whose functions run beside other threads, or `PyDLL` for those that take less time than that change.
+
+    Raises
+    ------
+    FmuError
+        If there is no compiler, or no room.
+    """
+    library = compile_library(files, this_platform(), name=name)
+    with temporary_folder("vdfmu_library_") as folder:
+        path = Path(folder) / f"{name}{PLATFORMS[this_platform()].suffix}"
+        path.write_bytes(library)
+        return kind(str(path))

@@ -1,0 +1,61 @@
+"""Other units for some components of a scenario's system."""
+
+from __future__ import annotations
+
+import dataclasses
+import os
+from collections.abc import Mapping
+from typing import Any
+
+from vdfmu.errors import UsageError
+from vdfmu.scenario.parts import tables_of
+from vdfmu.scenario.scenario import Scenario
+from vdfmu.scenario.values import section_values
+
+__all__ = ["with_units"]
+
+
+def with_units(scenario: Scenario, units: Mapping[str, Any]) -> Scenario:
+    """Return the scenario with other units for some components, without the connections and values that these lack.
+
+    Raises
+    ------
+    UsageError, UnitError
+        For a name that is not that of a component, or what is no unit.
+    """
+    system, parts = scenario.system, dict(scenario.system.parts)
+    for name, unit in units.items():
+        if name not in parts:
+            raise UsageError(
+                f"units: the system {system.name} has no component {name!r}. There are: {', '.join(parts)}."
+            )
+        value = unit if isinstance(unit, type) else os.fspath(unit)
+        parts[name] = dataclasses.replace(parts[name], unit=value)
+    system = dataclasses.replace(system, parts=parts)
+    tables = tables_of(system, scenario.robot, units)
+    has = {
+        name: {(v.group, v.causality) for v in table if v.causality in ("input", "output")}
+        for name, table in tables.items()
+    }
+
+    def lacks(signal: str, causality: str) -> bool:
+        component, _, group = signal.partition(".")
+        return component in has and (group, causality) not in has[component]
+
+    kept: dict[str, list[str]] = {}
+    dropped: list[str] = []
+    for source, targets in system.connections.items():
+        for target in targets:
+            if lacks(source, "output") or lacks(target, "input"):
+                dropped.append(f"{source} -> {target}")
+            else:
+                kept.setdefault(source, []).append(target)
+    written = section_values(scenario.system, scenario.robot, scenario.sections)
+    sections = dict(scenario.sections)
+    for name, table in tables.items():
+        sections[name] = {v: value for v, value in written.get(name, {}).items() if v in table.reference}
+    return dataclasses.replace(
+        scenario,
+        system=dataclasses.replace(system, connections=kept, dropped=tuple(dropped)),
+        sections=sections,
+    )

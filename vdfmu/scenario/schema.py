@@ -1,0 +1,176 @@
+"""JSON schemas of the TOML files, from which editors complete names and mark what is wrong.
+
+They are made from the tables that the files are read by. Some conditions are the readers' alone: those between values,
+such as ``f_s >= f_c``, and the number of joints.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from vdfmu.engine.algorithms import ALGORITHMS
+from vdfmu.model.parameters import PARAMETERS, Row, Section, section
+from vdfmu.model.robot import FRICTION_ARRANGEMENTS, JOINT_TYPES
+from vdfmu.scenario.load import load_system
+from vdfmu.scenario.parts import units_of
+from vdfmu.scenario.scenario import FACTOR_FIELDS, KINDS
+from vdfmu.scenario.scenario_file import PAPER_LISTS
+from vdfmu.unit.base import Unit
+from vdfmu.unit.declaration import Choice, Declared, Input, Parameter, Switch
+
+__all__ = ["robot_schema", "scenario_schema", "system_schema"]
+
+Schema = dict[str, Any]
+_TEXT: Schema = {"type": "string"}
+_SIGNAL: Schema = {"type": "string", "pattern": r"^[^.]+\.[^.]+$"}
+
+
+def robot_schema() -> Schema:
+    """Return the schema of a robot file."""
+    payload = _table(_rows("payload"), _required("payload"))
+    parts: tuple[Section, ...] = ("link", "drive", "friction", "limits")
+    tables = {part: _table(_rows(part), _required(part)) for part in parts}
+    joint = _table(
+        {"type": {"enum": list(JOINT_TYPES)}} | _rows("joint") | tables,
+        ["type", *_required("joint"), "link", "drive", "friction"],
+    )
+    keys: Schema = {
+        "name": _TEXT,
+        "description": _TEXT,
+        "friction": {"enum": list(FRICTION_ARRANGEMENTS)},
+        "rotor_coupling": {"type": "boolean"},
+        "payload": payload,
+        "joints": {"type": "array", "minItems": 1, "items": joint},
+        "sources": {"type": "object", "description": "Key of this file to where its number is from"},
+    }
+    return _file("Robot of vdfmu", keys | _rows("robot"), ["name", *_required("robot"), "joints"])
+
+
+def scenario_schema(system: str = "system") -> Schema:
+    """Return the schema of a scenario file, with the sections of the components of a system.
+
+    Parameters
+    ----------
+    system : str
+        Name of a shipped one, or path of a TOML file.
+    """
+    file = load_system(system)
+    positive: Schema = {"type": "number", "exclusiveMinimum": 0}
+    share: Schema = positive | {"exclusiveMaximum": 1}
+    factors = {name: _one_or_more(positive) for name in FACTOR_FIELDS}
+    paper: Schema = {"source": _TEXT} | {
+        name: _list({"type": "number", "minimum": 0}) for name in PAPER_LISTS
+    }
+    sections: Schema = {name: {"type": "object"} for name in file.parts}  # of an FMU of any tool: what it has
+    sections |= {name: _table(_values(unit), []) for name, unit in units_of(file).items()}
+    keys: Schema = {
+        "name": _TEXT,
+        "description": _TEXT,
+        "kind": {"enum": list(KINDS)},
+        "system": _TEXT,
+        "robot": _TEXT,
+        "friction": {"enum": list(FRICTION_ARRANGEMENTS)},
+        "stop": positive | {"description": "End of the run [s]"},
+        "step": positive | {"description": "Communication step [s]"},
+        "master": {"enum": list(ALGORITHMS)},
+        "adaptive": share | {"description": "Largest relative error of a coupled signal in a step"},
+        "tolerance": share | {"description": "Tolerance of the solvers"},
+        "inputs": _TEXT | {"description": "CSV file of signals for inputs that nothing is connected to"},
+        "input_hold": {"type": "boolean", "description": "Hold these until the next row"},
+        "plant_factors": _table(factors, []),
+        "paper": _table(paper, []),
+    }
+    return _file("Scenario of vdfmu", sections | keys, ["name", "kind", "robot", "stop", "step"])
+
+
+def system_schema() -> Schema:
+    """Return the schema of a system file."""
+    box = {"type": "array", "items": {"type": "number"}, "minItems": 4, "maxItems": 4}
+    part = {"anyOf": [_TEXT, box, _table({"unit": _TEXT, "box": box}, [])]}
+    keys: Schema = {
+        "extends": _TEXT,
+        "name": _TEXT,
+        "description": _TEXT,
+        "units": {"type": "object", "additionalProperties": part},
+        "shared": {"type": "object", "additionalProperties": {"type": "object", "additionalProperties": _TEXT}},
+        "connections": {
+            "type": "object", "propertyNames": _SIGNAL,
+            "additionalProperties": {"anyOf": [_SIGNAL, _list(_SIGNAL)]},
+        },
+    }  # fmt: skip
+    return _file("System of vdfmu", keys, [])
+
+
+def _file(title: str, properties: Mapping[str, Any], required: Sequence[str]) -> Schema:
+    return {
+        "$schema": "http://json-schema.org/draft-07/schema#",
+        "title": title,
+        **_table(properties, required),
+    }
+
+
+def _table(properties: Mapping[str, Any], required: Sequence[str]) -> Schema:
+    return {
+        "type": "object", "properties": dict(properties), "required": list(required), "additionalProperties": False,
+    }  # fmt: skip
+
+
+def _list(items: Schema) -> Schema:
+    return {"type": "array", "items": items}
+
+
+def _one_or_more(item: Schema) -> Schema:
+    """Return the schema of one value for all elements, or a list of them."""
+    return {"anyOf": [item, _list(item)]}
+
+
+def _rows(part: Section) -> Schema:
+    return {row.key: _row(row) for row in section(part)}
+
+
+def _required(part: Section) -> list[str]:
+    return [row.key for row in section(part) if row.default is None]
+
+
+def _row(row: Row) -> Schema:
+    """Return the schema of a parameter of the robot."""
+    smallest = -row.largest if row.smallest is None else row.smallest
+    number: Schema = {"type": "number", "minimum": smallest, "maximum": row.largest}
+    units = dict.fromkeys(row.unit(joint) for joint in JOINT_TYPES)
+    text: Schema = {"description": f"{row.description} [{' or '.join(units)}]"}
+    if row.default is not None:
+        text["default"] = row.default
+    shaped = number
+    for size in reversed(row.shape):
+        shaped = {"type": "array", "items": shaped, "minItems": size, "maxItems": size}
+    if row.fold == "inertia":
+        moments = {"type": "array", "items": number, "minItems": 3, "maxItems": 3}
+        return text | {"anyOf": [number, moments, shaped]}
+    return text | shaped
+
+
+def _values(unit: type[Unit]) -> Schema:
+    """Return the schema of what a scenario can set of a unit: its parameters and inputs."""
+    found = {
+        d.name: _declared(d)
+        for d in unit.declared.values()
+        if isinstance(d, (Parameter, Choice, Switch, Input))
+    }
+    if unit.robot_fields is None:
+        return found
+    names = unit.robot_fields or PARAMETERS
+    return {name: {"description": PARAMETERS[name].description} for name in names} | found
+
+
+def _declared(declared: Declared) -> Schema:
+    text = declared.text if isinstance(declared.text, str) else "; ".join(dict.fromkeys(declared.text))
+    unit = declared.unit if isinstance(declared.unit, str) else ", ".join(declared.unit)
+    if isinstance(declared, Choice):
+        return {"description": text, "enum": list(declared.choices)}
+    if isinstance(declared, Switch):
+        return {"description": text, "type": "boolean"}
+    number: Schema = {"type": "number"}
+    number |= {} if declared.minimum is None else {"minimum": declared.minimum}
+    number |= {} if declared.maximum is None else {"maximum": declared.maximum}
+    return {"description": f"{text} [{unit}]", **(_one_or_more(number) if declared.shape else number)}

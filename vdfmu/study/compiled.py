@@ -1,0 +1,114 @@
+"""Actions of a system as compiled functions, from the C of the traced functions that native FMUs are made of."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from ctypes import PyDLL, c_double, c_void_p
+from functools import partial
+
+import casadi as ca
+
+from vdfmu.errors import FmuError, KernelError
+from vdfmu.fmu.native.compile import native_available
+from vdfmu.fmu.native.generate import kernel_source
+from vdfmu.fmu.native.loaded import SHOWN, loaded
+from vdfmu.kernel.c_code import c_prototype
+from vdfmu.study.wired import Action, Carry, Clock, Run, System
+from vdfmu.unit.evaluate import Traced
+from vdfmu.unit.program import Call
+from vdfmu.unit.trace import argument_name
+
+__all__ = ["runs", "sources"]
+
+
+def runs(
+    system: System, lists: Mapping[str, Sequence[Action]], files: Mapping[str, bytes] | None
+) -> dict[str, Run]:
+    """Return what runs each list of actions.
+
+    Parameters
+    ----------
+    system : System
+    lists : mapping of str to actions
+    files : mapping of str to bytes, or None
+        Their :func:`sources`. Without them, or the compiler, the actions run in Python, with the same results to
+        rounding.
+    """
+    if files is not None and native_available():
+        try:
+            # calls take less time than to let another thread run
+            library = loaded(files, "system", PyDLL)
+        except FmuError:  # such as for want of room
+            pass
+        else:
+            return {name: _bound(library, name, system.memory.ctypes.data) for name in lists}
+    return {name: system.python(actions) for name, actions in lists.items()}
+
+
+def _bound(library: PyDLL, name: str, memory: int) -> Run:
+    function = library[name]
+    function.argtypes, function.restype = (c_void_p, c_double), None
+    return partial(function, memory)
+
+
+def sources(system: System, lists: Mapping[str, Sequence[Action]]) -> dict[str, bytes] | None:
+    """Return file name to C text of lists of actions; None where a unit has no C."""
+    code = _Code(system)
+    try:
+        functions = [code.function(name, actions) for name, actions in lists.items()]
+        files = {f"kernel_{name}.c": kernel_source(made).encode() for name, made in code.called.items()}
+    except KernelError:  # an operation that has no C text, or a unit in plain Python
+        return None
+    prototypes = "".join(f"{c_prototype(made)};\n" for made in code.called.values())
+    return {**files, "system.c": "\n".join(["#include <string.h>\n", SHOWN, prototypes, *functions]).encode()}
+
+
+class _Code:
+    """C text of actions. `called`: the traced functions that it calls."""
+
+    def __init__(self, system: System) -> None:
+        self._system = system
+        self.called: dict[str, ca.Function] = {}
+        self._by: dict[str, str] = {}
+
+    def function(self, name: str, actions: Sequence[Action]) -> str:
+        """Return ``void name(double *m, double t)``, with m the memory and t the time."""
+        lines = [line for action in actions for line in self._lines(action)]
+        body = "".join(f"    {line}\n" for line in ["(void)t;", *lines])
+        head = f"void {name}(double *m, double t)"
+        return f"SHOWN {head};\n\n{head}\n{{\n{body}}}\n"
+
+    def _lines(self, action: Action) -> Iterator[str]:
+        if isinstance(action, Carry):
+            for start, end in zip(action.starts.tolist(), action.ends.tolist(), strict=True):
+                yield f"m[{end}] = m[{start}];"
+        elif isinstance(action, Clock):
+            for place in action.places.tolist():
+                yield f"m[{place}] = t;"
+        else:
+            unit = self._system.units[action.unit]
+            if not isinstance(unit, Traced):
+                raise KernelError(f"{action.unit} has no traced functions.")
+            for call in getattr(unit.interface.program, action.method):
+                # choices are fixed: what they leave out is not compiled
+                if all(unit.argument(argument_name(choice))[0] == value for choice, value in call.when):
+                    yield from self._call(action.unit, unit, call)
+
+    def _call(self, name: str, unit: Traced, call: Call) -> Iterator[str]:
+        """Yield the lines of a call; what it sets of what it reads is copied when all is calculated."""
+        interface, begin = unit.interface, self._system.begin(name)
+        function = interface.functions.casadi_function(call.function)
+        known = self.called.setdefault(function.name(), function)
+        if known is not function and known.serialize() != function.serialize():
+            raise KernelError(f"two functions are named {function.name()}.")
+        places = {group: begin + interface.slice(call.group(group)).start for group in function.name_in()}
+        made = {group: begin + interface.slice(call.group(group)).start for group in function.name_out()}
+        new = {group: function.numel_out(group) for group in made if call.group(group) != group}
+        arguments = [f"m + {place}" for place in places.values()]
+        arguments += [group if group in new else f"m + {place}" for group, place in made.items()]
+        copies = [f"memcpy(m + {made[group]}, {group}, sizeof {group});" for group in new]
+        yield "{"
+        yield from (f"    double {group}[{size}];" for group, size in new.items())
+        yield f"    {function.name()}({', '.join(arguments)});"
+        yield from (f"    {copy}" for copy in copies)
+        yield "}"
