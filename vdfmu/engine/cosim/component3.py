@@ -21,8 +21,6 @@ __all__ = ["Slave3"]
 _RECEIVER = CFUNCTYPE(None, c_void_p, c_int, c_char_p, c_char_p)(on_message)
 _EVENT, _END, _EARLY = range(3)
 """Answers of doStep."""
-_UPDATES = 1000
-"""Updates of discrete states at one event at most."""
 _CHANGED = 2
 """Of fmi3IntervalQualifier."""
 
@@ -31,22 +29,31 @@ class Slave3(Slave):
     """An instance of an FMU of FMI 3.0."""
 
     prefix, state_name = "fmi3", "FMUState"
-    results = {"InstantiateCoSimulation": c_void_p, "FreeInstance": None}  # noqa: RUF012
+    derivatives_name = "GetContinuousStateDerivatives"
+    results = {  # noqa: RUF012
+        "InstantiateCoSimulation": c_void_p, "InstantiateModelExchange": c_void_p, "FreeInstance": None,
+    }  # fmt: skip
     dtypes = {  # noqa: RUF012
         "Float64": np.float64, "Float32": np.float32, "Boolean": np.bool_, "String": np.uintp, "Binary": np.uintp,
         **{f"{sign}Int{bits}": np.dtype(f"{sign.lower()}int{bits}") for sign in ("", "U") for bits in (8, 16, 32, 64)},
     }  # fmt: skip
 
-    event_mode = in_event = event_needed = False
-    """Whether the master handles its events; whether it is in event mode; whether a step has ended at an event."""
-    next_event = math.inf
-    """Its next event, as far as it is known [s]."""
+    event_mode = event_needed = False
+    """Whether the master handles events of its co-simulation; whether a step has ended at an event."""
 
     def make(self) -> int | None:
         """See `Slave.make`."""
+        whose = (
+            self.name.encode(),
+            self.description.guid.encode(),
+            f"{self.folder / 'resources'}{os.sep}".encode(),
+        )
+        if self.description.exchange:
+            return self.function("InstantiateModelExchange")(
+                *whose, c_bool(False), c_bool(True), c_void_p(self.token), _RECEIVER
+            )
         return self.function("InstantiateCoSimulation")(
-            self.name.encode(), self.description.guid.encode(), f"{self.folder / 'resources'}{os.sep}".encode(),
-            c_bool(False), c_bool(True), c_bool(self.event_mode), c_bool(self.event_mode), None, c_size_t(0),
+            *whose, c_bool(False), c_bool(True), c_bool(self.event_mode), c_bool(self.event_mode), None, c_size_t(0),
             c_void_p(self.token), _RECEIVER, None,
         )  # fmt: skip
 
@@ -58,6 +65,7 @@ class Slave3(Slave):
         values: Sequence[tuple[Variable, Value]],
     ) -> None:
         """See `Slave.prepare`."""
+        self.tolerance = tolerance
         self._experiment = (
             c_bool(tolerance is not None), c_double(tolerance or 0.0), c_double(start), c_bool(True), c_double(stop),
         )  # fmt: skip
@@ -85,8 +93,8 @@ class Slave3(Slave):
 
     # ------------------------------------------------------------------ steps
 
-    def step_call(self, clock: c_double, size: c_double) -> Call:
-        """See `Slave.step_call`."""
+    def simulation_call(self, clock: c_double, size: c_double) -> Call:
+        """See `Slave.simulation_call`."""
         step, last = self.function("DoStep"), c_double()
         flags = (c_bool * 4)()
         any_flag = c_uint32.from_buffer(flags)
@@ -145,35 +153,37 @@ class Slave3(Slave):
     def exit_initialization(self) -> None:
         """See `Slave.exit_initialization`."""
         super().exit_initialization()
-        self.in_event = self.event_mode
+        self.in_event = self.event_mode or self.description.exchange
 
     def enter_event(self) -> None:
         """Enter event mode."""
         self.event_needed = False
-        if not self.in_event:
-            self.call("EnterEventMode")
-            self.in_event = True
-
-    def leave_event(self) -> None:
-        """Go on to steps."""
-        if self.in_event:
-            self.call("EnterStepMode")
-            self.in_event = False
+        super().enter_event()
 
     def update(self, time: float) -> None:
-        """Update the discrete states at an event."""
-        flags, next_event = (c_bool * 5)(), c_double()
-        again, end, _, _, defined = range(5)
-        arguments = *(byref(flags, i) for i in range(5)), byref(next_event)
-        for _ in range(_UPDATES):
+        """See `Slave.update`."""
+        flags, at = (c_bool * 5)(), c_double()
+        arguments = *(byref(flags, i) for i in range(5)), byref(at)
+
+        def update() -> tuple[bool, bool, float]:
             self.call("UpdateDiscreteStates", *arguments)
-            if flags[end]:
-                self.box.ended[self.name] = time
-            if not flags[again] or flags[end]:
-                self.next_event = next_event.value if flags[defined] else math.inf
-                return
-        reason = f"its discrete states do not settle: they need more than {_UPDATES} updates"
-        raise CosimError(self.name, "updateDiscreteStates", time, reason)
+            again, end, _, _, defined = flags
+            return again, end, at.value if defined else math.inf
+
+        self.updated(time, update)
+
+    def completed_step(self) -> bool:
+        """See `Slave.completed_step`."""
+        enter, end = c_bool(), c_bool()
+        self.call("CompletedIntegratorStep", c_bool(True), byref(enter), byref(end))
+        return self.ended_step(enter.value, end.value)
+
+    def sizes(self) -> tuple[int, int]:
+        """See `Slave.sizes`."""
+        found = c_size_t(), c_size_t()
+        for name, size in zip(("ContinuousStates", "EventIndicators"), found, strict=True):
+            self.call(f"GetNumberOf{name}", byref(size))
+        return found[0].value, found[1].value
 
     def set_clocks(self, references: Sequence[int]) -> None:
         """Let input clocks tick."""

@@ -9,7 +9,7 @@ from typing import Any
 
 import fmpy
 import numpy as np
-from fmpy.model_description import ModelDescription, ValidationError, read_model_description
+from fmpy.model_description import CoSimulation, ModelDescription, ValidationError, read_model_description
 
 from vdfmu.engine.ssp.archive import Archive
 from vdfmu.engine.ssp.parse import parse_xml
@@ -103,7 +103,7 @@ class Variable:
 
 @dataclass(frozen=True)
 class Description:
-    """An FMU for co-simulation.
+    """An FMU, for co-simulation or for model exchange.
 
     Attributes
     ----------
@@ -120,7 +120,11 @@ class Description:
     varies_steps : bool
         Whether its steps may differ in length.
     event_mode : bool
-        Whether its events can be handled by the master.
+        Whether its events of co-simulation can be handled by the master.
+    exchange : bool
+        Whether it is for model exchange: the master integrates it.
+    sizes : pair of int
+        Numbers of continuous states and of event indicators.
     """
 
     source: str
@@ -135,6 +139,8 @@ class Description:
     interpolates_inputs: bool = False
     varies_steps: bool = True
     event_mode: bool = False
+    exchange: bool = False
+    sizes: tuple[int, int] = (0, 0)
 
     def named(self, causality: str) -> list[Variable]:
         """Return the variables of one causality, in the order of the FMU."""
@@ -223,11 +229,17 @@ def _inspect(
             for d in variable.dimensions
         ]
         variable.shape = tuple(int(size) for size in chosen)  # pyright: ignore[reportArgumentType]
-    if model.coSimulation is None:
-        problems.append(f"{source}: has no co-simulation part; the master does not integrate model exchange")
-    elif implementation == "ModelExchange":
-        problems.append(f"{source}: the SSD asks for model exchange; the master runs co-simulation")
-    identifier = "" if model.coSimulation is None else str(model.coSimulation.modelIdentifier)
+    parts = {"CoSimulation": model.coSimulation, "ModelExchange": model.modelExchange}
+    wanted = [kind for kind, part in parts.items() if part is not None and implementation in ("any", kind)]
+    if not wanted:
+        asked = " or ".join(parts) if implementation == "any" else f"{implementation}, as the SSD asks"
+        has = ", ".join(kind for kind, part in parts.items() if part is not None)
+        problems.append(
+            f"{source}: expected an FMU for {asked}, got one for {has or 'neither'}"
+            + ("; the master runs no scheduled execution" if model.scheduledExecution else "")
+        )
+    part = parts[wanted[0]] if wanted else None
+    identifier = "" if part is None else str(part.modelIdentifier)
     library = library_name(identifier, version)
     if identifier and library not in names:
         found = sorted({n.split("/")[1] for n in names if n.startswith("binaries/") and n.count("/") > 1})
@@ -235,33 +247,36 @@ def _inspect(
             f"{source}: has no binary for this platform ({library}); it has {', '.join(found) or 'none'}"
         )
     try:
-        return _describe(model, root, source, identifier), problems
+        return _describe(model, root, source, wanted[:1] == ["ModelExchange"]), problems
     except (ValueError, TypeError, AttributeError):  # texts that the schema refuses
         if not problems:
             raise
         return None, problems
 
 
-def _describe(model: ModelDescription, root: Any, source: str, identifier: str) -> Description:
+def _describe(model: ModelDescription, root: Any, source: str, exchange: bool) -> Description:
+    part: Any = (model.modelExchange if exchange else model.coSimulation) or CoSimulation()
     relative = {
         v.get("name") for v in root.iterfind("ModelVariables/*")
         for typed in (v, *v.iterfind("Real")) if typed.get("relativeQuantity") in {"true", "1"}
     }  # fmt: skip
     return Description(
         source=source,
-        identifier=identifier,
+        identifier=str(part.modelIdentifier or ""),
         guid=str(model.guid),
-        once_per_process=bool(model.coSimulation and model.coSimulation.canBeInstantiatedOnlyOncePerProcess),
+        once_per_process=bool(part.canBeInstantiatedOnlyOncePerProcess),
         variables=_variables(
             model, relative, {v.get("name"): v for v in root.iterfind("ModelVariables/Clock")}
         ),
         step_dependencies=_unknowns(model.outputs),
         initial_dependencies=_unknowns(model.initialUnknowns),
         version=str(model.fmiVersion),
-        saves_state=bool(model.coSimulation and model.coSimulation.canGetAndSetFMUstate),
-        varies_steps=bool(model.coSimulation and model.coSimulation.canHandleVariableCommunicationStepSize),
-        interpolates_inputs=bool(model.coSimulation and model.coSimulation.canInterpolateInputs),
-        event_mode=bool(model.coSimulation and model.coSimulation.hasEventMode),
+        saves_state=bool(part.canGetAndSetFMUstate),
+        varies_steps=exchange or bool(part.canHandleVariableCommunicationStepSize),
+        interpolates_inputs=exchange or bool(part.canInterpolateInputs),
+        event_mode=not exchange and bool(part.hasEventMode),
+        exchange=exchange,
+        sizes=(model.numberOfContinuousStates, model.numberOfEventIndicators),
     )
 
 
