@@ -343,7 +343,7 @@ fmi3Status fmi3DoStep(fmi3Instance c, fmi3Float64 time, fmi3Float64 h, fmi3Boole
     Instance *I = c;
     (void)keep;
     *needed = advance(I, time + h);
-    *early = *needed && I->time + 0.5 * STEP < time + h;
+    *early = *needed; /* at the end of the step too, as the Reference FMUs have it */
     *last = *early ? I->time : time + h;
     *end = I->end;
     return fmi3OK;

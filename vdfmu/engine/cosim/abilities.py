@@ -34,7 +34,7 @@ def check_abilities(
     problems: list[str] = []
     for name, unit in descriptions.items():
         clocks = [v.name for v in unit.variables.values() if v.clock is not None]
-        if clocks and (algorithm in CONTINUOUS or not unit.event_mode):
+        if clocks and unit.identifier and (algorithm in CONTINUOUS or not unit.event_mode):
             way = (
                 "use gauss-seidel or jacobi"
                 if unit.event_mode

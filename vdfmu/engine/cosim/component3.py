@@ -21,6 +21,8 @@ __all__ = ["Slave3"]
 _RECEIVER = CFUNCTYPE(None, c_void_p, c_int, c_char_p, c_char_p)(on_message)
 _EVENT, _END, _EARLY = range(3)
 """Answers of doStep."""
+_CLOSE = 1e-9
+"""Part of a step that an early return may leave undone by rounding."""
 _CHANGED = 2
 """Of fmi3IntervalQualifier."""
 
@@ -103,20 +105,23 @@ class Slave3(Slave):
         def do_step(component: Any, clock: c_double, size: c_double, keep: Any) -> int:
             status = step(component, clock, size, keep, *answers)
             end = clock.value + size.value
-            while any_flag.value and status < 2 and not self._answered(flags, last.value):
+            close = end - _CLOSE * size.value
+            while (
+                any_flag.value and status < 2 and not self._answered(flags, last.value, last.value >= close)
+            ):
                 rest = c_double(last.value), c_double(end - last.value)
                 status = step(component, *rest, keep, *answers)
             return status
 
         return do_step, self.argument, clock, size, c_bool(True), "doStep"
 
-    def _answered(self, flags: Any, last: float) -> bool:
-        """Take what a step has answered beside its status; False if the rest of it is to be done."""
+    def _answered(self, flags: Any, last: float, done: bool) -> bool:
+        """Take what a step has answered beside its status; False if the rest of it, but for rounding, is to be done."""
         self.event_needed = bool(flags[_EVENT])
         if flags[_END]:
             self.box.ended[self.name] = last
             return True
-        if not flags[_EARLY]:
+        if done or not flags[_EARLY]:
             return True
         if not self.event_mode:
             reason = f"it returned early, at t = {last:.9g} s, which it was not allowed to"
