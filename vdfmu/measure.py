@@ -9,7 +9,7 @@ from functools import lru_cache
 
 from vdfmu.errors import UsageError
 
-__all__ = ["Measure", "derivative_of", "measure", "unit_of"]
+__all__ = ["Measure", "coherent", "derivative_of", "measure", "unit_of"]
 
 
 @dataclass(frozen=True)
@@ -104,6 +104,11 @@ def measure(name: str) -> Measure:
                 exponents[symbol] = exponents.get(symbol, 0) + sign * exponent * int(match[2] or 1)
     found = {symbol: exponents[symbol] for symbol in _BASE if exponents.get(symbol)}
     return Measure(name, found, _DISPLAY.get(name, {}))
+
+
+def coherent(name: str) -> tuple[str, float]:
+    """Return the unit of the SI for a display unit, and what one is worth in it: ``("rad", pi / 180)`` for ``deg``."""
+    return next(((unit, 1.0 / shown[name]) for unit, shown in _DISPLAY.items() if name in shown), (name, 1.0))
 
 
 def derivative_of(name: str) -> str:

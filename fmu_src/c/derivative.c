@@ -22,35 +22,24 @@ static bool can_be_known(const Instance *I, Reference ref)
     return is_state(ref);
 }
 
-static Status check_knowns(const Instance *I, const Reference refs[], size_t n, size_t *total)
+static bool can_be_unknown(const Instance *I, Reference ref)
 {
-    *total = 0;
-    if (n && !refs)
-        return fail_null(I, "an array of knowns");
-    for (size_t k = 0; k < n; k++) {
-        if (!size_of(I, refs[k]))
-            return fail_reference(I, refs[k]);
-        if (!can_be_known(I, refs[k]))
-            return fail(I, "expected as knowns %s, got %s.",
-                        I->core->phase == INITIALIZATION ? "inputs and real parameters, as it is initialization mode"
-                                                         : "inputs and states, as the initialization is over",
-                        unit.variables[refs[k]].name);
-        *total += size_of(I, refs[k]);
-    }
-    return STATUS_OK;
+    (void)I;
+    return unit.variables[ref].role == OUTPUT || unit.variables[ref].role == DERIVATIVE;
 }
 
-static Status check_unknowns(const Instance *I, const Reference refs[], size_t n, size_t *total)
+/* `total` is the number of values that the references stand for. */
+static Status check_references(const Instance *I, const Reference refs[], size_t n, const char *kind,
+                               bool (*fits)(const Instance *I, Reference ref), const char *expected, size_t *total)
 {
     *total = 0;
     if (n && !refs)
-        return fail_null(I, "an array of unknowns");
+        return fail(I, "expected an array of %s, got a null pointer.", kind);
     for (size_t k = 0; k < n; k++) {
         if (!size_of(I, refs[k]))
             return fail_reference(I, refs[k]);
-        const Variable *v = &unit.variables[refs[k]];
-        if (v->role != OUTPUT && v->role != DERIVATIVE)
-            return fail(I, "expected as unknowns outputs and derivatives of states, got %s.", v->name);
+        if (!fits(I, refs[k]))
+            return fail(I, "expected as %s %s, got %s.", kind, expected, unit.variables[refs[k]].name);
         *total += size_of(I, refs[k]);
     }
     return STATUS_OK;
@@ -60,8 +49,12 @@ static Status check(Instance *I, const Direction *a, bool adjoint)
 {
     size_t n_knowns, n_unknowns;
     if (!allowed(I, INITIALIZATION | STEP | EVENT | CONTINUOUS | TERMINATED) ||
-        check_unknowns(I, a->unknowns, a->n_unknowns, &n_unknowns) != STATUS_OK ||
-        check_knowns(I, a->knowns, a->n_knowns, &n_knowns) != STATUS_OK)
+        check_references(I, a->unknowns, a->n_unknowns, "unknowns", can_be_unknown, "outputs and derivatives of states",
+                         &n_unknowns) != STATUS_OK ||
+        check_references(I, a->knowns, a->n_knowns, "knowns", can_be_known,
+                         I->core->phase == INITIALIZATION ? "inputs and real parameters, as it is initialization mode"
+                                                          : "inputs and states, as the initialization is over",
+                         &n_knowns) != STATUS_OK)
         return STATUS_ERROR;
     const size_t n_seed = adjoint ? n_unknowns : n_knowns, n_sensitivity = adjoint ? n_knowns : n_unknowns;
     if (a->n_seed != n_seed || a->n_sensitivity != n_sensitivity)

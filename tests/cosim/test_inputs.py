@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
 
@@ -120,6 +122,9 @@ def test_units_of_measurement_are_converted_or_refused(pack, xml, file):
     path = pack([xml.component("rad", "Radians", "u:input m:input K:input")], [])
     results = simulate(path, stop=1.0, step=1.0, inputs=file("time [s],rad.m [m],rad.u\n0,2,1\n"))
     assert results["rad.m"].tolist() == [2.0, 2.0]
+    results = simulate(path, stop=1.0, step=1.0, inputs=file("time [s],rad.m [mm],rad.u [deg]\n0,2,90\n"))
+    assert results["rad.m"].tolist() == [0.002, 0.002]
+    assert results["rad.u"].tolist() == [math.pi / 2, math.pi / 2]
     for heading, words in (
         ("rad.m [N]", "load.csv: rad.m: unit mismatch, 'N'"),
         ("rad.m [furlong]", "expected a unit of measurement such as"),

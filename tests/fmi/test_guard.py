@@ -81,7 +81,7 @@ def test_a_damaged_content_file_is_refused(
         ({"robot": {}}, "resources/vdfmu.json: name: expected a string"),
         ({"start_values": {"mass[1]": 0.0}}, "start values of plant: mass[1]: expected a number above 0"),
         ({"start_values": {"mass[9]": 1.0}}, "plant has no variable 'mass[9]'"),
-        ({"start_values": {"mass[1]": "heavy"}}, "mass[1]: expected a number, got 'heavy'"),
+        ({"start_values": {"mass[1]": "heavy"}}, "mass[1]: expected a number in kg, got 'heavy'"),
         ({"start_values": 3}, "TypeError"),
         ({"tool": None}, "KeyError: 'tool'"),
     ],

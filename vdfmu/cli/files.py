@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
@@ -157,10 +158,18 @@ def ssp(
 
 
 def check(
-    file: Annotated[Path, typer.Argument(help="An FMU, SSP, SSD or OSP file, of this or any other tool.")],
+    file: Annotated[
+        Path,
+        typer.Argument(
+            help="An FMU, SSP, SSD or OSP file of any tool; a robot, scenario or system file; my_unit.py."
+        ),
+    ],
     no_run: Annotated[bool, typer.Option("--no-run", help="Read only; do not run the units' code.")] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print the findings as JSON.")] = False,
     unpack_limit: UnpackOption = None,
+    robot: Annotated[
+        str, typer.Option(help="The robot for a unit or a system of one's own.")
+    ] = "planar_2dof",
 ) -> None:
     """Check an FMU or a system: schema, rules, binaries for this platform, ten steps, reference results.
 
@@ -169,6 +178,13 @@ def check(
     from vdfmu.engine.check.inspect import inspect_file
     from vdfmu.engine.ssp.limits import package_limit
 
+    if file.suffix.lower() in (".toml", ".py"):
+        from vdfmu.model import load_robot
+        from vdfmu.ssp.check import check_source
+
+        kind, problems, notes = check_source(file, load_robot(robot))
+        _report(file, kind, problems, notes)
+        return
     if not no_run:
         errors.print(
             f"note: runs code of {file}, unless reading finds problems, in a process of its own; --no-run reads only",
@@ -190,12 +206,18 @@ def check(
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
             fail(f"the findings cannot be written: {error.strerror}", 2)
     else:
-        for note in report.notes:
-            say(f"note: {note}")
-        for problem in report.problems:
-            say(f"problem: {problem}")
-        what = f" ({report.standard})" if report.standard else ""
-        count = f"{len(report.problems)} problem(s)" if report.problems else "no problems"
-        say(f"{file}{what}: {count}")
+        _report(file, report.standard, report.problems, report.notes)
     if report.problems:
+        raise typer.Exit(1)
+
+
+def _report(file: Path, what: str | None, problems: Sequence[str], notes: Sequence[str]) -> None:
+    """Print findings; the command fails with problems."""
+    for note in notes:
+        say(f"note: {note}")
+    for problem in problems:
+        say(f"problem: {problem}")
+    count = f"{len(problems)} problem(s)" if problems else "no problems"
+    say(f"{file}{f' ({what})' if what else ''}: {count}")
+    if problems:
         raise typer.Exit(1)

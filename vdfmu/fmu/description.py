@@ -67,8 +67,9 @@ def model_description(
         the importer.
     """
     native = sources is not None
-    root = _root(interface, guid, tool)
-    states, derivatives = _positions(interface.states), _positions(interface.derivatives)
+    root = root_element(interface, "2.0", {"guid": guid}, tool)
+    places = range(interface.size)
+    states, derivatives = places[interface.states], places[interface.derivatives]
     common = {
         "modelIdentifier": interface.model_name,
         "needsExecutionTool": boolean(not native),
@@ -93,7 +94,8 @@ def model_description(
     if native:
         _add_sources(element, sources)
     shown = interface.memory[: interface.time] if native else interface.variables
-    _add_definitions(root, shown, interface)
+    add_units(root, shown)
+    add_log_and_experiment(root, "fmi2", interface)
     variables = SubElement(root, "ModelVariables")
     for reference, variable in enumerate(shown):
         _add_variable(variables, variable, reference)
@@ -116,10 +118,12 @@ def model_description(
     return root
 
 
-def root_attributes(interface: Interface, tool: str) -> dict[str, str]:
-    """Attributes of the root that both versions of FMI name alike."""
-    return {
+def root_element(interface: Interface, version: str, token: dict[str, str], tool: str) -> Element:
+    """Root element; `token` is the attribute that identifies the FMU, of another name in each version."""
+    attributes = {
+        "fmiVersion": version,
         "modelName": interface.model_name,
+        **token,
         "description": interface.description + (f" ({interface.robot.name})" if interface.robot else ""),
         "version": __version__,
         "author": "vdfmu contributors",
@@ -128,6 +132,7 @@ def root_attributes(interface: Interface, tool: str) -> dict[str, str]:
         "generationDateAndTime": _TIME_STAMP,
         "variableNamingConvention": "structured",
     }
+    return Element("fmiModelDescription", attributes)
 
 
 def add_units(root: Element, variables: Iterable[Variable]) -> None:
@@ -177,21 +182,6 @@ def initial(variable: Variable) -> dict[str, str]:
     """Attribute ``initial``, which inputs and the time do not have."""
     found = {"parameter": "exact", "output": "calculated", "local": "calculated"}.get(variable.causality)
     return {"initial": found} if found else {}
-
-
-def _positions(where: slice) -> list[int]:
-    return list(range(where.start, where.stop))
-
-
-def _root(interface: Interface, guid: str, tool: str) -> Element:
-    attributes = root_attributes(interface, tool)
-    name = attributes.pop("modelName")
-    return Element("fmiModelDescription", {"fmiVersion": "2.0", "modelName": name, "guid": guid} | attributes)
-
-
-def _add_definitions(root: Element, variables: Iterable[Variable], interface: Interface) -> None:
-    add_units(root, variables)
-    add_log_and_experiment(root, "fmi2", interface)
 
 
 def _add_sources(parent: Element, sources: Sequence[str]) -> None:

@@ -10,7 +10,7 @@ from vdfmu.fmu.description import (
     add_units,
     boolean,
     initial,
-    root_attributes,
+    root_element,
     start_text,
     value_attributes,
 )
@@ -36,12 +36,7 @@ def model_description_3(interface: Interface, guid: str, tool: str) -> Element:
     tool : str
         Name and version of the generation tool.
     """
-    attributes = root_attributes(interface, tool)
-    name = attributes.pop("modelName")
-    root = Element(
-        "fmiModelDescription",
-        {"fmiVersion": "3.0", "modelName": name, "instantiationToken": guid} | attributes,
-    )
+    root = root_element(interface, "3.0", {"instantiationToken": guid}, tool)
     _add_interfaces(root, interface)
     add_units(root, interface.memory)
     add_log_and_experiment(root, "fmi3", interface)

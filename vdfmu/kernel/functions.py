@@ -17,7 +17,7 @@ from vdfmu.interrupt import listening
 from vdfmu.kernel.cache import cache_folder, load, store
 from vdfmu.kernel.derivatives import DIRECTIONS
 from vdfmu.kernel.structure import structure_key, values
-from vdfmu.kernel.trace import FUNCTIONS
+from vdfmu.kernel.trace import FUNCTIONS, trace
 from vdfmu.model import Robot
 
 __all__ = ["Functions", "Kernel", "KernelFunction"]
@@ -182,7 +182,7 @@ class Kernel(Functions):
 
     def made(self, name: str) -> ca.Function:
         """Trace one of :meth:`names`."""
-        return FUNCTIONS[name](self.robot)
+        return trace(name, self.robot)
 
     def rows(
         self, name: str, arguments: Sequence[npt.ArrayLike], sizes: Sequence[int]

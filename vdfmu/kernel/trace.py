@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -17,16 +18,33 @@ from vdfmu.kernel.structure import symbolic_robot
 from vdfmu.model import Robot
 from vdfmu.scalar.symbol import from_sx, to_sx
 
-__all__ = ["FUNCTIONS", "traced_function"]
-
-Trace = Callable[[Robot], ca.Function]
-FUNCTIONS: dict[str, Trace] = {}
-"""Name to what traces the function for the structure of a robot."""
+__all__ = ["FUNCTIONS", "trace", "traced_function"]
 
 
-def _traced(make: Trace) -> Trace:
-    FUNCTIONS[make.__name__.removeprefix("_trace_")] = make
-    return make
+def _pose(robot: Any, q: Any) -> Any:
+    """Position and rotation of {O} in {I}, in one vector."""
+    return np.concatenate([np.ravel(part) for part in end_effector_pose(robot, q)])
+
+
+FUNCTIONS: dict[str, tuple[tuple[str, ...], str, Callable[..., Any]]] = {
+    "inverse_dynamics": (("q", "q_dot", "q_ddot", "F_e"), "tau", inverse_dynamics),
+    "newton_euler": (("q", "q_dot", "q_ddot", "F_e"), "tau", newton_euler),  # for contrast only, section IV-A
+    "forward_dynamics": (("q", "q_dot", "tau", "F_e"), "q_ddot", forward_dynamics),
+    "forward_kinematics": (("q",), "pose", _pose),
+    "jacobian": (("q",), "J_q", jacobian),
+    "mass_matrix": (("q",), "M", joint_space_mass_matrix),
+    "margins": ((), "margin", margins),
+}
+"""Name to inputs, output and equation. The last input of all is ``p``, the run-time parameters of the robot."""
+
+
+def trace(name: str, robot: Robot) -> ca.Function:
+    """Trace one of `FUNCTIONS` for the structure of a robot."""
+    names, result, equation = FUNCTIONS[name]
+    symbols, p = symbolic_robot(robot)
+    inputs = {one: ca.SX.sym(one, 6 if one == "F_e" else robot.n) for one in names}
+    arguments = [requirements(robot)] if equation is margins else [from_sx(v) for v in inputs.values()]
+    return traced_function(name, inputs | {"p": p}, {result: to_sx(equation(symbols, *arguments))})
 
 
 def traced_function(name: str, inputs: dict[str, ca.SX], outputs: dict[str, ca.SX]) -> ca.Function:
@@ -34,68 +52,3 @@ def traced_function(name: str, inputs: dict[str, ca.SX], outputs: dict[str, ca.S
     # cse finds terms that the equations compute more than once, such as the motion in all solver stages
     expressions = ca.cse([ca.densify(expression) for expression in outputs.values()])
     return ca.Function(name, list(inputs.values()), expressions, list(inputs), list(outputs))
-
-
-def _vectors(n: int, *names: str) -> dict[str, ca.SX]:
-    return {name: ca.SX.sym(name, n) for name in names}
-
-
-def _arrays(inputs: dict[str, ca.SX]) -> list[np.ndarray]:
-    return [from_sx(expression) for expression in inputs.values()]
-
-
-@_traced
-def _trace_inverse_dynamics(robot: Robot) -> ca.Function:
-    symbols, p = symbolic_robot(robot)
-    inputs = _vectors(robot.n, "q", "q_dot", "q_ddot") | _vectors(6, "F_e")
-    q, q_dot, q_ddot, F_e = _arrays(inputs)
-    tau = inverse_dynamics(symbols, q, q_dot, q_ddot, F_e)
-    return traced_function("inverse_dynamics", inputs | {"p": p}, {"tau": to_sx(tau)})
-
-
-@_traced
-def _trace_newton_euler(robot: Robot) -> ca.Function:
-    """For contrast only, section IV-A."""
-    symbols, p = symbolic_robot(robot)
-    inputs = _vectors(robot.n, "q", "q_dot", "q_ddot") | _vectors(6, "F_e")
-    tau = newton_euler(symbols, *_arrays(inputs))
-    return traced_function("newton_euler", inputs | {"p": p}, {"tau": to_sx(tau)})
-
-
-@_traced
-def _trace_forward_dynamics(robot: Robot) -> ca.Function:
-    symbols, p = symbolic_robot(robot)
-    inputs = _vectors(robot.n, "q", "q_dot", "tau") | _vectors(6, "F_e")
-    q, q_dot, tau, F_e = _arrays(inputs)
-    q_ddot = forward_dynamics(symbols, q, q_dot, tau, F_e)
-    return traced_function("forward_dynamics", inputs | {"p": p}, {"q_ddot": to_sx(q_ddot)})
-
-
-@_traced
-def _trace_forward_kinematics(robot: Robot) -> ca.Function:
-    """Position and rotation of {O} in {I}, in one vector."""
-    symbols, p = symbolic_robot(robot)
-    inputs = _vectors(robot.n, "q")
-    pose = [to_sx(part) for part in end_effector_pose(symbols, *_arrays(inputs))]
-    return traced_function("forward_kinematics", inputs | {"p": p}, {"pose": ca.vertcat(*pose)})
-
-
-@_traced
-def _trace_jacobian(robot: Robot) -> ca.Function:
-    symbols, p = symbolic_robot(robot)
-    inputs = _vectors(robot.n, "q")
-    return traced_function("jacobian", inputs | {"p": p}, {"J_q": to_sx(jacobian(symbols, *_arrays(inputs)))})
-
-
-@_traced
-def _trace_mass_matrix(robot: Robot) -> ca.Function:
-    symbols, p = symbolic_robot(robot)
-    inputs = _vectors(robot.n, "q")
-    M = joint_space_mass_matrix(symbols, *_arrays(inputs))
-    return traced_function("mass_matrix", inputs | {"p": p}, {"M": to_sx(M)})
-
-
-@_traced
-def _trace_margins(robot: Robot) -> ca.Function:
-    symbols, p = symbolic_robot(robot)
-    return traced_function("margins", {"p": p}, {"margin": to_sx(margins(symbols, requirements(robot)))})

@@ -50,7 +50,10 @@ class Symbol:
         return f"Symbol({text if len(text) < 60 else text[:57] + '...'})"
 
     def __bool__(self) -> bool:
-        raise KernelError("a condition on a value is not known while equations are traced")
+        raise KernelError(
+            "a condition on a value is not known while equations are traced. Write it with where(condition, a, b), "
+            "clip, minimum, maximum or sgn of vdfmu.unit"
+        )
 
     def __eq__(self, other: object) -> Any:
         return bool(self)  # raises: numpy and Python would take the identity of two objects for equality

@@ -8,11 +8,13 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
+from vdfmu.errors import UsageError
 from vdfmu.fmu import build_fmus
 from vdfmu.fmu.build import choose_backend
 from vdfmu.fmu.content import Content
 from vdfmu.kernel.cache import cache_folder, load, store
 from vdfmu.model import Robot
+from vdfmu.model.read import nearest
 from vdfmu.scenario.foreign import ForeignInterface
 from vdfmu.scenario.scenario import Scenario
 from vdfmu.scenario.system_file import SystemFile
@@ -20,7 +22,7 @@ from vdfmu.unit.base import Unit, unit_name
 from vdfmu.unit.interface import Interface
 from vdfmu.units import find_unit
 
-__all__ = ["Variables", "build_parts", "cached_fmus", "tables_of", "units_of"]
+__all__ = ["Variables", "build_parts", "cached_fmus", "check_connections", "tables_of", "units_of"]
 
 Variables = Interface | ForeignInterface
 """The variables of a component."""
@@ -51,6 +53,22 @@ def tables_of(
         else:
             found[name] = Interface(units[name], robot if units[name].needs_robot() else None)
     return found
+
+
+def check_connections(system: SystemFile, tables: Mapping[str, Variables]) -> None:
+    """Raise UsageError for connections of signals that the components do not have, with a line for each."""
+    problems: list[str] = []
+    for source, targets in system.connections.items():
+        for end, causality in ((source, "output"), *((target, "input") for target in targets)):
+            component, _, group = end.partition(".")
+            known = list(dict.fromkeys(v.group for v in tables[component] if v.causality == causality))
+            if group not in known:
+                problems.append(
+                    f"{system.path}: connections: {end}: expected an {causality} of {component}, got {group!r}. "
+                    + nearest(group, known)
+                )
+    if problems:
+        raise UsageError("\n".join(dict.fromkeys(problems)))
 
 
 def build_parts(

@@ -14,7 +14,7 @@ from vdfmu.kernel.structure import parameters
 from vdfmu.model import Robot
 from vdfmu.model.parameters import PARAMETERS
 from vdfmu.model.read import nearest
-from vdfmu.scenario.parts import Variables, tables_of
+from vdfmu.scenario.parts import Variables, check_connections, tables_of
 from vdfmu.scenario.scenario import Scenario
 from vdfmu.scenario.system_file import SystemFile
 from vdfmu.unit.base import Unit
@@ -64,9 +64,10 @@ def section_values(
     Raises
     ------
     UsageError
-        As :func:`override`, and for positions beyond the robot's end stops.
+        As :func:`override`, for positions beyond the robot's end stops, and for connections of unknown signals.
     """
     tables = tables_of(system, robot)
+    check_connections(system, tables)
     values = _set_all(system, tables, _sections(system, sections))
     _check_stops(tables, values, robot)
     return values

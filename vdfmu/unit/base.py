@@ -29,7 +29,7 @@ from vdfmu.unit.declaration import (
 if TYPE_CHECKING:
     from vdfmu.unit.run import LinearModel, Solution
 
-__all__ = ["Unit", "Watch", "unit_name"]
+__all__ = ["Unit", "Watch", "snake_case", "unit_name"]
 
 
 class Watch(Protocol):
@@ -292,7 +292,12 @@ def unit_name(unit: type[Unit]) -> str:
     package, _, module = unit.__module__.rpartition(".")
     if package == "vdfmu.units":
         return module
-    return re.sub(r"(?<=[a-z0-9])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])", "_", unit.__name__).lower()
+    return snake_case(unit.__name__)
+
+
+def snake_case(name: str) -> str:
+    """Return ``my_filter`` of ``MyFilter``."""
+    return re.sub(r"(?<=[a-z0-9])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])", "_", name).lower()
 
 
 def _is_number(value: Any) -> bool:

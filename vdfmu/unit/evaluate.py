@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -10,7 +11,7 @@ import numpy.typing as npt
 
 from vdfmu.kernel.structure import set_parameters
 from vdfmu.model.robot import Robot
-from vdfmu.unit.declaration import Choice, Declared, Derivative, Switch
+from vdfmu.unit.declaration import PHASES, Choice, Declared, Derivative, Switch
 from vdfmu.unit.interface import Interface
 from vdfmu.unit.program import Call
 from vdfmu.unit.trace import argument_name, run
@@ -28,7 +29,17 @@ class Evaluation:
     interface : Interface
     memory : (interface.size,) array, optional
         Default the start values.
+
+    Attributes
+    ----------
+    start, outputs, derivatives, update : callable
+        Set the states of the start time, the outputs, the derivatives of the continuous states, the sampled states.
     """
+
+    start: Callable[[], None]
+    outputs: Callable[[], None]
+    derivatives: Callable[[], None]
+    update: Callable[[], None]
 
     def __init__(self, interface: Interface, memory: Floats | None = None) -> None:
         self.interface = interface
@@ -46,22 +57,6 @@ class Evaluation:
         """Values of an argument of traced functions, in place."""
         return self.memory[self.interface.slice(name)]
 
-    def start(self) -> None:
-        """Set the states of the start time."""
-        raise NotImplementedError
-
-    def outputs(self) -> None:
-        """Set the outputs."""
-        raise NotImplementedError
-
-    def derivatives(self) -> None:
-        """Set the derivatives of the continuous states."""
-        raise NotImplementedError
-
-    def update(self) -> None:
-        """Set the sampled states."""
-        raise NotImplementedError
-
     def rate(self, t: float, x: Floats) -> Floats:
         """Return the derivatives at a time and a state, (n_x,), for a solver."""
         self.memory[-1] = t
@@ -76,10 +71,8 @@ class Traced(Evaluation):
     def __init__(self, interface: Interface, memory: Floats | None = None) -> None:
         super().__init__(interface, memory)
         program = interface.program
-        self.start = self._bound(program.start)
-        self.outputs = self._bound(program.outputs)
-        self.derivatives = self._bound(program.derivatives)
-        self.update = self._bound(program.update)
+        self.start, self.outputs = self._bound(program.start), self._bound(program.outputs)
+        self.derivatives, self.update = self._bound(program.derivatives), self._bound(program.update)
 
     def _bound(self, calls: Sequence[Call]) -> Callable[[], None]:
         actions = [self._action(call) for call in calls]
@@ -119,32 +112,13 @@ class Plain(Evaluation):
 
     def __init__(self, interface: Interface, memory: Floats | None = None) -> None:
         super().__init__(interface, memory)
-        self._unit = interface.unit(interface.robot)
+        unit = self._unit = interface.unit(interface.robot)
         self._robot: tuple[bytes, Any] = (b"", None)
-        self._phase = ""
-
-    def start(self) -> None:
-        """Set the states of the start time."""
-        self._run("start")
-
-    def outputs(self) -> None:
-        """Set the outputs."""
-        self._run("outputs")
-
-    def derivatives(self) -> None:
-        """Set the derivatives of the continuous states."""
-        self._run("derivatives")
-
-    def update(self) -> None:
-        """Set the sampled states."""
-        self._run("update")
-
-    def experiment(self) -> None:
+        self.start, self.outputs, self.derivatives, self.update = (
+            partial(run, unit, phase, self) for phase in PHASES
+        )
+        self.experiment = partial(run, unit, "experiment", self)
         """Set the inputs of the reference experiment."""
-        self._run("experiment")
-
-    def _run(self, phase: str) -> None:
-        run(self._unit, phase, self)
 
     # what the unit sees: a `Watch`
 

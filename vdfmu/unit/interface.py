@@ -172,6 +172,12 @@ class Interface:
             found[v.group] = slice(found[v.group].start if v.group in found else i, i + 1)
         return found
 
+    def groups_of(self, *causalities: str) -> dict[str, slice]:
+        """Those of :attr:`groups` that are inputs, outputs or parameters."""
+        return {
+            g: where for g, where in self.groups.items() if self.memory[where.start].causality in causalities
+        }
+
     @property
     def has_robot(self) -> bool:
         """Whether all run-time parameters of the robot are parameters of the unit."""

@@ -9,6 +9,7 @@ from pathlib import Path
 
 from vdfmu import unit
 from vdfmu.errors import StorageError, UsageError
+from vdfmu.unit.base import snake_case
 
 __all__ = ["new_unit"]
 
@@ -107,9 +108,8 @@ def new_unit(name: str, out: Path | None = None) -> tuple[Path, Path]:
         raise UsageError(
             f"name: expected CamelCase or snake_case of letters and digits, MyFilter or my_filter, got {name!r}."
         )
-    snake = re.sub(r"(?<=[a-z0-9])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])", "_", name).lower()
     camel = name if name[0].isupper() else "".join(part[:1].upper() + part[1:] for part in name.split("_"))
-    path = out if out is not None else Path(f"{snake}.py")
+    path = out if out is not None else Path(f"{snake_case(name)}.py")
     stem = path.stem
     if path.suffix != ".py" or not stem.isidentifier():
         raise UsageError(f"{path}: expected a Python file that can be imported, such as my_filter.py.")

@@ -15,7 +15,6 @@ from vdfmu.unit.base import Unit
 from vdfmu.unit.evaluate import Evaluation, evaluation
 from vdfmu.unit.interface import Interface
 from vdfmu.unit.motion import Motion
-from vdfmu.unit.program import Call
 from vdfmu.unit.trace import argument_name
 
 __all__ = ["LinearModel", "Solution", "linearize", "simulate"]
@@ -93,11 +92,7 @@ def simulate(
     motion = _Driven(run, drive, tolerance)
     count = round(stop / step)
     t: Floats = step * np.arange(count + 1, dtype=np.float64)
-    shown = {
-        group: where
-        for group, where in run.interface.groups.items()
-        if run.interface.variables[where.start].causality in ("input", "output")
-    }
+    shown = run.interface.groups_of("input", "output")
     rows: dict[str, list[Floats]] = {group: [] for group in shown}
     drive(0.0)
     run.start()
@@ -124,27 +119,22 @@ def linearize(unit: Unit, *, x: npt.ArrayLike | None = None, t: float = 0.0) -> 
         if np.size(x) != run.x.size:
             raise UsageError(f"x: expected {run.x.size} numbers, got {np.size(x)}.")
         run.x[:] = np.ravel(x)
-    inputs = [g for g, w in interface.groups.items() if interface.variables[w.start].causality == "input"]
-    outputs = [
-        g
-        for g, w in interface.groups.items()
-        if interface.variables[w.start].causality == "output" and not _is_state(interface, w)
-    ]
-    names = [interface.variables[i].name for g in inputs for i in _range(interface.groups[g])]
-    made = [interface.variables[i].name for g in outputs for i in _range(interface.groups[g])]
-    states = tuple(v.name for v in interface.memory[interface.states])
-    given, results = ([argument_name(group) for group in groups] for groups in (inputs, outputs))
-    A, B = _jacobians(run, interface.program.derivatives, ["x_dot"], given)
-    C, D = _jacobians(run, interface.program.outputs, results, given)
-    return LinearModel(A, B, C, D, states, tuple(names), tuple(made))
+    states = range(interface.states.start, interface.states.stop)
+    inputs = interface.groups_of("input")
+    outputs = {g: where for g, where in interface.groups_of("output").items() if where.start not in states}
+    J = _jacobian(run, ["x", *map(argument_name, inputs)])
+    places = np.arange(interface.size)
+    of_x, of_x_dot = places[interface.states], places[interface.derivatives]
+    of_u, of_y = (
+        np.concatenate([of_x[:0], *(places[where] for where in groups.values())])
+        for groups in (inputs, outputs)
+    )
+    A, B, C, D = (J[np.ix_(rows, columns)] for rows in (of_x_dot, of_y) for columns in (of_x, of_u))
 
+    def names(positions: npt.NDArray[np.int_]) -> tuple[str, ...]:
+        return tuple(interface.memory[i].name for i in positions)
 
-def _is_state(interface: Interface, where: slice) -> bool:
-    return interface.states.start <= where.start < interface.states.stop
-
-
-def _range(where: slice) -> range:
-    return range(where.start, where.stop)
+    return LinearModel(A, B, C, D, names(of_x), names(of_u), names(of_y))
 
 
 def _bound(unit: Unit) -> Evaluation:
@@ -165,7 +155,7 @@ def _bound(unit: Unit) -> Evaluation:
 
 
 def _check_inputs(interface: Interface, given: Mapping[str, Any]) -> None:
-    known = [g for g, w in interface.groups.items() if interface.variables[w.start].causality == "input"]
+    known = interface.groups_of("input")
     unknown = [name for name in given if name not in known]
     if unknown:
         raise UsageError(
@@ -173,40 +163,23 @@ def _check_inputs(interface: Interface, given: Mapping[str, Any]) -> None:
         )
 
 
-def _jacobians(
-    run: Evaluation, calls: Sequence[Call], results: Sequence[str], inputs: Sequence[str]
-) -> tuple[Floats, Floats]:
-    """Return the derivatives of results of the calls whose choices hold, with respect to the states and to inputs."""
-    interface = run.interface
-    widths = [interface.slice(name) for name in results]
-    blocks: dict[tuple[str, str], Floats] = {}
-    for call in calls:
+def _jacobian(run: Evaluation, names: Sequence[str]) -> Floats:
+    """Return the derivatives of outputs and derivatives by some arguments, (N, N) over the memory.
+
+    Calls count whose choices hold.
+    """
+    interface, program = run.interface, run.interface.program
+    J = np.zeros((interface.size, interface.size))
+    for call in (*program.derivatives, *program.outputs):
         if any(run.argument(argument_name(choice))[0] != value for choice, value in call.when):
             continue
         function = interface.functions.casadi_function(call.function)
         symbols = {name: ca.SX.sym(name, function.numel_in(name)) for name in function.name_in()}
         values = [run.argument(name) for name in function.name_in()]
-        made = dict(zip(function.name_out(), function.call(list(symbols.values())), strict=True))
-        for result in set(results) & made.keys():
-            for name in {"x", *inputs} & symbols.keys():
-                J = ca.Function(
-                    "J", list(symbols.values()), [ca.jacobian(ca.vec(made[result]), symbols[name])]
-                )
-                blocks[result, name] = np.array(J.call(values)[0], dtype=float)
-
-    def joined(names: Sequence[str]) -> Floats:
-        columns = [interface.slice(name) for name in names]
-        rows = [
-            np.hstack(
-                [
-                    blocks.get((g, name), np.zeros((w.stop - w.start, c.stop - c.start)))
-                    for name, c in zip(names, columns, strict=True)
-                ]
-            )
-            if names
-            else np.zeros((w.stop - w.start, 0))
-            for g, w in zip(results, widths, strict=True)
-        ]
-        return np.vstack(rows) if rows else np.zeros((0, sum(c.stop - c.start for c in columns)))
-
-    return joined(["x"]), joined(inputs)
+        made = function.call(list(symbols.values()))
+        for result, expression in zip(function.name_out(), made, strict=True):
+            for name in (name for name in names if name in symbols):
+                derivative = ca.jacobian(ca.vec(expression), symbols[name])
+                block = ca.Function("J", list(symbols.values()), [derivative]).call(values)[0]
+                J[interface.slice(result), interface.slice(name)] = np.array(block, dtype=float)
+    return J

@@ -325,17 +325,15 @@ def run(unit: Unit, phase: str, watch: Any) -> Any:
         unit.watch(None)
 
 
-_WAY_OUT = (
-    " Write it with arithmetic, elementwise functions of numpy, and where(condition, a, b), clip, minimum, maximum or "
-    'sgn of vdfmu.unit; or write backend = "python" in the class, and its FMU runs the method in Python.'
-)
+_WAY_OUT = ". Write it with arithmetic, elementwise functions of numpy and those of vdfmu.unit"
+_OTHER_WAY_OUT = '; or write backend = "python" in the class, and its FMU runs the method in Python'
 
 
 def _fail(unit: Unit, phase: str, error: Exception, reason: str, symbols: bool = False) -> NoReturn:
     file = str(source_file(type(unit)))
     lines = [frame.lineno for frame in traceback.extract_tb(error.__traceback__) if frame.filename == file]
     where = f"{shown(type(unit))}, line {lines[-1]}" if lines else shown(type(unit))
-    what = "cannot be traced" if symbols else "fails"
-    raise UnitError(
-        f"{where}: {phase}() of {type(unit).__name__} {what}: {reason}.{_WAY_OUT if symbols else ''}"
-    ) from None
+    what = f"{phase}() of {type(unit).__name__} {'cannot be traced' if symbols else 'fails'}: {reason}"
+    if symbols:  # a symbol that is compared names its own way out
+        what += ("" if "Write it with" in reason else _WAY_OUT) + _OTHER_WAY_OUT
+    raise UnitError(f"{where}: {what}.") from None

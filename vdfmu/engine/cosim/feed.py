@@ -15,7 +15,7 @@ from vdfmu.engine.cosim.inputs import Course, Table
 from vdfmu.engine.cosim.link import SOURCE, Link, Port
 from vdfmu.engine.ssp.structure import BASE_UNITS, Unit
 from vdfmu.errors import UsageError
-from vdfmu.measure import measure
+from vdfmu.measure import coherent, measure
 
 __all__ = ["Fed", "Feed", "feed_inputs"]
 
@@ -156,8 +156,9 @@ def _conversion(name: str, target: Unit | None, sink: Variable, units: Mapping[s
         return Conversion()
     unit = units.get(name)
     if unit is None:
-        exponents = measure(name).exponents
-        unit = Unit(name, tuple(exponents.get(base, 0) for base in BASE_UNITS))
+        base_name, factor = coherent(name)
+        exponents = measure(base_name).exponents
+        unit = Unit(name, tuple(exponents.get(base, 0) for base in BASE_UNITS), factor)
     if sink.type != "Real":
         raise ValueError(f"expected no unit of measurement for a variable of type {sink.type}, got {name!r}")
     return Conversion(*between(unit, target, sink.relative)) if target is not None else Conversion()

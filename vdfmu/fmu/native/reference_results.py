@@ -84,11 +84,8 @@ def reference_results(interface: Interface) -> dict[str, dict[str, list[list[flo
 
 def _values(unit: Evaluation, causality: str) -> dict[str, list[float]]:
     """Return the values of a causality by group."""
-    interface = unit.interface
     return {
-        group: unit.memory[where].tolist()
-        for group, where in interface.groups.items()
-        if interface.variables[where.start].causality == causality
+        group: unit.memory[where].tolist() for group, where in unit.interface.groups_of(causality).items()
     }
 
 

@@ -37,7 +37,7 @@ class Behaviour:
         self._unit = evaluation(interface, memory)
         own = interface.has_states and isinstance(self._unit, Traced)
         self._solver = Integrator(self._unit) if own else Motion(self._unit)
-        self._saved = ("start", "h", "tolerance") if interface.has_states else ("start",)
+        self._saved = ("h", "tolerance", "start") if interface.has_states else ("start",)
 
     def check(self) -> list[str]:
         """Problems of the parameter values together; those of each alone are checked when they are set."""
