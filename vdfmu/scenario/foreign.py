@@ -42,12 +42,11 @@ class ForeignInterface:
             description: Any = fmpy.read_model_description(str(path), validate=False)
         except Exception as error:
             raise UsageError(f"{path}: the FMU cannot be read: {error}.") from None
-        if description.fmiVersion not in ("2.0", "3.0") or not (
-            description.coSimulation or description.modelExchange
-        ):
+        part = description.coSimulation or description.modelExchange
+        if description.fmiVersion not in ("2.0", "3.0") or part is None:
             raise UsageError(
-                f"{path}: expected an FMU of FMI 2.0 or 3.0 for co-simulation or model exchange, got FMI {description.fmiVersion}"
-                f"{'' if description.coSimulation or description.modelExchange else ' with neither'}."
+                f"{path}: expected an FMU of FMI 2.0 or 3.0 for co-simulation or model exchange, got FMI "
+                f"{description.fmiVersion}{'' if part else ' with neither'}."
             )
         self.path = path
         self.implementation = "CoSimulation" if description.coSimulation else "ModelExchange"
