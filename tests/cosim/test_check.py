@@ -240,7 +240,7 @@ def edit_fmu(fmu, **changes) -> bytes:
         ({"replace": [(b'causality="output"', b'causality="outputs"')]}, "faulty model description"),
         ({"replace": [(b"<CoSimulation ", b"<ModelExchange "),
                       (b'canHandleVariableCommunicationStepSize="true" canInterpolateInputs="false" ', b"")]},
-         "for CoSimulation, as the SSD asks, got one for ModelExchange"),
+         "the SSD asks for CoSimulation, resources/changed.fmu has ModelExchange"),
     ],
 )  # fmt: skip
 def test_fmus_that_cannot_be_run(pack, xml, fmus, changes, message):
@@ -251,7 +251,7 @@ def test_fmus_that_cannot_be_run(pack, xml, fmus, changes, message):
 
 def test_an_fmu_asked_for_as_model_exchange(pack, xml):
     path = pack([xml.component("a", "Gain", attributes='implementation="ModelExchange"')])
-    expect(problems(path), "for ModelExchange, as the SSD asks, got one for CoSimulation")
+    expect(problems(path), r"a: the SSD asks for ModelExchange, resources/Gain\.fmu has CoSimulation")
 
 
 def test_an_fmu_that_can_be_there_only_once(pack, xml, fmus):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import io
+import zipfile
 from dataclasses import replace
 
 import numpy as np
@@ -132,6 +134,19 @@ def test_the_part_that_the_ssd_asks_for(pack, xml, built):
     other = xml.component("a", "LagME_3", "", attributes='implementation="CoSimulation"')
     path = pack([other], extra={"resources/LagME_3.fmu": built(LAG, "3.0")})
     with pytest.raises(
-        SspError, match=r"expected an FMU for CoSimulation, as the SSD asks, got one for ModelExchange"
+        SspError, match=r"the SSD asks for CoSimulation, resources/LagME_3.fmu has ModelExchange"
     ):
+        simulate(path, stop=1.0, step=0.5)
+
+
+def test_scheduled_execution_alone_is_refused(pack, xml, built):
+    model = replace(models.LAG, name="Scheduled", kinds=())
+    fmu = io.BytesIO()
+    with zipfile.ZipFile(io.BytesIO(built(model, "3.0"))) as old, zipfile.ZipFile(fmu, "w") as new:
+        for name in old.namelist():
+            scheduled = b'<ScheduledExecution modelIdentifier="Scheduled"/><ModelVariables>'
+            new.writestr(name, old.read(name).replace(b"<ModelVariables>", scheduled))
+    path = pack([xml.component("a", "Scheduled_3")], extra={"resources/Scheduled_3.fmu": fmu.getvalue()})
+    message = r"expected an FMU for CoSimulation or ModelExchange, got one for ScheduledExecution"
+    with pytest.raises(SspError, match=message):
         simulate(path, stop=1.0, step=0.5)

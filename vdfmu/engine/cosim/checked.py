@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from vdfmu.engine.cosim.conversion import Value
 from vdfmu.engine.cosim.description import Description, Variable
@@ -36,6 +36,8 @@ class Checked:
         Signals from outside.
     clock_links : tuple of (Port, Port)
         Connections of clocks.
+    multiples : mapping of str to int
+        Communication steps that a component's own step takes; empty where all step together.
     """
 
     system: System
@@ -47,6 +49,7 @@ class Checked:
     notes: tuple[str, ...]
     feed: Feed | None = None
     clock_links: tuple[tuple[Port, Port], ...] = ()
+    multiples: Mapping[str, int] = field(default_factory=dict)
 
     @property
     def sources(self) -> Mapping[str, Description]:

@@ -17,6 +17,7 @@ from vdfmu.engine.cosim.continuous import ContinuousStepper
 from vdfmu.engine.cosim.events import Events
 from vdfmu.engine.cosim.exchange import Exchange, SampledStepper
 from vdfmu.engine.cosim.messages import LogMessage, MessageBox
+from vdfmu.engine.cosim.multirate import MultirateStepper
 from vdfmu.errors import CosimError
 from vdfmu.interrupt import InterruptGuard
 
@@ -64,7 +65,8 @@ class Components:
             version = Slave2 if description.version == "2.0" else Slave3
             slave = self.slaves[name] = version(name, description, folder, self.box, corrupt, self._watch)
             if isinstance(slave, Slave3):
-                slave.event_mode = description.event_mode and self.checked.algorithm not in CONTINUOUS
+                sampled = self.checked.algorithm not in CONTINUOUS and not self.checked.multiples
+                slave.event_mode = description.event_mode and sampled
             with InterruptGuard():  # of which units written in Python would make an error
                 slave.instantiate()
 
@@ -100,7 +102,12 @@ class Components:
                 span=span,
             )
         else:
-            self._stepper = SampledStepper(self.exchange, self._events)
+            several = self.checked.multiples
+            self._stepper = (
+                MultirateStepper(self.exchange, span)
+                if several
+                else SampledStepper(self.exchange, self._events)
+            )
         return self._stepper
 
     def close(self) -> CosimError | None:

@@ -24,6 +24,7 @@ from vdfmu.engine.cosim.exits import exits_said
 from vdfmu.engine.cosim.inputs import Inputs, outside, read_inputs
 from vdfmu.engine.cosim.isolated import Isolated, Limits
 from vdfmu.engine.cosim.messages import LogMessage, MessageBox
+from vdfmu.engine.cosim.multirate import with_steps
 from vdfmu.engine.cosim.recorder import ROWS, Recorder
 from vdfmu.engine.cosim.results import Results
 from vdfmu.engine.cosim.schedule import DEFAULT
@@ -81,7 +82,8 @@ def simulate(
     start, stop : float, optional
         Simulated time [s]. Default: the default experiment of the SSD; its start else 0.
     step : float, optional
-        Communication step [s]. `stop` - `start` must be a multiple of it, within 1e-9 relative. With `adaptive` the
+        Communication step [s]; of components that the package gives a step of their own the part that all have.
+        `stop` - `start` must be a multiple of it, within 1e-9 relative. With `adaptive` the
         longest step, and the interval of the rows. Default: that of the default experiment's annotation, of this
         project or of libcosim.
     algorithm : str, optional
@@ -163,6 +165,7 @@ def simulate(
         system, parameters, inputs=tables, algorithm=algorithm, repeats=adaptive is not None, strict=strict,
         ignore_unmatched=ignore_unmatched,
     )  # fmt: skip
+    checked = with_steps(checked, step)
     reach = outside(tables, begin, end)
     algorithm = checked.algorithm
     with _Run(checked, log, isolate, Limits(time_limit, memory_limit)) as run:
