@@ -209,8 +209,8 @@ def instrumented(watches: _Watches) -> Generator[None]:
     plan, recorders = SampledStepper.__init__, Exchange.recorders
     make, advance = KernelFunction.__init__, Integrator.advance
 
-    def timed_plan(self: SampledStepper, exchange: Exchange, events: Any = None) -> None:
-        plan(self, exchange, events)
+    def timed_plan(self: SampledStepper, exchange: Exchange) -> None:
+        plan(self, exchange)
         for watch in watches.kernel.values():  # the steps begin: forget what the initialization called
             watch.seconds, watch.calls = 0.0, 0
         self.opening = [watches.opening.wrap(gather) for gather in self.opening]

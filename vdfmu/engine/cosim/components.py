@@ -14,7 +14,7 @@ from vdfmu.engine.cosim.component import Slave, Watch
 from vdfmu.engine.cosim.component2 import Slave2
 from vdfmu.engine.cosim.component3 import Slave3
 from vdfmu.engine.cosim.continuous import ContinuousStepper
-from vdfmu.engine.cosim.events import Events
+from vdfmu.engine.cosim.events import Events, EventStepper
 from vdfmu.engine.cosim.exchange import Exchange, SampledStepper
 from vdfmu.engine.cosim.messages import LogMessage, MessageBox
 from vdfmu.engine.cosim.multirate import MultirateStepper
@@ -101,13 +101,12 @@ class Components:
                 error=adaptive,
                 span=span,
             )
+        elif self.checked.multiples:
+            self._stepper = MultirateStepper(self.exchange, span)
+        elif self._events is not None:
+            self._stepper = EventStepper(self.exchange, self._events)
         else:
-            several = self.checked.multiples
-            self._stepper = (
-                MultirateStepper(self.exchange, span)
-                if several
-                else SampledStepper(self.exchange, self._events)
-            )
+            self._stepper = SampledStepper(self.exchange)
         return self._stepper
 
     def close(self) -> CosimError | None:

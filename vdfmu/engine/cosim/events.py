@@ -19,10 +19,10 @@ from numpy.typing import NDArray
 from vdfmu.engine.cosim.access import Call
 from vdfmu.engine.cosim.component3 import Slave3
 from vdfmu.engine.cosim.description import Variable
-from vdfmu.engine.cosim.exchange import Exchange
+from vdfmu.engine.cosim.exchange import Exchange, SampledStepper, largest_step
 from vdfmu.errors import CosimError
 
-__all__ = ["Events"]
+__all__ = ["EventStepper", "Events"]
 
 _ROUNDS = 100
 """Events at one time, one after the other, at most."""
@@ -209,3 +209,20 @@ class Events:
             for tick, interval in zip(asked, found, strict=True):
                 if interval is not None:
                     tick.given(interval, time)
+
+
+class EventStepper(SampledStepper):
+    """Steps the units as `SampledStepper` does, from event to event."""
+
+    def __init__(self, exchange: Exchange, events: Events) -> None:
+        super().__init__(exchange)
+        self._events, self._ended = events, exchange.box.ended
+
+    def advance(self, time: float, step: float, stop: float) -> None:
+        """Step all units from `time` by `step`, to the next event where that is before `stop`, and so on."""
+        start = time
+        while time < stop and not self._ended:
+            end = self._events.next(time, stop)
+            super().advance(time, step if (time, end) == (start, stop) else largest_step(time, end), end)
+            self._events.handle(end, end - time)
+            time = end

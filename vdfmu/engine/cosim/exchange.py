@@ -277,11 +277,10 @@ class SampledStepper:
         Unit by unit: the slave, what brings its fresh inputs up to date, its calls.
     """
 
-    def __init__(self, exchange: Exchange, events: Any = None) -> None:
-        self._clock, self._size, self._events = exchange.clock, exchange.size, events
+    def __init__(self, exchange: Exchange) -> None:
+        self._clock, self._size = exchange.clock, exchange.size
         self.pressed: Callable[[], bool] = lambda: False
         """Whether the user wants to stop; the master asks between the rows, which are the steps here."""
-        self._box = exchange.box
         gathers = [bank.gather(slice(0, bank.inputs.size)) for bank in exchange.banks]
         self.opening = [gather for gather in gathers if gather is not None]
         if exchange.checked.feed is not None:
@@ -297,18 +296,7 @@ class SampledStepper:
             self.stages.append((exchange.slaves[name], fresh, exchange.calls(name)))
 
     def advance(self, time: float, step: float, stop: float) -> None:
-        """Step all units from `time` by `step`, to the next event where that is before `stop`, and so on."""
-        if self._events is None:
-            self._step(time, step)
-            return
-        start = time
-        while time < stop and not self._box.ended:
-            end = self._events.next(time, stop)
-            self._step(time, step if (time, end) == (start, stop) else largest_step(time, end))
-            self._events.handle(end, end - time)
-            time = end
-
-    def _step(self, time: float, step: float) -> None:
+        """Step all units from `time` by `step`."""
         self._clock.value, self._size.value = time, step
         for gather in self.opening:
             gather()
