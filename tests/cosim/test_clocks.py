@@ -2,15 +2,21 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import fmpy
 import numpy as np
 import pytest
 from fmpy.fmi3 import FMU3Slave
 from fmpy.validation import validate_fmu
 
+import vdfmu
 from tests.cosim.reference import models
 from vdfmu.engine.cosim import simulate
-from vdfmu.errors import SspError
+from vdfmu.engine.cosim.check import check_system
+from vdfmu.engine.cosim.multirate import with_steps
+from vdfmu.engine.ssp import load_ssp
+from vdfmu.errors import SspError, UsageError
 
 LOOP = {"c": (models.CONTROLLER, "3.0"), "p": (models.LAG, "3.0")}
 WIRES = ["p.x -> c.e", "c.u -> p.u"]
@@ -153,3 +159,27 @@ def test_discrete_inputs_are_set_at_events(system):
     )
     late = simulate(two, stop=5.0, step=0.5, algorithm="jacobi")  # FMI 2.0 has no events: a step later
     np.testing.assert_array_equal(late["a.Int32_output"][1:], late["s.counter"][:-1])
+
+
+@pytest.mark.parametrize("exchange", [False, True])
+def test_components_that_stay_loaded_begin_anew(system, exchange):
+    """Clocks, events and solver too."""
+    ball = (
+        replace(models.BOUNCING_BALL, name="BallME", kinds=("ModelExchange",))
+        if exchange
+        else models.BOUNCING_BALL
+    )
+    path = system(LOOP | {"b": (ball, "3.0"), "s": (models.STAIR, "3.0")}, WIRES)
+    with vdfmu.Simulator(path, isolate=False) as simulator:
+        runs = [simulator.run(stop=2.0, step=0.1, parameters={"c.w": w}) for w in (1.0, 2.0, 1.0)]
+    for name in runs[0].names:
+        np.testing.assert_array_equal(runs[0][name], runs[2][name])
+    assert runs[1]["p.x"][-1] > 1.5 * runs[0]["p.x"][-1]
+
+
+def test_clocks_beside_components_with_steps_of_their_own_are_refused(system):
+    checked = check_system(load_ssp(system(LOOP, WIRES)))
+    components = [replace(c, step=0.2) if c.name == "p" else c for c in checked.system.components]
+    slow = replace(checked, system=replace(checked.system, components=tuple(components)))
+    with pytest.raises(UsageError, match=r"c: have clocks, .* together; p have steps of their own"):
+        with_steps(slow, 0.1)

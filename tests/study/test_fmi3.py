@@ -50,8 +50,6 @@ def test_second_order_without_derivatives_of_inputs(isolate, tmp_path):
 def test_what_has_no_fmi_3(tmp_path):
     with pytest.raises(UsageError, match=r"Python FMUs are of FMI 2\.0, got 3\.0"):
         vdfmu.run("planar_tracking", stop=0.01, backend="python", fmi_version="3.0", out=tmp_path / "a")
-    with pytest.raises(UsageError, match=r"container: holds units of FMI 2\.0, got fmi_version 3\.0"):
-        vdfmu.run("planar_tracking", stop=0.01, container=True, fmi_version="3.0", out=tmp_path / "b")
     with pytest.raises(UsageError, match=r"There is no FMI '4\.0' here"):
         vdfmu.run("planar_tracking", stop=0.01, fmi_version="4.0", out=tmp_path / "c")
 

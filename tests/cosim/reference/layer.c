@@ -148,7 +148,7 @@ OK(fmi2SetupExperiment, (fmi2Component c, fmi2Boolean a, fmi2Real b, fmi2Real st
 OK(fmi2EnterInitializationMode, (fmi2Component c), outputs(I))
 OK(fmi2ExitInitializationMode, (fmi2Component c), begin(I); fresh(I))
 OK(fmi2Terminate, (fmi2Component c), (void)I)
-OK(fmi2Reset, (fmi2Component c), I->d = initial)
+OK(fmi2Reset, (fmi2Component c), I->d = initial; I->next = INFINITY; I->steps = 0; I->changed = I->end = false)
 OK(fmi2SetTime, (fmi2Component c, fmi2Real time), I->time = time; outputs(I))
 OK(fmi2SetContinuousStates, (fmi2Component c, const fmi2Real *x, size_t n),
    memcpy(STATES(I), x, n * sizeof *x); outputs(I))
@@ -264,7 +264,7 @@ OK(fmi3EnterEventMode, (fmi3Instance c), (void)I)
 OK(fmi3EnterStepMode, (fmi3Instance c), fresh(I))
 OK(fmi3EnterContinuousTimeMode, (fmi3Instance c), I->changed = false)
 OK(fmi3Terminate, (fmi3Instance c), (void)I)
-OK(fmi3Reset, (fmi3Instance c), I->d = initial)
+OK(fmi3Reset, (fmi3Instance c), I->d = initial; I->next = INFINITY; I->steps = 0; I->changed = I->end = false)
 OK(fmi3SetTime, (fmi3Instance c, fmi3Float64 time), I->time = time; outputs(I))
 OK(fmi3SetContinuousStates, (fmi3Instance c, const fmi3Float64 *x, size_t n),
    memcpy(STATES(I), x, n * sizeof *x); outputs(I))

@@ -157,6 +157,7 @@ class Slave3(Slave):
 
     def exit_initialization(self) -> None:
         """See `Slave.exit_initialization`."""
+        self.event_needed = False
         super().exit_initialization()
         self.in_event = self.event_mode or self.description.exchange
 

@@ -60,12 +60,13 @@ class Components:
     def load(self) -> None:
         """Load the libraries and create the instances."""
         corrupt: set[str] = set()
+        own_steps = any(component.step is not None for component in self.checked.system.components)
         for name, description in self.checked.descriptions.items():
             folder = self.folders[description.source]
             version = Slave2 if description.version == "2.0" else Slave3
             slave = self.slaves[name] = version(name, description, folder, self.box, corrupt, self._watch)
             if isinstance(slave, Slave3):
-                sampled = self.checked.algorithm not in CONTINUOUS and not self.checked.multiples
+                sampled = self.checked.algorithm not in CONTINUOUS and not own_steps
                 slave.event_mode = description.event_mode and sampled
             with InterruptGuard():  # of which units written in Python would make an error
                 slave.instantiate()
@@ -108,6 +109,18 @@ class Components:
         else:
             self._stepper = SampledStepper(self.exchange)
         return self._stepper
+
+    def reset(self) -> None:
+        """Take all back to what they were after loading."""
+        stepper, self._stepper, self._events = self._stepper, None, None
+        with InterruptGuard():
+            if isinstance(stepper, ContinuousStepper):
+                stepper.close()
+            for slave in self.slaves.values():
+                slave.reset()
+        for bank in self.exchange.banks:
+            bank.memory[:] = 0
+        self.box.flush()
 
     def close(self) -> CosimError | None:
         """Terminate and free them all; return the first failure in that. The others are messages."""

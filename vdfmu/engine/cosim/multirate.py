@@ -42,10 +42,10 @@ def with_steps(checked: Checked, step: float) -> Checked:
             "gauss-seidel or jacobi"
         )
     ticking = [name for name, d in checked.descriptions.items() if any(v.clock for v in d.variables.values())]
-    if slow and ticking:
+    if multiples and ticking:
         problems.append(
-            f"{', '.join(ticking)}: have clocks, which tick where all components step together; {', '.join(slow)} have "
-            "steps of their own. Leave these out, or the clocks"
+            f"{', '.join(ticking)}: have clocks, which tick where all components step together; "
+            f"{', '.join(multiples)} have steps of their own. Leave these out, or the clocks"
         )
     for name in set(slow) & _feeding(checked):
         late = [
