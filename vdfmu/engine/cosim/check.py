@@ -114,6 +114,7 @@ def check_system(
         starts={name: list(values.values()) for name, values in starts.items()},
         notes=tuple(checker.notes),
         feed=feed,
+        clock_links=tuple(checker.clock_links),
     )
     return with_parameters(checked, parameters or {})
 
@@ -147,6 +148,7 @@ class _Checker:
         self.notes = list(system.notes)
         self.descriptions: dict[str, Description] = {}
         self.ignore_unmatched = ignore_unmatched
+        self.clock_links: list[tuple[Port, Port]] = []
         for text in system.unmatched:
             self._unmatched(text)
 
@@ -284,6 +286,9 @@ class _Checker:
             if not sources or not sinks:
                 continue  # reported with the connectors
             source, sink, stepped = sources[0], sinks[0], sources[0].causality == "output"
+            if source.type == sink.type == "Clock":
+                self.clock_links.append(ends)
+                continue
 
             def fault(rule: str, text: str, connection: Connection = connection) -> None:
                 self.problems.append(
@@ -334,6 +339,8 @@ class _Checker:
         report = self.problems if self.strict else self.notes
         for name, description in self.descriptions.items():
             for variable in description.named("input"):
+                if variable.clock is not None and not variable.clock.triggered:
+                    continue  # the master ticks it
                 if (name, variable.name) not in fed:
                     text = f"{name}.{variable.name}: input is not connected and keeps its start value"
                     report.append(found("SSP038", text))

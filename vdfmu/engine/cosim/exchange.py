@@ -324,7 +324,7 @@ class SampledStepper:
                     fresh.append(gather)
             self.stages.append((exchange.slaves[name], fresh, exchange.calls(name)))
 
-    def advance(self, time: float, step: float, _: float) -> None:
+    def advance(self, time: float, step: float, stop: float) -> None:
         """Step all units from `time` by `step`."""
         self._clock.value, self._size.value = time, step
         for gather in self.opening:
