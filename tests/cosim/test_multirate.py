@@ -80,7 +80,9 @@ def test_steps_that_do_not_go_together_are_refused(system):
         simulate(system(step=0.05), stop=2.0, step=0.5)
     with pytest.raises(UsageError, match="s: have steps of their own, and iterative takes one step for all"):
         simulate(system(), stop=2.0, step=0.25, algorithm="iterative")
-    with pytest.raises(SspError, match="component 's': expected a positive finite communicationStepSize, got -1"):
+    with pytest.raises(
+        SspError, match="component 's': expected a positive finite communicationStepSize, got -1"
+    ):
         load_ssp(system(step=-1))
 
 

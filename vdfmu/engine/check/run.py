@@ -21,7 +21,6 @@ import numpy.typing as npt
 
 from vdfmu.engine.check.findings import Findings
 from vdfmu.engine.check.reference import compare
-from vdfmu.engine.cosim.master import simulate
 from vdfmu.engine.rules import Finding, found
 from vdfmu.engine.ssp.limits import package_limit, unpack_limit
 from vdfmu.engine.ssp.read import load_ssp
@@ -270,6 +269,8 @@ def master_of(system: System) -> str:
 
 def _run_system(path: Path, deadline: float) -> Findings:
     """Make ten steps of a system; at `deadline`, of `monotonic`, a call that began with the run is ended."""
+    from vdfmu.engine.cosim.master import simulate  # an FMU alone needs no master
+
     system = load_ssp(path)
     experiment = system.experiment
     start = experiment.start or 0.0

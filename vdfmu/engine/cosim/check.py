@@ -105,11 +105,7 @@ def check_system(
         error = SspError(list(dict.fromkeys(checker.problems)))
         error.notes = checker.notes
         raise error
-    fed = {link.end: link.start for link in links}
-    for name, values in overrides(known, parameters or {}).items():
-        starts.setdefault(name, {}).update(values)
-        checker.notes += _fed(name, values, fed, "the value that was given")
-    return Checked(
+    checked = Checked(
         system=system,
         descriptions=known,
         links=tuple(links),
@@ -118,6 +114,26 @@ def check_system(
         starts={name: list(values.values()) for name, values in starts.items()},
         notes=tuple(checker.notes),
         feed=feed,
+    )
+    return with_parameters(checked, parameters or {})
+
+
+def with_parameters(checked: Checked, parameters: Mapping[str, Value]) -> Checked:
+    """Return a checked system with other `parameters`, as of `check_system`; they win over those that it has.
+
+    Raises
+    ------
+    UsageError
+        If they name something unknown, not settable or of another type.
+    """
+    fed = {link.end: link.start for link in checked.links}
+    starts = {name: {v.name: (v, value) for v, value in each} for name, each in checked.starts.items()}
+    notes = [*checked.notes]
+    for name, values in overrides(checked.descriptions, parameters).items():
+        starts.setdefault(name, {}).update(values)
+        notes += _fed(name, values, fed, "the value that was given")
+    return replace(
+        checked, starts={name: list(each.values()) for name, each in starts.items()}, notes=tuple(notes)
     )
 
 

@@ -253,6 +253,13 @@ class Slave:
         """Whether the FMU has had a fatal error."""
         return self.description.source in self._corrupt
 
+    def reset(self) -> None:
+        """Take the instance back to what it was after its making."""
+        if self.stage == "initialized":
+            self.call("Terminate")
+        self.call("Reset")
+        self.stage = "instantiated"
+
     def close(self) -> CosimError | None:
         """Terminate and free the instance as far as FMI allows in its state; return what failed in that."""
         failure = None

@@ -101,6 +101,18 @@ class Components:
             )
         return self._stepper
 
+    def reset(self) -> None:
+        """Take all back to what they were after loading."""
+        stepper, self._stepper = self._stepper, None
+        with InterruptGuard():
+            if isinstance(stepper, ContinuousStepper):
+                stepper.close()
+            for slave in self.slaves.values():
+                slave.reset()
+        for bank in self.exchange.banks:
+            bank.memory[:] = 0
+        self.box.flush()
+
     def close(self) -> CosimError | None:
         """Terminate and free them all; return the first failure in that. The others are messages."""
         failures: list[CosimError] = []
