@@ -118,7 +118,9 @@ def run(
 
 
 def simulate(
-    package: Annotated[Path, typer.Argument(help="A system package of SSP 1.0, of this or any other tool.")],
+    package: Annotated[
+        Path, typer.Argument(help="A system package of SSP 1.0 or 2.0, of this or any other tool.")
+    ],
     variant: Annotated[
         str, typer.Option(metavar="SSD", help="The SSD to run, where the package has several.")
     ] = "SystemStructure.ssd",

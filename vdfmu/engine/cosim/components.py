@@ -118,6 +118,7 @@ class Components:
                 stepper.close()
             for slave in self.slaves.values():
                 slave.reset()
+        self.exchange.checked = self.checked
         for bank in self.exchange.banks:
             bank.memory[:] = 0
         self.box.flush()

@@ -237,7 +237,7 @@ class Exchange:
         Of those `among` others, where the algorithm holds inputs over a step: a fresh one is what it reads, any other
         what that was a row before, as are all that read the same.
         """
-        if self.checked.algorithm in CONTINUOUS:
+        if self.checked.algorithm in CONTINUOUS or self.checked.multiples:
             return {}
         found: dict[int, tuple[int, int, int]] = {}
         first: dict[int, int] = {}

@@ -44,7 +44,7 @@ def simulate(
     Parameters
     ----------
     system : System, str or Path
-        An SSP 1.0, or what `vdfmu.ssp.load_ssp` made of it.
+        An SSP 1.0 or 2.0, or what `vdfmu.load_ssp` made of it.
     start, stop : float, optional
         Simulated time [s]. Default: the default experiment of the SSD; its start else 0.
     step : float, optional
