@@ -251,7 +251,7 @@ def test_fmus_that_cannot_be_run(pack, xml, fmus, changes, message):
 
 def test_an_fmu_asked_for_as_model_exchange(pack, xml):
     path = pack([xml.component("a", "Gain", attributes='implementation="ModelExchange"')])
-    expect(problems(path), "the SSD asks for model exchange")
+    expect(problems(path), r"a: the SSD asks for ModelExchange, resources/Gain\.fmu has CoSimulation")
 
 
 def test_an_fmu_that_can_be_there_only_once(pack, xml, fmus):

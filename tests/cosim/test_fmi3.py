@@ -124,7 +124,7 @@ def test_what_does_not_fit_is_refused(system):
     mixed = {"a": (models.FEEDTHROUGH, "3.0"), "b": (models.FEEDTHROUGH, "3.0")}
     path = system(mixed, ["a.Int8_output -> b.Float64_input", "a.String_output -> b.Binary_input"])
     with pytest.raises(
-        SspError, match=r"type mismatch, Integer to Real\n?(.|\n)*type mismatch, String to Binary"
+        SspError, match=r"type mismatch, Int8 to Float64\n?(.|\n)*type mismatch, String to Binary"
     ):
         check_system(load_ssp(path))
 

@@ -13,7 +13,7 @@ from benchmarks.importers import ask_rows, missing
 from vdfmu.cli.commands import app
 from vdfmu.engine.cosim import simulate
 from vdfmu.equations.kinematics import end_effector_pose
-from vdfmu.errors import SspError
+from vdfmu.errors import ModelError
 from vdfmu.fmu import build_fmus
 from vdfmu.scenario.values import system_values
 from vdfmu.ssp.description import SystemDescription
@@ -239,7 +239,7 @@ def test_an_unknown_signal_in_a_system_file_stays_an_error(examples):
     (examples / "arm.toml").write_text(
         text.replace('"controller.q_dot", "wall', '"controller.q_punkt", "wall')
     )
-    with pytest.raises(SspError, match=r"plant\.q_dot -> controller\.q_punkt"):
+    with pytest.raises(ModelError, match=r"arm\.toml: connections: controller\.q_punkt: expected an input"):
         vdfmu.run(examples / "scenario.toml", out="results", reference=False)
 
 

@@ -83,6 +83,7 @@ def run(
         raise UsageError(f"{scenario}: is no scenario but a system package; 'vdfmu simulate' runs it.")
     chosen = load(scenario, robot)
     from vdfmu.report import tables
+    from vdfmu.report.sheets import sheets
     from vdfmu.study.run import RUN_OUTPUTS
     from vdfmu.study.run import run as run_study
 
@@ -107,14 +108,8 @@ def run(
         )
     summary = results.summary
     console.print(tables.run_panel(summary))
-    if summary["kind"] == "contrast":
-        console.print(tables.contrast_table(summary))
-    elif "rms_position_error_deg" in summary:
-        console.print(tables.tracking_table(summary))
-    if "rms_spring_torque_nm" in summary:
-        console.print(tables.estimation_table(summary))
-    if "reference" in summary:
-        console.print(tables.reference_table(summary))
+    for sheet in sheets(summary):
+        console.print(tables.sheet_table(sheet))
     _say_written(out if out is not None else Path("results") / summary["scenario"], RUN_OUTPUTS)
 
 

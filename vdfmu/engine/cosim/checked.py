@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from vdfmu.engine.cosim.conversion import Value
 from vdfmu.engine.cosim.description import Description, Variable
@@ -34,6 +34,8 @@ class Checked:
         Notes, not errors: inputs that nothing feeds, for example.
     feed : Feed or None
         Signals from outside.
+    multiples : mapping of str to int
+        Communication steps that a component's own step takes; empty where all step together.
     """
 
     system: System
@@ -44,6 +46,7 @@ class Checked:
     starts: Mapping[str, Sequence[tuple[Variable, Value]]]
     notes: tuple[str, ...]
     feed: Feed | None = None
+    multiples: Mapping[str, int] = field(default_factory=dict)
 
     @property
     def sources(self) -> Mapping[str, Description]:

@@ -16,6 +16,7 @@ from vdfmu.engine.cosim.component3 import Slave3
 from vdfmu.engine.cosim.continuous import ContinuousStepper
 from vdfmu.engine.cosim.exchange import Exchange, SampledStepper
 from vdfmu.engine.cosim.messages import LogMessage, MessageBox
+from vdfmu.engine.cosim.multirate import MultirateStepper
 from vdfmu.errors import CosimError
 from vdfmu.interrupt import InterruptGuard
 
@@ -94,7 +95,10 @@ class Components:
                 span=span,
             )
         else:
-            self._stepper = SampledStepper(self.exchange)
+            several = self.checked.multiples
+            self._stepper = (
+                MultirateStepper(self.exchange, span) if several else SampledStepper(self.exchange)
+            )
         return self._stepper
 
     def reset(self) -> None:

@@ -4,19 +4,22 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import fmpy
 import numpy as np
 from fmpy.model_description import ModelDescription, ValidationError, read_model_description
 
+from vdfmu.engine.rules import fmpy_found, found
 from vdfmu.engine.ssp.archive import Archive
+from vdfmu.engine.ssp.elements import read_units
 from vdfmu.engine.ssp.parse import parse_xml
-from vdfmu.engine.ssp.structure import BASE_UNITS, Unit
+from vdfmu.engine.ssp.structure import Unit
 from vdfmu.errors import SspError
 
 Value = float | int | bool | str | bytes
+KINDS = ("CoSimulation", "ModelExchange", "ScheduledExecution")
 _KIND = {"Enumeration": "Integer"}
 RANGES = {"Integer": (-(2**31), 2**31 - 1)} | {
     f"{sign}Int{bits}": (0, min(2**bits, 2**63) - 1) if sign else (-(2 ** (bits - 1)), 2 ** (bits - 1) - 1)
@@ -67,6 +70,11 @@ class Variable:
         return _KIND.get(self.type, self.type)
 
     @property
+    def declared(self) -> str:
+        """The type that the FMU states."""
+        return self.type if self.type == "Enumeration" else self.native
+
+    @property
     def size(self) -> float:
         """The nominal value; 1, as FMI has it, where the FMU states none."""
         return self.nominal or 1.0
@@ -88,6 +96,9 @@ class Description:
     version : str
         Of FMI.
     variables : mapping of str to Variable
+        Arrays by their elements.
+    shapes : mapping of str to tuple of int
+        Of the arrays.
     step_dependencies, initial_dependencies : mapping of str to frozenset of str or None
         For each output (and each other initial unknown) the names it depends on, in the steps and during
         initialization. None where the FMU does not say, which means: on all.
@@ -107,9 +118,24 @@ class Description:
     step_dependencies: Mapping[str, frozenset[str] | None]
     initial_dependencies: Mapping[str, frozenset[str] | None]
     version: str = "2.0"
+    shapes: Mapping[str, tuple[int, ...]] = field(default_factory=dict)
     saves_state: bool = False
     interpolates_inputs: bool = False
     varies_steps: bool = True
+
+    @property
+    def names(self) -> list[str]:
+        """The variables as the FMU names them: scalars, and arrays as a whole."""
+        return [*(v.name for v in self.variables.values() if v.length == 1), *self.shapes]
+
+    def elements(self, name: str, index: Sequence[int] = ()) -> list[Variable]:
+        """Return a variable, or the elements of an array, or of a part of it; empty if there is none of the name."""
+        if name not in self.shapes:
+            return [self.variables[name]] if name in self.variables else []
+        inside = np.ndindex(*self.shapes[name])
+        names = zip(inside, element_names(name, self.shapes[name]), strict=True)
+        start = tuple(i - 1 for i in index)
+        return [self.variables[each] for at, each in names if at[: len(start)] == start]
 
     def named(self, causality: str) -> list[Variable]:
         """Return the variables of one causality, in the order of the FMU."""
@@ -181,13 +207,14 @@ def _inspect(
     root = parse_xml(xml, f"{source}: modelDescription.xml")
     version = root.get("fmiVersion")
     if version not in ("2.0", "3.0"):
-        raise SspError(f"{source}: is an FMU of FMI {version}; the master runs FMI 2.0 and 3.0")
+        text = f"{source}: is an FMU of FMI {version}; the master runs FMI 2.0 and 3.0"
+        raise SspError(found("RUN007", text, root))
     problems: list[str] = []
     try:
         model = read_model_description(unit.file)
     except Exception as error:  # fmpy raises bare exceptions
         faults = error.problems if isinstance(error, ValidationError) else [error]
-        problems += [f"{source}: faulty model description: {fault}" for fault in faults]
+        problems += [fmpy_found(str(f), f"{source}: faulty model description: {f}") for f in faults]
         try:
             model = read_model_description(unit.file, validate=False)
         except Exception:
@@ -198,17 +225,23 @@ def _inspect(
             for d in variable.dimensions
         ]
         variable.shape = tuple(int(size) for size in chosen)  # pyright: ignore[reportArgumentType]
+    kinds = [kind for kind in KINDS if getattr(model, kind[0].lower() + kind[1:], None) is not None]
     if model.coSimulation is None:
-        problems.append(f"{source}: has no co-simulation part; the master does not integrate model exchange")
-    elif implementation == "ModelExchange":
-        problems.append(f"{source}: the SSD asks for model exchange; the master runs co-simulation")
+        text = f"{source}: has no co-simulation part; the master does not integrate model exchange"
+        problems.append(found("RUN007", text, root))
+    elif implementation not in ("any", "CoSimulation"):
+        text = f"the SSD asks for {implementation}, {source} has {' and '.join(kinds)}"
+        problems.append(
+            found("SSP045", text)
+            if implementation not in kinds
+            else found("RUN007", f"{text}; the master runs co-simulation")
+        )
     identifier = "" if model.coSimulation is None else str(model.coSimulation.modelIdentifier)
     library = library_name(identifier, version)
     if identifier and library not in names:
-        found = sorted({n.split("/")[1] for n in names if n.startswith("binaries/") and n.count("/") > 1})
-        problems.append(
-            f"{source}: has no binary for this platform ({library}); it has {', '.join(found) or 'none'}"
-        )
+        has = sorted({n.split("/")[1] for n in names if n.startswith("binaries/") and n.count("/") > 1})
+        text = f"{source}: has no binary for this platform ({library}); it has {', '.join(has) or 'none'}"
+        problems.append(found("FMI017", text))
     try:
         return _describe(model, root, source, identifier), problems
     except (ValueError, TypeError, AttributeError):  # texts that the schema refuses
@@ -227,7 +260,8 @@ def _describe(model: ModelDescription, root: Any, source: str, identifier: str) 
         identifier=identifier,
         guid=str(model.guid),
         once_per_process=bool(model.coSimulation and model.coSimulation.canBeInstantiatedOnlyOncePerProcess),
-        variables=_variables(model, relative),
+        variables=_variables(model, relative, read_units(root.iterfind("UnitDefinitions/Unit"))),
+        shapes={v.name: tuple(v.shape) for v in model.modelVariables if v.shape},
         step_dependencies=_unknowns(model.outputs),
         initial_dependencies=_unknowns(model.initialUnknowns),
         version=str(model.fmiVersion),
@@ -254,16 +288,7 @@ def element_names(name: str, shape: Sequence[int] | None) -> list[str]:
     return [f"{name}[{','.join(str(i + 1) for i in index)}]" for index in np.ndindex(*shape)]
 
 
-def _variables(model: ModelDescription, relative: set[str]) -> dict[str, Variable]:
-    units: dict[str, Unit] = {}
-    for unit in model.unitDefinitions:
-        base = unit.baseUnit
-        name = str(unit.name)
-        units[name] = (
-            Unit(name)
-            if base is None
-            else Unit(name, tuple(int(getattr(base, b)) for b in BASE_UNITS), base.factor, base.offset)
-        )
+def _variables(model: ModelDescription, relative: set[str], units: Mapping[str, Unit]) -> dict[str, Variable]:
     variables: dict[str, Variable] = {}
     for v in model.modelVariables:
         declared = v.declaredType

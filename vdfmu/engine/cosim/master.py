@@ -48,7 +48,8 @@ def simulate(
     start, stop : float, optional
         Simulated time [s]. Default: the default experiment of the SSD; its start else 0.
     step : float, optional
-        Communication step [s]. `stop` - `start` must be a multiple of it, within 1e-9 relative. With `adaptive` the
+        Communication step [s]; of components that the package gives a step of their own the part that all have.
+        `stop` - `start` must be a multiple of it, within 1e-9 relative. With `adaptive` the
         longest step, and the interval of the rows. Default: that of the default experiment's annotation, of this
         project or of libcosim.
     algorithm : str, optional

@@ -15,6 +15,7 @@ from vdfmu.engine.cosim.components import CONVERGENCE
 from vdfmu.engine.cosim.inputs import Inputs, outside, read_inputs
 from vdfmu.engine.cosim.isolated import Limits
 from vdfmu.engine.cosim.messages import LogMessage
+from vdfmu.engine.cosim.multirate import with_steps
 from vdfmu.engine.cosim.results import Results
 from vdfmu.engine.cosim.run import Run
 from vdfmu.engine.cosim.schedule import DEFAULT
@@ -128,7 +129,7 @@ class Simulator:
             raise UsageError(
                 "Simulator: its runs are made in a block, 'with vdfmu.Simulator(...) as simulator:'."
             )
-        checked = with_parameters(self._checked, parameters or {})
+        checked = with_steps(with_parameters(self._checked, parameters or {}), step)
         if changed := _sizes(checked).items() - _sizes(self._checked).items():
             names = ", ".join(sorted(name for name, _ in changed))
             raise UsageError(
