@@ -21,9 +21,13 @@ NAMES = ("sampled", "sampled-delayed", "continuous")
 
 @pytest.fixture
 def own_cache(tmp_path, monkeypatch):
-    """Use a cache of this test alone for references; what is compiled is in it too."""
-    monkeypatch.setenv("VDFMU_CACHE_DIR", str(tmp_path / "cache"))
-    return tmp_path / "cache"
+    """Use a cache of this test alone for references, but not for what is compiled."""
+    return use(tmp_path / "cache", monkeypatch)
+
+
+def use(folder, monkeypatch):
+    monkeypatch.setattr("vdfmu.study.reference.cache_folder", lambda: folder)
+    return folder
 
 
 def described(name="planar_tracking", settings=None):
@@ -70,7 +74,7 @@ def test_all_that_a_solver_calls_is_one_compiled_function(name):
 @pytest.mark.parametrize("name", NAMES)
 def test_without_the_compiler_a_reference_is_the_same(own_cache, monkeypatch, name):
     fast = reference(name, described(), step=1e-3, stop=0.05)
-    monkeypatch.setenv("VDFMU_CACHE_DIR", str(own_cache / "other"))
+    use(own_cache / "other", monkeypatch)
     monkeypatch.setattr(compiled, "native_available", lambda: False)
     plain = reference(name, described(), step=1e-3, stop=0.05)
     for group, values in fast.signals.items():
@@ -84,7 +88,7 @@ def test_references_are_exact_to_1e_11_rad(own_cache, monkeypatch, name):
     for tolerances in (solution._SHORT, solution._LONG):
         monkeypatch.setitem(tolerances, "rtol", 3e-14)
         monkeypatch.setitem(tolerances, "atol", 1e-15)
-    monkeypatch.setenv("VDFMU_CACHE_DIR", str(own_cache / "other"))
+    use(own_cache / "other", monkeypatch)
     tight = reference(name, described(), step=1e-3, stop=0.3).array("plant.q")
     # the local error of 1e-12 a step of a loop that forgets within some hundred steps
     assert np.abs(usual - tight).max() < 1e-11

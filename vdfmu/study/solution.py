@@ -113,8 +113,7 @@ class _Mover:
         solver.set_initial_value(x, t)
         self._steps = -1  # the start is counted too
         # of what a signal raises in a call of the right-hand side, this solver would make a number
-        with InterruptGuard(), warnings.catch_warnings(), suppress(ValueError):
-            warnings.simplefilter("ignore")
+        with InterruptGuard(), suppress(ValueError, UserWarning):
             x[:] = solver.integrate(to)
         if self._rate.error is not None:
             raise self._rate.error
