@@ -100,7 +100,7 @@ def run(
             backend=backend,
             fmi_version=fmi,
             settings=parse_settings(settings),
-            units=parse_settings(unit),
+            units=parse_settings(unit, "--unit", "COMPONENT=UNIT, such as controller=my_unit.py"),
             inputs=inputs,
             input_hold=input_hold or None,
             progress=bars.update,

@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 
-from vdfmu.errors import SspError
 from vdfmu.fmu.description3 import FMI_3_TYPES
 from vdfmu.kernel.structure import parameters
 from vdfmu.scenario import Scenario
@@ -188,8 +187,6 @@ class SystemDescription:
                             index if end.shape else (),
                         )
                     )
-        if not links:
-            raise SspError(f"{self.scenario.system.path}: {source} -> {target}: the two share no signal.")
         return links
 
     def element_links(self) -> Iterator[tuple[str, int, str, int]]:
