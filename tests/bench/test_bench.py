@@ -13,7 +13,18 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from benchmarks import c_loops, coupling, growth, importers, master_step, native, order, rigid, work_precision
+from benchmarks import (
+    c_loops,
+    coupling,
+    growth,
+    importers,
+    master_step,
+    native,
+    order,
+    rigid,
+    whole,
+    work_precision,
+)
 from benchmarks.__main__ import main
 from benchmarks.chains import random_motion, repeated_link
 from benchmarks.compiled import CompiledFunction, write_library
@@ -377,6 +388,16 @@ def test_work_precision(report: Report) -> None:
     work_precision.tabulate(found, report)
     report.save(work_precision.draw(found))
     saved(report)
+
+
+@needs_compiler
+@pytest.mark.slow
+def test_whole(report: Report) -> None:
+    whole.run(report, quick=True)
+    commands = report.facts["commands_s"]
+    assert set(commands) > {"vdfmu --help", "vdfmu run, references kept"} and min(commands.values()) > 0.0
+    assert report.facts["csv_mb"] > 0.1
+    assert report.facts["a state of a batch, compiled"] > 0.0
 
 
 def test_time_at_an_error_is_interpolated() -> None:

@@ -96,7 +96,12 @@ def say_notes(notes: Sequence[str]) -> None:
 
 
 def load(scenario: str, robot: str | None) -> Scenario:
-    """Load a scenario, before what takes longer to import than to say what is wrong with it."""
+    """Load a scenario; what does not exist is told before what takes longer to import than that."""
+    from vdfmu.model.toml_file import locate
+
+    locate(scenario, "scenarios")
+    if robot is not None:
+        locate(robot, "robots")
     from vdfmu.scenario.load import load_scenario
 
     return load_scenario(scenario, robot)
