@@ -11,6 +11,7 @@ import fmpy
 import numpy as np
 from fmpy.model_description import CoSimulation, ModelDescription, ValidationError, read_model_description
 
+from vdfmu.engine.cosim.clock import Clock, read_clock
 from vdfmu.engine.rules import fmpy_found, found
 from vdfmu.engine.ssp.archive import Archive
 from vdfmu.engine.ssp.elements import read_units
@@ -36,25 +37,6 @@ _TYPES = {"Float32": "Real", "Float64": "Real"} | {
 def type_of(name: str) -> str:
     """Return what a type of FMI 2.0 or 3.0 is for the master: floats of any length are Real, integers Integer."""
     return _TYPES.get(name, name)
-
-
-@dataclass(frozen=True)
-class Clock:
-    """Of a clock of FMI 3.0: how its interval varies, the interval, NaN if it is asked for, and the first tick [s]."""
-
-    variability: str
-    interval: float
-    shift: float
-
-    @property
-    def triggered(self) -> bool:
-        """Whether another component ticks it, or it ticks others."""
-        return self.variability == "triggered"
-
-    @property
-    def asked(self) -> bool:
-        """Whether the component says the interval."""
-        return self.variability in ("calculated", "tunable", "changing", "countdown")
 
 
 @dataclass(frozen=True)
@@ -358,22 +340,9 @@ def _variables(
                 length=len(names),
                 start=start,
                 clocks=tuple(each.valueReference for each in v.clocks or ()),  # pyright: ignore[reportAttributeAccessIssue]
-                clock=_clock(clocks[name]) if name in clocks else None,
+                clock=read_clock(clocks[name]) if name in clocks else None,
             )
     return variables
-
-
-def _clock(element: Any) -> Clock:
-    def seconds(decimal: str, counter: str, default: float) -> float:
-        if element.get(counter) is not None and element.get("resolution") is not None:
-            return int(element.get(counter)) / int(element.get("resolution"))
-        return float(element.get(decimal, default))
-
-    return Clock(
-        element.get("intervalVariability"),
-        seconds("intervalDecimal", "intervalCounter", math.nan),
-        seconds("shiftDecimal", "shiftCounter", 0.0),
-    )
 
 
 def _native(kind: str, version: str) -> str:
