@@ -11,7 +11,7 @@ Python API
 ``run``
     A whole scenario: co-simulation, references, comparison, files.
 ``simulate``, ``load_ssp``
-    The master, for any SSP 1.0 of FMI 2.0 co-simulation units.
+    The master, for systems of FMUs of FMI 2.0 and 3.0.
 ``Simulator``
     The same for many runs of one system, whose components stay loaded.
 ``package_limit``

@@ -238,13 +238,13 @@ def edit_fmu(fmu, **changes) -> bytes:
         ({"replace": [(b"<fmiModelDescription", b'<!DOCTYPE x [<!ENTITY e "x">]><fmiModelDescription')]},
          "document type declaration"),
         ({"replace": [(b'causality="output"', b'causality="outputs"')]}, "faulty model description"),
-        ({"replace": [(b"<CoSimulation", b"<ModelExchange"),
+        ({"replace": [(b"<CoSimulation ", b"<ModelExchange "),
                       (b'canHandleVariableCommunicationStepSize="true" canInterpolateInputs="false" ', b"")]},
-         "has no co-simulation part"),
+         "the SSD asks for CoSimulation, resources/changed.fmu has ModelExchange"),
     ],
 )  # fmt: skip
 def test_fmus_that_cannot_be_run(pack, xml, fmus, changes, message):
-    element = xml.component("a", "Gain", "").replace("Gain.fmu", "changed.fmu")
+    element = xml.component("a", "changed", "", attributes='implementation="CoSimulation"')
     path = pack([element], extra={"resources/changed.fmu": edit_fmu(fmus["Gain"], **changes)})
     expect(problems(path), message)
 

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from vdfmu.engine.check.inspect import inspect_file
-from vdfmu.engine.cosim import simulate
+from vdfmu.engine.cosim import Simulator, simulate
+from vdfmu.engine.cosim.container import write_container
 from vdfmu.engine.ssp import load_ssp
 from vdfmu.errors import SspError, UsageError
 
@@ -100,3 +101,16 @@ def test_a_unit_that_passes_on_and_has_a_state_needs_jacobi(pack, xml):
     results = simulate(path, stop=2.0, step=0.25, algorithm="jacobi")
     assert results["s.y"].tolist() == [0, 0, 1, 1, 2, 2, 3, 3, 4]
     assert inspect_file(path).problems == []
+
+
+def test_runs_of_one_simulator_may_have_other_steps(system):
+    path = system("Lag")
+    with Simulator(path, isolate=False) as simulator:
+        runs = [simulator.run(stop=2.0, step=step) for step in (0.5, 0.125, 0.25)]
+    for run in runs:
+        assert np.array_equal(run["s.y"], simulate(path, stop=2.0, step=run.summary["step"])["s.y"])
+
+
+def test_a_container_does_not_step_them(system, tmp_path):
+    with pytest.raises(UsageError, match="s: has a step of its own; a container FMU steps all together"):
+        write_container(system(), tmp_path / "c.fmu", step=0.125)

@@ -106,7 +106,7 @@ UNTRACEABLE = {
     Largest: "a condition on a value is not known",
     Equal: "a condition on a value is not known",
     Cubic: "has no callable cbrt method",
-    Cast: r"Make an array for it with zeros\(shape, \*like\) of vdfmu\.unit",
+    Cast: r"an array to put it into is zeros\(shape, \*like\) of vdfmu\.unit",
 }
 
 

@@ -79,8 +79,12 @@ def run(
     input_hold: HoldOption = False,
 ) -> None:
     """Run a scenario: build what is stale, co-simulate, solve the references, compare, write tables and figures."""
-    if Path(scenario).suffix.lower() == ".ssp":
-        raise UsageError(f"{scenario}: is no scenario but a system package; 'vdfmu simulate' runs it.")
+    way = {
+        ".ssp": "is a system package; 'vdfmu simulate' runs it",
+        ".py": "is a unit; 'vdfmu build' makes its FMU, and --unit COMPONENT=FILE puts it into a scenario",
+    }.get(Path(scenario).suffix.lower())
+    if way:
+        raise UsageError(f"{scenario}: expected a scenario; this {way}.")
     chosen = load(scenario, robot)
     from vdfmu.report import tables
     from vdfmu.report.sheets import sheets
@@ -114,7 +118,9 @@ def run(
 
 
 def simulate(
-    package: Annotated[Path, typer.Argument(help="A system package of SSP 1.0, of this or any other tool.")],
+    package: Annotated[
+        Path, typer.Argument(help="A system package of SSP 1.0 or 2.0, of this or any other tool.")
+    ],
     variant: Annotated[
         str, typer.Option(metavar="SSD", help="The SSD to run, where the package has several.")
     ] = "SystemStructure.ssd",

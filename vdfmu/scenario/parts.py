@@ -24,7 +24,15 @@ from vdfmu.unit.interface import Interface
 from vdfmu.unit.variable import Variable
 from vdfmu.units import find_unit
 
-__all__ = ["Variables", "build_parts", "cached_fmus", "check_connections", "tables_of", "units_of"]
+__all__ = [
+    "Variables",
+    "build_parts",
+    "cached_fmus",
+    "check_connections",
+    "end_signals",
+    "tables_of",
+    "units_of",
+]
 
 Variables = Interface | ForeignInterface
 """The variables of a component."""
@@ -79,9 +87,8 @@ def check_connections(system: SystemFile, tables: Mapping[str, Variables]) -> No
                     problems.append(
                         f"{source} -> {target}: expected one unit of measurement, got {start.unit} and {end.unit}."
                     )
-                if (earlier := feeds.setdefault((target, end.name), source)) != source or targets.count(
-                    target
-                ) > 1:
+                fed = (target.partition(".")[0], end.name)
+                if (earlier := feeds.setdefault(fed, source)) != source or targets.count(target) > 1:
                     problems.append(
                         f"{target}: expected one output that feeds it, got {earlier} and {source}."
                     )
@@ -91,16 +98,22 @@ def check_connections(system: SystemFile, tables: Mapping[str, Variables]) -> No
         )
 
 
+def end_signals(table: Variables, name: str, causality: str) -> dict[tuple[int, ...], Variable]:
+    """Variables of one end of a connection by their indices; one element, ``q[1]``, is a scalar."""
+    found = [v for v in table if v.causality == causality and name in (v.group, v.name)]
+    return {v.index if v.group == name else (): v for v in found}
+
+
 def _signals(
     tables: Mapping[str, Variables], end: str, causality: str, problems: list[str]
 ) -> dict[tuple[int, ...], Variable]:
     """Variables of one end of a connection by their indices; a problem if there are none."""
-    component, _, group = end.partition(".")
-    found = {v.index: v for v in tables[component] if v.causality == causality and v.group == group}
+    component, _, name = end.partition(".")
+    found = end_signals(tables[component], name, causality)
     if not found:
         known = list(dict.fromkeys(v.group for v in tables[component] if v.causality == causality))
         problems.append(
-            f"{end}: expected an {causality} of {component}, got {group!r}. {nearest(group, known)}"
+            f"{end}: expected an {causality} of {component}, got {name!r}. {nearest(name, known)}"
         )
     return found
 

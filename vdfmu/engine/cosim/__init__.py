@@ -1,4 +1,4 @@
-"""The co-simulation master: checks and runs any SSP 1.0 of FMI 2.0 co-simulation units."""
+"""The co-simulation master: checks and runs systems of FMUs of FMI 2.0 and 3.0."""
 
 from vdfmu.engine.algorithms import ALGORITHMS
 from vdfmu.engine.cosim.check import check_system

@@ -9,7 +9,7 @@ from typing import Any
 
 import fmpy
 import numpy as np
-from fmpy.model_description import ModelDescription, ValidationError, read_model_description
+from fmpy.model_description import CoSimulation, ModelDescription, ValidationError, read_model_description
 
 from vdfmu.engine.rules import fmpy_found, found
 from vdfmu.engine.ssp.archive import Archive
@@ -39,13 +39,33 @@ def type_of(name: str) -> str:
 
 
 @dataclass(frozen=True)
+class Clock:
+    """Of a clock of FMI 3.0: how its interval varies, the interval, NaN if it is asked for, and the first tick [s]."""
+
+    variability: str
+    interval: float
+    shift: float
+
+    @property
+    def triggered(self) -> bool:
+        """Whether another component ticks it, or it ticks others."""
+        return self.variability == "triggered"
+
+    @property
+    def asked(self) -> bool:
+        """Whether the component says the interval."""
+        return self.variability in ("calculated", "tunable", "changing", "countdown")
+
+
+@dataclass(frozen=True)
 class Variable:
     """A scalar variable of an FMU, or an element of an array of FMI 3.0.
 
     `reference` is its value reference, `type` Real, Integer, Enumeration, Boolean, String or Binary, `items` those of
     an enumeration, `nominal` the size of its values, in its unit, None where the FMU does not say, `limits` the least
     and the largest value, `native` the type in the names of the FMI functions that get and set it, `index` its position
-    among the `length` elements, row by row, `start` its start value.
+    among the `length` elements, row by row, `start` its start value, `clocks` the value references of its clocks,
+    `clock` what a clock is.
     """
 
     name: str
@@ -63,6 +83,8 @@ class Variable:
     index: int = 0
     length: int = 1
     start: Value = 0
+    clocks: tuple[int, ...] = ()
+    clock: Clock | None = None
 
     @property
     def kind(self) -> str:
@@ -89,7 +111,7 @@ class Variable:
 
 @dataclass(frozen=True)
 class Description:
-    """An FMU for co-simulation.
+    """An FMU, for co-simulation or for model exchange.
 
     Attributes
     ----------
@@ -108,6 +130,12 @@ class Description:
         Whether it takes derivatives of its real inputs, and lets them run linearly over a step.
     varies_steps : bool
         Whether its steps may differ in length.
+    event_mode : bool
+        Whether its events of co-simulation can be handled by the master.
+    exchange : bool
+        Whether it is for model exchange: the master integrates it.
+    sizes : pair of int
+        Numbers of continuous states and of event indicators.
     """
 
     source: str
@@ -122,6 +150,9 @@ class Description:
     saves_state: bool = False
     interpolates_inputs: bool = False
     varies_steps: bool = True
+    event_mode: bool = False
+    exchange: bool = False
+    sizes: tuple[int, int] = (0, 0)
 
     @property
     def names(self) -> list[str]:
@@ -214,7 +245,8 @@ def _inspect(
         model = read_model_description(unit.file)
     except Exception as error:  # fmpy raises bare exceptions
         faults = error.problems if isinstance(error, ValidationError) else [error]
-        problems += [fmpy_found(str(f), f"{source}: faulty model description: {f}") for f in faults]
+        told = [fmpy_found(str(f), f"{source}: faulty model description: {f}") for f in faults]
+        problems += [text for text in told if text.rule.number != "FMI013"]  # what is missing counts as all
         try:
             model = read_model_description(unit.file, validate=False)
         except Exception:
@@ -226,48 +258,56 @@ def _inspect(
         ]
         variable.shape = tuple(int(size) for size in chosen)  # pyright: ignore[reportArgumentType]
     kinds = [kind for kind in KINDS if getattr(model, kind[0].lower() + kind[1:], None) is not None]
-    if model.coSimulation is None:
-        text = f"{source}: has no co-simulation part; the master does not integrate model exchange"
+    parts = {"CoSimulation": model.coSimulation, "ModelExchange": model.modelExchange}
+    wanted = [kind for kind in kinds if kind in parts and implementation in ("any", kind)]
+    if implementation not in ("any", *kinds):
+        text = f"the SSD asks for {implementation}, {source} has {' and '.join(kinds) or 'none'}"
+        problems.append(found("SSP045", text))
+    elif not wanted:
+        text = f"{source}: expected an FMU for {' or '.join(parts)}, got one for {' and '.join(kinds) or 'neither'}"
         problems.append(found("RUN007", text, root))
-    elif implementation not in ("any", "CoSimulation"):
-        text = f"the SSD asks for {implementation}, {source} has {' and '.join(kinds)}"
-        problems.append(
-            found("SSP045", text)
-            if implementation not in kinds
-            else found("RUN007", f"{text}; the master runs co-simulation")
-        )
-    identifier = "" if model.coSimulation is None else str(model.coSimulation.modelIdentifier)
+    part = parts[wanted[0]] if wanted else None
+    identifier = "" if part is None else str(part.modelIdentifier)
     library = library_name(identifier, version)
     if identifier and library not in names:
         has = sorted({n.split("/")[1] for n in names if n.startswith("binaries/") and n.count("/") > 1})
         text = f"{source}: has no binary for this platform ({library}); it has {', '.join(has) or 'none'}"
         problems.append(found("FMI017", text))
     try:
-        return _describe(model, root, source, identifier), problems
+        return _describe(model, root, source, wanted[:1] == ["ModelExchange"]), problems
     except (ValueError, TypeError, AttributeError):  # texts that the schema refuses
         if not problems:
             raise
         return None, problems
 
 
-def _describe(model: ModelDescription, root: Any, source: str, identifier: str) -> Description:
+def _describe(model: ModelDescription, root: Any, source: str, exchange: bool) -> Description:
+    part: Any = (model.modelExchange if exchange else model.coSimulation) or CoSimulation()
     relative = {
         v.get("name") for v in root.iterfind("ModelVariables/*")
         for typed in (v, *v.iterfind("Real")) if typed.get("relativeQuantity") in {"true", "1"}
     }  # fmt: skip
     return Description(
         source=source,
-        identifier=identifier,
+        identifier=str(part.modelIdentifier or ""),
         guid=str(model.guid),
-        once_per_process=bool(model.coSimulation and model.coSimulation.canBeInstantiatedOnlyOncePerProcess),
-        variables=_variables(model, relative, read_units(root.iterfind("UnitDefinitions/Unit"))),
+        once_per_process=bool(part.canBeInstantiatedOnlyOncePerProcess),
+        variables=_variables(
+            model,
+            relative,
+            read_units(root.iterfind("UnitDefinitions/Unit")),
+            {v.get("name"): v for v in root.iterfind("ModelVariables/Clock")},
+        ),
         shapes={v.name: tuple(v.shape) for v in model.modelVariables if v.shape},
         step_dependencies=_unknowns(model.outputs),
         initial_dependencies=_unknowns(model.initialUnknowns),
         version=str(model.fmiVersion),
-        saves_state=bool(model.coSimulation and model.coSimulation.canGetAndSetFMUstate),
-        varies_steps=bool(model.coSimulation and model.coSimulation.canHandleVariableCommunicationStepSize),
-        interpolates_inputs=bool(model.coSimulation and model.coSimulation.canInterpolateInputs),
+        saves_state=bool(part.canGetAndSetFMUstate),
+        varies_steps=exchange or bool(part.canHandleVariableCommunicationStepSize),
+        interpolates_inputs=exchange or bool(part.canInterpolateInputs),
+        event_mode=not exchange and bool(part.hasEventMode),
+        exchange=exchange,
+        sizes=(model.numberOfContinuousStates, model.numberOfEventIndicators),
     )
 
 
@@ -288,7 +328,9 @@ def element_names(name: str, shape: Sequence[int] | None) -> list[str]:
     return [f"{name}[{','.join(str(i + 1) for i in index)}]" for index in np.ndindex(*shape)]
 
 
-def _variables(model: ModelDescription, relative: set[str], units: Mapping[str, Unit]) -> dict[str, Variable]:
+def _variables(
+    model: ModelDescription, relative: set[str], units: Mapping[str, Unit], clocks: Mapping[str, Any]
+) -> dict[str, Variable]:
     variables: dict[str, Variable] = {}
     for v in model.modelVariables:
         declared = v.declaredType
@@ -315,8 +357,23 @@ def _variables(model: ModelDescription, relative: set[str], units: Mapping[str, 
                 index=index,
                 length=len(names),
                 start=start,
+                clocks=tuple(each.valueReference for each in v.clocks or ()),  # pyright: ignore[reportAttributeAccessIssue]
+                clock=_clock(clocks[name]) if name in clocks else None,
             )
     return variables
+
+
+def _clock(element: Any) -> Clock:
+    def seconds(decimal: str, counter: str, default: float) -> float:
+        if element.get(counter) is not None and element.get("resolution") is not None:
+            return int(element.get(counter)) / int(element.get("resolution"))
+        return float(element.get(decimal, default))
+
+    return Clock(
+        element.get("intervalVariability"),
+        seconds("intervalDecimal", "intervalCounter", math.nan),
+        seconds("shiftDecimal", "shiftCounter", 0.0),
+    )
 
 
 def _native(kind: str, version: str) -> str:

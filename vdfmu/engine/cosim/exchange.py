@@ -237,7 +237,7 @@ class Exchange:
         Of those `among` others, where the algorithm holds inputs over a step: a fresh one is what it reads, any other
         what that was a row before, as are all that read the same.
         """
-        if self.checked.algorithm in CONTINUOUS:
+        if self.checked.algorithm in CONTINUOUS or self.checked.multiples:
             return {}
         found: dict[int, tuple[int, int, int]] = {}
         first: dict[int, int] = {}
@@ -324,7 +324,7 @@ class SampledStepper:
                     fresh.append(gather)
             self.stages.append((exchange.slaves[name], fresh, exchange.calls(name)))
 
-    def advance(self, time: float, step: float, _: float) -> None:
+    def advance(self, time: float, step: float, stop: float) -> None:
         """Step all units from `time` by `step`."""
         self._clock.value, self._size.value = time, step
         for gather in self.opening:

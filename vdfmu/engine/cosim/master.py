@@ -36,7 +36,7 @@ def simulate(
     memory_limit: float | None = None,
     stream: Path | None = None,
 ) -> Results:
-    """Co-simulate a system of FMI 2.0 co-simulation units.
+    """Co-simulate a system of FMUs of FMI 2.0 and 3.0; those for model exchange are integrated.
 
     Row k is at ``start + k * step``, the last at `stop`; time is never accumulated. How the algorithms pass values on
     is told in `vdfmu.engine.cosim.schedule.make_schedule`.
@@ -44,7 +44,7 @@ def simulate(
     Parameters
     ----------
     system : System, str or Path
-        An SSP 1.0, or what `vdfmu.ssp.load_ssp` made of it.
+        An SSP 1.0 or 2.0, or what `vdfmu.load_ssp` made of it.
     start, stop : float, optional
         Simulated time [s]. Default: the default experiment of the SSD; its start else 0.
     step : float, optional

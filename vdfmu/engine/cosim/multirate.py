@@ -41,6 +41,12 @@ def with_steps(checked: Checked, step: float) -> Checked:
             f"{', '.join(slow)}: have steps of their own, and {checked.algorithm} takes one step for all; use "
             "gauss-seidel or jacobi"
         )
+    ticking = [name for name, d in checked.descriptions.items() if any(v.clock for v in d.variables.values())]
+    if multiples and ticking:
+        problems.append(
+            f"{', '.join(ticking)}: have clocks, which tick where all components step together; "
+            f"{', '.join(multiples)} have steps of their own. Leave these out, or the clocks"
+        )
     for name in set(slow) & _feeding(checked):
         late = [
             k
@@ -107,7 +113,7 @@ class MultirateStepper(SampledStepper):
             multiple = exchange.checked.multiples.get(name, 1)
             self._units.append(_Unit(slave, multiple, name in early, opening, fresh, calls[:at], calls[at:]))
 
-    def advance(self, time: float, step: float, _: float) -> None:
+    def advance(self, time: float, step: float, stop: float) -> None:
         """Begin or end the steps that begin at `time` or end a communication step later."""
         k, n = self._k, round(self._span / step)
         self._stop = self._stop if k else time + self._span

@@ -18,12 +18,11 @@ _SSC = f"{{{NAMESPACES['ssc']}}}"
 
 
 class Document(NamedTuple):
-    """An XML file of SSP, or a part of one that could be a file of its own: kind, root, place, scope."""
+    """An XML file of SSP: its kind, its root, and its name in messages."""
 
     kind: str
     root: Any
     where: str
-    scope: Scope
 
 
 @dataclass(frozen=True)
@@ -78,7 +77,7 @@ class Scope:
             where = f"{self.label}: {member}"
             version = None if kind == "ssd" else self.version
             root = parse_ssp_xml(archive.read(member), kind, where, version)
-            self.files[key] = Document(kind, root, where, self)
+            self.files[key] = Document(kind, root, where)
         return self.files[key].root
 
     def define(self, root: Any) -> None:

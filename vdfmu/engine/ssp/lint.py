@@ -19,7 +19,7 @@ _USERS = {"ssd": "Connector", "ssv": "Parameter", "ssb": "DictionaryEntry"}
 def file_faults(documents: Iterable[Document]) -> list[Finding]:
     """Return what is wrong in files, beyond schemas: encoding, names of connectors, units that are not defined."""
     faults: list[Finding] = []
-    for kind, root, where, _ in documents:
+    for kind, root, where in documents:
         encoding = root.getroottree().docinfo.encoding or "UTF-8"
         if encoding.upper() not in ("UTF-8", "UTF8", "ASCII", "US-ASCII"):
             faults.append(found("SSP004", f"{where}: is encoded in {encoding}; SSP has UTF-8 only", root))
