@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 
-__all__ = ["shown", "told"]
+__all__ = ["shown", "error_text"]
 
 _ACTING = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069\ud800-\udfff]")
 """What a terminal acts on: controls but tab and newline, directions of writing, halves of characters."""
@@ -15,7 +15,7 @@ def shown(text: str, acting: re.Pattern[str] = _ACTING) -> str:
     return acting.sub(lambda found: ascii(found[0])[1:-1], text)
 
 
-def told(error: object) -> str:
+def error_text(error: object) -> str:
     """Return what an error says, with what was added to it on its way."""
     notes = getattr(error, "__notes__", [])
     return ". ".join([*filter(None, [str(error).removesuffix(".")]), *notes]) if notes else str(error)

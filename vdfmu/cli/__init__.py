@@ -13,7 +13,7 @@ from contextlib import suppress
 
 from vdfmu import __version__
 from vdfmu.interrupt import command_begins, command_ended
-from vdfmu.text import shown, told
+from vdfmu.text import error_text, shown
 
 __all__ = ["main"]
 
@@ -29,7 +29,7 @@ def main() -> None:
         stop = _stop_behind(error)
         if stop is not None:
             with suppress(OSError):
-                sys.stderr.write(f"stopped: {shown(told(stop))}\n" if told(stop) else "stopped\n")
+                sys.stderr.write(f"stopped: {shown(error_text(stop))}\n" if error_text(stop) else "stopped\n")
             _flush()
         elif isinstance(error, ImportError):
             _say_missing(error)

@@ -15,7 +15,7 @@ from rich.segment import Segment
 
 from vdfmu.errors import UsageError
 from vdfmu.progress import showing
-from vdfmu.text import shown, told
+from vdfmu.text import error_text, shown
 
 if TYPE_CHECKING:
     from rich.progress import TaskID
@@ -96,7 +96,7 @@ def say_notes(notes: Sequence[str]) -> None:
 
 
 def load(scenario: str, robot: str | None) -> Scenario:
-    """Load a scenario; what does not exist is told before what takes longer to import than that."""
+    """Load a scenario; what does not exist is named before what takes longer to import than that."""
     from vdfmu.model.toml_file import locate
 
     locate(scenario, "scenarios")
@@ -124,7 +124,7 @@ def parse_settings(
 
 def fail(error: object, code: int) -> NoReturn:
     """Say what is wrong and end."""
-    errors.print(f"[red]error:[/red] {escape(told(error))}", soft_wrap=True)
+    errors.print(f"[red]error:[/red] {escape(error_text(error))}", soft_wrap=True)
     sys.exit(code)
 
 

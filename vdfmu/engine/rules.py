@@ -45,7 +45,7 @@ class Finding(str):
     def __getnewargs__(self) -> tuple[str, Rule, str, int]:  # pyright: ignore[reportIncompatibleMethodOverride]
         return str(self), self.rule, self.file, self.line
 
-    def said(self, text: str) -> Finding:
+    def reworded(self, text: str) -> Finding:
         """Return the finding in other words."""
         return Finding(text, self.rule, self.file, self.line)
 
@@ -63,15 +63,15 @@ def found(number: str, text: str, at: Any = ("", 0)) -> Finding:
 
 def within(place: str, text: str) -> str:
     """Return a text with its place before it; what is a finding stays one."""
-    text, said = f"{place}: {text}" if place else text, text
-    return said.said(text) if isinstance(said, Finding) else text
+    longer = f"{place}: {text}" if place else text
+    return text.reworded(longer) if isinstance(text, Finding) else longer
 
 
-def fmpy_found(text: str, said: str = "") -> Finding:
-    """Return what fmpy says of a model description as a finding; `said` in other words."""
+def fmpy_found(text: str, reworded: str = "") -> Finding:
+    """Return what fmpy says of a model description as a finding; `reworded`, if given, is its text."""
     number = next((number for number, word in _FMPY if word in text), "FMI013")
     line = re.search(r"\(line (\d+)\)", text)
-    return found(number, said or text, ("modelDescription.xml", int(line[1]) if line else 0))
+    return found(number, reworded or text, ("modelDescription.xml", int(line[1]) if line else 0))
 
 
 _FMPY = (

@@ -269,9 +269,9 @@ def _solved(rate: _Rate | None, begin: float, end: float, x: Floats, points: Flo
     times = np.concatenate([[begin], np.minimum(points, end), [end]])
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        states, told = odeint(
+        states, info = odeint(
             rate, x, times, tfirst=True, tcrit=[end], hmax=_LONGEST, mxstep=_MOST_STEPS, full_output=True, **_LONG
         )  # fmt: skip
-    if told["message"] != "Integration successful." or not np.isfinite(states[-1]).all():
-        raise VdfmuError(f"The continuous reference failed after t = {begin:.9g} s: {told['message']}")
+    if info["message"] != "Integration successful." or not np.isfinite(states[-1]).all():
+        raise VdfmuError(f"The continuous reference failed after t = {begin:.9g} s: {info['message']}")
     return states[1:]

@@ -67,18 +67,18 @@ def description_faults(root: Any) -> tuple[list[str], Any]:
     faults = schema_faults(root, _SCHEMAS[version[0]], DESCRIPTION)
     if faults:
         return faults, None
-    mend = _Mend(root)
-    mend.all()
+    dangling = _Dangling(root)
+    dangling.all()
     box = io.BytesIO()
     with zipfile.ZipFile(box, "w") as archive:
         archive.writestr(DESCRIPTION, etree.tostring(root, xml_declaration=True, encoding="UTF-8"))
     try:
         model = fmpy.read_model_description(box, validate=False)
         _restore_lines(model, root)
-        return [*mend.faults, *_rules(model)], model
+        return [*dangling.faults, *_rules(model)], model
     except Exception as error:  # fmpy raises bare exceptions
-        told = f"{DESCRIPTION}: cannot be read, an element or attribute is missing or odd: {error}"
-        return mend.faults or [found("FMI003", told, root)], None
+        texts_of_fmpy = f"{DESCRIPTION}: cannot be read, an element or attribute is missing or odd: {error}"
+        return dangling.faults or [found("FMI003", texts_of_fmpy, root)], None
 
 
 @lru_cache
@@ -125,8 +125,8 @@ def _rules(model: Any) -> list[str]:
     names = {v.name for v in model.modelVariables}
     if aliases:
         model.modelVariables = aliases
-        told = validate_model_description(model)
-        texts += [text for text in told if not text.startswith("Exactly one independent variable")]
+        texts_of_fmpy = validate_model_description(model)
+        texts += [text for text in texts_of_fmpy if not text.startswith("Exactly one independent variable")]
         texts += [
             f'The variable name "{v.name}" (line {v.sourceline}) is not unique.'
             for v in aliases
@@ -134,8 +134,12 @@ def _rules(model: Any) -> list[str]:
         ]
     model.modelVariables = [v for v in everything if not _PLAIN.fullmatch(v.name)]
     if model.modelVariables:
-        told = validate_model_description(model)
-        texts += [t for t in validate_model_description(model, validate_variable_names=True) if t not in told]
+        texts_of_fmpy = validate_model_description(model)
+        texts += [
+            t
+            for t in validate_model_description(model, validate_variable_names=True)
+            if t not in texts_of_fmpy
+        ]
     model.modelVariables = everything
     return [fmpy_found(str(text).strip().partition("\n")[0]) for text in dict.fromkeys(texts)]
 
@@ -145,7 +149,7 @@ _PLAIN = re.compile(rf"{_IDENTIFIER}(\.{_IDENTIFIER})*|der\({_IDENTIFIER}(\.{_ID
 """Names that are legal by either naming convention; fmpy's parser takes milliseconds for each, and reads the others."""
 
 
-class _Mend:
+class _Dangling:
     """Finds the references of a description that lead nowhere, and takes them out."""
 
     def __init__(self, root: Any) -> None:

@@ -50,4 +50,4 @@ def _placed(texts: Iterable[str], where: str, file: str) -> Iterable[str]:
 def one_line(text: str) -> str:
     """Return a text without line breaks: a problem is one line, whatever a foreign parser or unit says."""
     line = "; ".join(line.strip() for line in text.splitlines() if line.strip())
-    return text.said(line) if isinstance(text, Finding) else line
+    return text.reworded(line) if isinstance(text, Finding) else line

@@ -92,7 +92,7 @@ def _examine(path: Path, name: str, outer: Archive | None) -> tuple[Findings, st
         unit = _read(path, name, findings, outer)
     except SspError as error:
         why = f"{name} is no FMU that can be read"
-        return Findings([_said(p, f"{why}: {p.removeprefix(f'{name}: ')}") for p in error.problems]), None
+        return Findings([_reworded(p, f"{why}: {p.removeprefix(f'{name}: ')}") for p in error.problems]), None
     root = unit.roots[DESCRIPTION]
     version = root.get("fmiVersion")
     standard = f"FMI {version}" if version else None
@@ -107,8 +107,8 @@ def _examine(path: Path, name: str, outer: Archive | None) -> tuple[Findings, st
     if version == "1.0":
         text = "FMI 1.0: fmpy and other importers run it, the master of vdfmu takes FMI 2.0 and 3.0"
         findings.notes.append(found("RUN008", text, root))
-    told, mended = _rules(unit)
-    findings.add(told)
+    broken, mended = _rules(unit)
+    findings.add(broken)
     try:
         description = read_unit(path)
     except (
@@ -144,8 +144,8 @@ def _rules(unit: _Unit) -> tuple[Findings, Any]:
     return Findings([*problems, *ours, *build.problems], build.notes), description
 
 
-def _said(text: str, words: str) -> str:
-    return text.said(words) if isinstance(text, Finding) else words
+def _reworded(text: str, words: str) -> str:
+    return text.reworded(words) if isinstance(text, Finding) else words
 
 
 def read_unit(path: Path) -> Any:
@@ -180,7 +180,7 @@ def _experiment(description: Any) -> list[str]:
 
 
 def _read(path: Path, label: str, findings: Findings, outer: Archive | None) -> _Unit:
-    """Read what an FMU holds; XML that must not be parsed is told and goes no further."""
+    """Read what an FMU holds; XML that must not be parsed is reported and goes no further."""
     with Archive(path, label, outer) as archive:
         findings.notes += [
             found("PKG007", f"entry {name!r} occurs more than once, with the same content")

@@ -49,8 +49,8 @@ def check_package(path: Path, folder: Path, run: bool) -> tuple[Findings, str | 
                 has += "; it is an FMU, name it .fmu" if "modelDescription.xml" in archive else ""
                 return Findings([found("SSP001", f"{path.name}: the package has no {DEFAULT!r}{has}")]), None
             for name in names:
-                heads[name], told = _head(archive, path.name, name)
-                findings.add(told, "" if name == DEFAULT else name)
+                heads[name], broken = _head(archive, path.name, name)
+                findings.add(broken, "" if name == DEFAULT else name)
             documented = any(name.startswith("documentation/") for name in archive.names)
             if documented and "documentation/index.html" not in archive:
                 text = "has documentation/ without documentation/index.html, where readers start"
@@ -93,12 +93,12 @@ def _check_variant(path: Path, variant: str, folder: Path, stored: dict[str, Pat
                 units[source] = error.problems
     if system is not None:
         findings.problems += system.faults
-        told = _against_units(system)
+        against = _against_units(system)
         starts = tuple(f"{c.name}: {c.source}: " for c in system.components if units.get(c.source))
-        findings.notes += told.notes
+        findings.notes += against.notes
         findings.problems += [
             text
-            for text in told.problems
+            for text in against.problems
             if not (
                 text.startswith(starts)
                 and isinstance(text, Finding)

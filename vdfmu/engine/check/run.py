@@ -52,7 +52,7 @@ _ANSWER_LIMIT = 16 * 2**20
 _ANSWER = "findings.json"
 _PHASE = "phase.txt"
 _FULL = (errno.ENOSPC, errno.EDQUOT)
-_FULL_SAID = "vdfmu: no space left in the temporary folder"
+_FULL_NOTICE = "vdfmu: no space left in the temporary folder"
 """Last line of the error output of a process that could not write."""
 
 
@@ -105,15 +105,15 @@ def run_apart(path: Path, kind: str = "FMU") -> Findings:
             text = f"the findings of the run of {STEPS} steps cannot be read: {error}"
             findings.problems.append(found("RUN002", text))
             answered = True
-    said = words.strip().splitlines()[-1:]
-    if code and said == [_FULL_SAID]:
+    last = words.strip().splitlines()[-1:]
+    if code and last == [_FULL_NOTICE]:
         raise StorageError(
             f"{path.name}: the run needs a temporary folder, and {tempfile.gettempdir()} is full; "
             "free space there, or name another folder in TMPDIR"
         )
     if code:
         how = f"signal {-code}" if code < 0 else f"exit code {code}"
-        text = f"the process crashed ({how}) in a run of {STEPS} steps{''.join(f': {s}' for s in said)}"
+        text = f"the process crashed ({how}) in a run of {STEPS} steps{''.join(f': {s}' for s in last)}"
         findings.problems.append(found("RUN002", text))
     elif not answered:
         text = f"the unit ended the process in a run of {STEPS} steps"
@@ -310,7 +310,7 @@ def _main(kind: str, path: str, deadline: str, folder: str, unpacked: str) -> No
     except OSError as error:
         if error.errno not in _FULL:
             raise
-        sys.exit(_FULL_SAID)
+        sys.exit(_FULL_NOTICE)
 
 
 if __name__ == "__main__":

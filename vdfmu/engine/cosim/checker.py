@@ -42,10 +42,10 @@ class Checker:
 
     def _unmatched(self, text: Finding) -> None:
         if self.ignore_unmatched:
-            self.notes.append(text.said(f"{text}; the value is ignored"))
+            self.notes.append(text.reworded(f"{text}; the value is ignored"))
         else:
             way = "ignore_unmatched, 'vdfmu simulate --ignore-unmatched'"
-            self.problems.append(text.said(f"{text}; correct the name, or have it ignored: {way}"))
+            self.problems.append(text.reworded(f"{text}; correct the name, or have it ignored: {way}"))
 
     def read(self) -> None:
         """Read the FMUs and check the connectors against their variables."""

@@ -227,8 +227,8 @@ def _inspect(
         model = read_model_description(unit.file)
     except Exception as error:  # fmpy raises bare exceptions
         faults = error.problems if isinstance(error, ValidationError) else [error]
-        told = [fmpy_found(str(f), f"{source}: faulty model description: {f}") for f in faults]
-        problems += [text for text in told if text.rule.number != "FMI013"]  # what is missing counts as all
+        broken = [fmpy_found(str(f), f"{source}: faulty model description: {f}") for f in faults]
+        problems += [text for text in broken if text.rule.number != "FMI013"]  # what is missing counts as all
         try:
             model = read_model_description(unit.file, validate=False)
         except Exception:

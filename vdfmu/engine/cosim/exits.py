@@ -13,11 +13,11 @@ from contextlib import contextmanager, suppress
 from vdfmu.engine.cosim.component import Slave
 from vdfmu.engine.cosim.messages import MessageBox
 
-__all__ = ["exits_said"]
+__all__ = ["report_exits"]
 
 
 @contextmanager
-def exits_said(box: MessageBox, save: Callable[[], str]) -> Generator[None]:
+def report_exits(box: MessageBox, save: Callable[[], str]) -> Generator[None]:
     """Say which component ends the process, save the rows, and make the exit code 1.
 
     With the C libraries of Linux (glibc) and macOS; nothing is said with others, which cannot take a handler back.

@@ -127,11 +127,11 @@ class Integrator:
             if solver is None:
                 time, state = end, lambda t, x=x: x
             else:
-                said = solver.step()
+                why = solver.step()
                 if solver.status == "failed":
                     raise CosimError(
                         self.slave.name, "doStep", self.slave.box.time,
-                        f"the states cannot be integrated beyond t = {solver.t:.9g} s: {said}. Loosen the tolerance, "
+                        f"the states cannot be integrated beyond t = {solver.t:.9g} s: {why}. Loosen the tolerance, "
                         "or look for what becomes infinite",
                     )  # fmt: skip
                 time, state = solver.t, solver.dense_output()

@@ -192,21 +192,21 @@ class Isolated:
         except BrokenPipeError:
             pass
         try:
-            said = json.loads(answer)
+            reply = json.loads(answer)
         except ValueError:
             lost = self._lost()
             raise KeyboardInterrupt if self._cut_off else lost from None
         self._since = math.inf
-        self.box.pending += [LogMessage(**message) for message in said["messages"]]
+        self.box.pending += [LogMessage(**message) for message in reply["messages"]]
         self.box.ended.clear()
-        self.box.ended.update(said["ended"])
-        if said["interrupted"]:
+        self.box.ended.update(reply["ended"])
+        if reply["interrupted"]:
             raise KeyboardInterrupt
-        if said["failure"] is not None:
-            raise CosimError(*said["failure"])
-        if said["fault"] is not None:
-            raise VdfmuError(said["fault"])
-        return said["result"]
+        if reply["failure"] is not None:
+            raise CosimError(*reply["failure"])
+        if reply["fault"] is not None:
+            raise VdfmuError(reply["fault"])
+        return reply["result"]
 
     def _lost(self) -> CosimError:
         """Return the error of a process that has ended, or sends what is no answer."""

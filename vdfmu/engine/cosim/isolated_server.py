@@ -85,7 +85,7 @@ class Server:
         if len(head) < REQUEST.size:
             return None
         size, *times = REQUEST.unpack(head)
-        said: dict[str, Any] = {"result": None, "failure": None, "fault": None, "interrupted": False}
+        reply: dict[str, Any] = {"result": None, "failure": None, "fault": None, "interrupted": False}
         try:
             if not size:
                 self._box.time = times[0]
@@ -94,18 +94,18 @@ class Server:
                     return REPLY.pack(0)
             else:
                 name, arguments = pickle.loads(requests.read(size))
-                said["result"] = getattr(self, name)(*arguments)
+                reply["result"] = getattr(self, name)(*arguments)
         except CosimError as error:
-            said["failure"] = error.args[:4]
+            reply["failure"] = error.args[:4]
         except VdfmuError as error:
-            said["fault"] = str(error)
+            reply["fault"] = str(error)
         except KeyboardInterrupt:
-            said["interrupted"] = True
+            reply["interrupted"] = True
         messages = [*self._said, *self._box.pending]
         self._said.clear()
         self._box.pending.clear()
-        said |= {"messages": [asdict(message) for message in messages], "ended": self._box.ended}
-        answer = json.dumps(said, default=np.generic.item).encode()
+        reply |= {"messages": [asdict(message) for message in messages], "ended": self._box.ended}
+        answer = json.dumps(reply, default=np.generic.item).encode()
         return REPLY.pack(len(answer)) + answer
 
 

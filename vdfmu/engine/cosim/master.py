@@ -39,7 +39,7 @@ def simulate(
     """Co-simulate a system of FMUs of FMI 2.0 and 3.0; those for model exchange are integrated.
 
     Row k is at ``start + k * step``, the last at `stop`; time is never accumulated. How the algorithms pass values on
-    is told in `vdfmu.engine.cosim.schedule.make_schedule`.
+    is described in `vdfmu.engine.cosim.schedule.make_schedule`.
 
     Parameters
     ----------

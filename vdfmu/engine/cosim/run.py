@@ -18,7 +18,7 @@ from vdfmu.engine.cosim.checked import Checked
 from vdfmu.engine.cosim.components import Components, failure_message
 from vdfmu.engine.cosim.continuous import ContinuousStepper
 from vdfmu.engine.cosim.exchange import SampledStepper, largest_step
-from vdfmu.engine.cosim.exits import exits_said
+from vdfmu.engine.cosim.exits import report_exits
 from vdfmu.engine.cosim.isolated import Isolated, Limits
 from vdfmu.engine.cosim.messages import LogMessage, MessageBox
 from vdfmu.engine.cosim.recorder import ROWS, Recorder
@@ -79,7 +79,7 @@ class Run:
             if self.isolated:
                 self.components = Isolated(self.checked, folders, self.box, folder, self._limits)
             else:
-                self._stack.enter_context(exits_said(self.box, lambda: self._left(folder)))
+                self._stack.enter_context(report_exits(self.box, lambda: self._left(folder)))
                 self.components = Components(self.checked, folders, self.box)
             self.components.load()
         except BaseException as error:

@@ -66,6 +66,6 @@ def no_room(folder: str, error: OSError) -> VdfmuError:
 
 
 def _needed(member: str) -> bool:
-    """Tell whether a member of an FMU is needed to run it."""
+    """Whether a member of an FMU is needed to run it."""
     places = "resources/", f"binaries/{fmpy.platform}/", f"binaries/{fmpy.platform_tuple}/"
     return member == "modelDescription.xml" or member.startswith(places)

@@ -137,7 +137,7 @@ class Archive:
                 fault("PKG006", f"entry {one.filename!r} occurs twice, with different contents")
         if len(problems) > _SHOWN:
             more = f"{self.label}: and {len(problems) - _SHOWN} more such entries"
-            problems[_SHOWN:] = [problems[_SHOWN].said(more)]
+            problems[_SHOWN:] = [problems[_SHOWN].reworded(more)]
         if problems:
             raise SspError(problems)
         return {name: info for name, info in members.items() if not info.is_dir()}
@@ -268,7 +268,7 @@ class Archive:
 
 
 def is_inside(name: str) -> bool:
-    """Tell whether a member name or relative path stays inside its package."""
+    """Whether a member name or relative path stays inside its package."""
     path = PurePosixPath(name)
     return bool(name) and not (
         path.is_absolute() or ".." in path.parts or "\\" in name or ":" in name or "\0" in name
