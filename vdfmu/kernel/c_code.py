@@ -14,10 +14,9 @@ import casadi as ca
 
 from vdfmu.errors import KernelError
 
-__all__ = ["c_function", "c_prototype"]
+__all__ = ["EXPRESSIONS", "c_constant", "c_function", "c_prototype", "is_long"]
 
-# Operation: C expression of its operands {0} and {1}.
-_EXPRESSIONS = {
+EXPRESSIONS = {
     ca.OP_ASSIGN: "{0}",
     ca.OP_NEG: "-{0}",
     ca.OP_ADD: "{0} + {1}",
@@ -61,6 +60,7 @@ _EXPRESSIONS = {
     ca.OP_OR: "(double)({0} != 0.0 || {1} != 0.0)",
     ca.OP_IF_ELSE_ZERO: "{0} != 0.0 ? {1} : 0.0",
 }
+"""Operation: C expression of its operands {0} and {1}."""
 
 
 def c_prototype(function: ca.Function) -> str:
@@ -85,7 +85,7 @@ def c_function(function: ca.Function) -> str:
         If the trace has an operation that this module does not know.
     """
     operations = _operations(function)
-    if len(operations) <= _WHOLE:
+    if not is_long(function):
         read = {name for operation in operations for name in operation.arguments}
         head = [f"(void){name};" for name in function.name_in() if name not in read]
         return _definition(c_prototype(function), operations, head, [])
@@ -116,8 +116,13 @@ def c_function(function: ca.Function) -> str:
 
 _WHOLE = 40_000
 """Operations that go into one C function; an arm of ten joints has no longer trace."""
-_PART = 2_000
+_PART = 1_000
 """Operations of one part of a longer trace."""
+
+
+def is_long(function: ca.Function) -> bool:
+    """Whether a trace is too long for one C function."""
+    return function.n_instructions() > _WHOLE
 
 
 class _Operation(NamedTuple):
@@ -140,13 +145,13 @@ def _operations(function: ca.Function) -> list[_Operation]:
             name = f"{results[target[0]]}_out"
             found.append(_Operation(f"{name}[{target[1]}] = w{source[0]};", source[:1], results=(name,)))
         elif operation == ca.OP_CONST:
-            value = _constant(function.instruction_constant(k))
+            value = c_constant(function.instruction_constant(k))
             found.append(_Operation(f"w{target[0]} = {value};", (), target))
         elif operation == ca.OP_INPUT:
             name = arguments[source[0]]
             found.append(_Operation(f"w{target[0]} = {name}[{source[1]}];", (), target, arguments=(name,)))
         else:
-            pattern = _EXPRESSIONS.get(operation)
+            pattern = EXPRESSIONS.get(operation)
             if pattern is None:
                 raise KernelError(f"{function.name()}: operation {operation} of the trace has no C text.")
             value = pattern.format(*[f"w{i}" for i in source])
@@ -168,7 +173,8 @@ def _part_prototype(function: ca.Function, number: int) -> str:
     return f"{head}_part_{number}({arguments.removesuffix(')')}, double *restrict w)"
 
 
-def _constant(value: float) -> str:
+def c_constant(value: float) -> str:
+    """Return a number as C text."""
     if math.isnan(value):
         return "NAN"
     return repr(float(value)) if math.isfinite(value) else f"({'-' if value < 0 else ''}INFINITY)"

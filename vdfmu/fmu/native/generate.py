@@ -14,7 +14,9 @@ from vdfmu import __version__
 from vdfmu.fmu.description import number
 from vdfmu.fmu.native.text import array, cell, comment, fields, string
 from vdfmu.kernel import Kernel
-from vdfmu.kernel.c_code import c_function, c_prototype
+from vdfmu.kernel.c_code import c_function, c_prototype, is_long
+from vdfmu.kernel.c_table import c_table
+from vdfmu.kernel.derivatives import DIRECTIONS
 from vdfmu.kernel.requirements import requirements
 from vdfmu.progress import counted
 from vdfmu.unit.interface import Interface
@@ -44,10 +46,11 @@ def generated_sources(interface: Interface, guid: str) -> dict[str, str]:
 
 
 def kernel_source(function: ca.Function) -> str:
-    """Return the C file of a traced function."""
-    text = c_function(function)
+    """Return the C file of a traced function: derivatives of long chains, which no step of the plant needs, as tables."""
+    table = is_long(function) and function.name().rpartition("_")[2] in DIRECTIONS
+    text = c_table(function) if table else c_function(function)
     head = _head(f"The traced function {function.name()}, operation by operation.")
-    return f"{head}#include <math.h>\n\n{_wrapped(c_prototype(function))};\n\n{text}"
+    return f"{head}#include <math.h>\n{'#include <stdint.h>' * table}\n{_wrapped(c_prototype(function))};\n\n{text}"
 
 
 def _head(what: str) -> str:
