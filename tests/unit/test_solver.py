@@ -246,6 +246,20 @@ def test_elimination_along_the_chain_gives_the_step_of_the_dense_block(name, cou
         np.testing.assert_allclose(one, other, rtol=0, atol=1e4 * EPS * np.abs(other).max())
 
 
+def test_a_long_chain_moves_as_scipy_moves_it():
+    robot = repeated_link(12)
+    solver = solver_of(Plant, robot=robot)
+    assert solver.unit.x.size == 48
+    solver.unit.group("tau")[:] = 0.05 * (-1.0) ** np.arange(12)
+    other = Traced(solver.unit.interface)
+    other.memory[:] = solver.unit.memory
+    solver.advance(0.0, 0.02)
+    Motion(other).move(0.0, 0.02)
+    assert np.abs(other.x).max() > 0.1
+    # Steps of a tolerance of 1e-9 against LSODA at 1e-12: 100 of them, and spring torques of up to 100 N.m.
+    np.testing.assert_allclose(solver.unit.x, other.x, rtol=1e-7, atol=1e-7)
+
+
 def test_operations_of_a_step_along_the_chain_grow_linearly():
     counts = [step_of(Plant, repeated_link(n)).n_instructions() for n in (9, 12, 15)]
     # Every joint adds the same operations; the first links and CasADi's choice of temporaries make up for 1 %.

@@ -1,7 +1,7 @@
 """C text of long traced functions as a table of operations and a loop that runs it.
 
-The text compiles in a hundredth of the time of :func:`~vdfmu.kernel.c_code.c_function`'s and takes 8 bytes an operation;
-it runs some three times slower. The values are the same bits.
+It compiles in a hundredth of the time that the text of :func:`~vdfmu.kernel.c_code.c_function` takes, has 8 bytes an
+operation, and runs slower. The values are the same bits.
 """
 
 from __future__ import annotations
