@@ -20,7 +20,7 @@ from vdfmu.engine.cosim.check import check_system
 from vdfmu.engine.cosim.component import Slave
 from vdfmu.engine.cosim.exchange import Call, Exchange, SampledStepper
 from vdfmu.engine.cosim.isolated import Limits
-from vdfmu.engine.cosim.master import _Run  # pyright: ignore[reportPrivateUsage]  # the units of a run, before its steps
+from vdfmu.engine.cosim.run import Run
 from vdfmu.engine.ssp.read import load_ssp
 from vdfmu.engine.ssp.structure import Component, System
 from vdfmu.files import pack_zip
@@ -67,7 +67,7 @@ def ready(path: Path, algorithm: str, stop: float) -> Generator[Exchange]:
     """Units of a package or of one FMU, initialized, and the memory that they share."""
     with tempfile.TemporaryDirectory(prefix="vdfmu-bench-") as folder:
         system = load_ssp(path) if path.suffix == ".ssp" else _alone(path, Path(folder))
-        with _Run(check_system(system, algorithm=algorithm), quiet, isolate=False, limits=Limits()) as run:
+        with Run(check_system(system, algorithm=algorithm), quiet, isolate=False, limits=Limits()) as run:
             run.components.initialize(0.0, stop, None)
             yield run.exchange
 

@@ -11,7 +11,9 @@ Python API
 ``run``
     A whole scenario: co-simulation, references, comparison, files.
 ``simulate``, ``load_ssp``
-    The master, for any SSP 1.0 of FMI 2.0 co-simulation units.
+    The master, for systems of FMUs of FMI 2.0 and 3.0.
+``Simulator``
+    The same for many runs of one system, whose components stay loaded.
 ``package_limit``
     How much may be unpacked of a package.
 """
@@ -30,7 +32,7 @@ if TYPE_CHECKING:
         jacobian,
         mass_matrix,
     )
-    from vdfmu.engine.cosim import Results, simulate
+    from vdfmu.engine.cosim import Results, Simulator, simulate
     from vdfmu.engine.cosim.container import write_container
     from vdfmu.engine.ssp import load_ssp
     from vdfmu.engine.ssp.limits import package_limit
@@ -45,6 +47,7 @@ _WHERE = {
     "Results": "vdfmu.engine.cosim",
     "Robot": "vdfmu.model",
     "Scenario": "vdfmu.scenario",
+    "Simulator": "vdfmu.engine.cosim",
     "VdfmuError": "vdfmu.errors",
     "build_fmus": "vdfmu.fmu",
     "forward_dynamics": "vdfmu.dynamics",
@@ -70,6 +73,7 @@ __all__ = [
     "Results",
     "Robot",
     "Scenario",
+    "Simulator",
     "VdfmuError",
     "__version__",
     "build_fmus",

@@ -37,7 +37,9 @@ class ModelError(_ProblemsError):
 
 
 class SspError(_ProblemsError):
-    """A system description that cannot be run; `problems` lists all of its faults."""
+    """A system description that cannot be run; `problems` lists all of its faults, `notes` what else is to be said."""
+
+    notes: Sequence[str] = ()
 
 
 class KernelError(VdfmuError):

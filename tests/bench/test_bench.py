@@ -23,6 +23,7 @@ from benchmarks import (
     native,
     order,
     rigid,
+    whole,
     work_precision,
 )
 from benchmarks.__main__ import main
@@ -207,7 +208,6 @@ def test_growth(report: Report) -> None:
 def test_growth_of_the_fmus(report: Report, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(fmu_growth, "_JOINTS", (1, 2, 7))
     fmu_growth.run(report, quick=True)
-    saved(report)
     (table,) = report.tables
     assert [row[0] for row in table.rows] == [1, 2]
     assert all(low < high for low, high in zip(*(row[2:5] for row in table.rows), strict=True))
@@ -397,6 +397,16 @@ def test_work_precision(report: Report) -> None:
     work_precision.tabulate(found, report)
     report.save(work_precision.draw(found))
     saved(report)
+
+
+@needs_compiler
+@pytest.mark.slow
+def test_whole(report: Report) -> None:
+    whole.run(report, quick=True)
+    commands = report.facts["commands_s"]
+    assert set(commands) > {"vdfmu --help", "vdfmu run, references kept"} and min(commands.values()) > 0.0
+    assert report.facts["csv_mb"] > 0.1
+    assert report.facts["a state of a batch, compiled"] > 0.0
 
 
 def test_time_at_an_error_is_interpolated() -> None:

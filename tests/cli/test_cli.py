@@ -134,6 +134,10 @@ def test_check_lists_the_problems_of_a_broken_fmu(tmp_path):
     [
         (["run", "trackng"], "trackng"),
         (["run", "planar_tracking", "--set", "controller.K_p"], "expected UNIT.PARAMETER=VALUE"),
+        (
+            ["run", "planar_tracking", "--unit", "controller"],
+            "--unit controller: expected COMPONENT=UNIT, such as controller=my_unit.py.",
+        ),
         (["run", "planar_tracking", "--set", "controller.K_q=1"], "controller has no K_q."),
         (
             ["run", "planar_tracking", "--master", "euler"],

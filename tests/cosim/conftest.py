@@ -10,6 +10,8 @@ from pathlib import Path
 import pytest
 from pythonfmu.builder import FmuBuilder
 
+from tests.cosim.reference import models
+
 # Variables and dependencies come from SPEC. The body has do_step(), and calc(), which computes the outputs
 # from the inputs in initialization mode.
 TEMPLATE = """
@@ -506,3 +508,36 @@ class Xml:
 @pytest.fixture(scope="session")
 def xml() -> type[Xml]:
     return Xml
+
+
+@pytest.fixture(scope="session")
+def built(tmp_path_factory):
+    """Return the function ``built(model, version)``, the bytes of the FMU of a model."""
+    folder, known = tmp_path_factory.mktemp("reference"), {}
+
+    def once(model: models.Model, version: str = "3.0") -> bytes:
+        key = model.name, version
+        if key not in known:
+            known[key] = models.build(model, version, folder).read_bytes()
+        return known[key]
+
+    return once
+
+
+@pytest.fixture
+def system(pack, xml, built):
+    """Return a function that packs a system: {component: (model, version)}, connections and values of parameters."""
+
+    def write(components, connections=(), bindings: dict[str, str] | None = None) -> Path:
+        elements, extra = [], {}
+        used = [end.partition(".")[::2] for c in connections for end in c.split(" -> ")]
+        for name, (model, version) in components.items():
+            fmu = f"{model.name}_{version[0]}"
+            kinds = {v.name: v.causality for v in model.variables}
+            ports = dict.fromkeys(port for owner, port in used if owner == name)
+            text = " ".join(f"{port}:{kinds[port.partition('[')[0]]}" for port in ports)
+            elements.append(xml.component(name, fmu, text, (bindings or {}).get(name, "")))
+            extra[f"resources/{fmu}.fmu"] = built(model, version)
+        return pack(elements, connections, extra=extra)
+
+    return write

@@ -238,20 +238,20 @@ def edit_fmu(fmu, **changes) -> bytes:
         ({"replace": [(b"<fmiModelDescription", b'<!DOCTYPE x [<!ENTITY e "x">]><fmiModelDescription')]},
          "document type declaration"),
         ({"replace": [(b'causality="output"', b'causality="outputs"')]}, "faulty model description"),
-        ({"replace": [(b"<CoSimulation", b"<ModelExchange"),
+        ({"replace": [(b"<CoSimulation ", b"<ModelExchange "),
                       (b'canHandleVariableCommunicationStepSize="true" canInterpolateInputs="false" ', b"")]},
-         "has no co-simulation part"),
+         "the SSD asks for CoSimulation, resources/changed.fmu has ModelExchange"),
     ],
 )  # fmt: skip
 def test_fmus_that_cannot_be_run(pack, xml, fmus, changes, message):
-    element = xml.component("a", "Gain", "").replace("Gain.fmu", "changed.fmu")
+    element = xml.component("a", "changed", "", attributes='implementation="CoSimulation"')
     path = pack([element], extra={"resources/changed.fmu": edit_fmu(fmus["Gain"], **changes)})
     expect(problems(path), message)
 
 
 def test_an_fmu_asked_for_as_model_exchange(pack, xml):
     path = pack([xml.component("a", "Gain", attributes='implementation="ModelExchange"')])
-    expect(problems(path), "the SSD asks for model exchange")
+    expect(problems(path), r"a: the SSD asks for ModelExchange, resources/Gain\.fmu has CoSimulation")
 
 
 def test_an_fmu_that_can_be_there_only_once(pack, xml, fmus):

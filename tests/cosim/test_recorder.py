@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import csv
+import json
 import resource
 import subprocess
 import sys
@@ -13,6 +15,7 @@ import pytest
 
 import vdfmu
 from vdfmu.engine.cosim import Results, Signal, recorder, simulate
+from vdfmu.engine.cosim.inputs import read_inputs
 from vdfmu.engine.cosim.recorder import ROWS, Recorder
 from vdfmu.errors import VdfmuError
 
@@ -24,12 +27,21 @@ def package(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return vdfmu.write_ssp(vdfmu.load_scenario("planar_tracking"), fmus, folder / "planar.ssp")
 
 
+def cells(path):
+    with path.open(newline="") as file:
+        return list(csv.reader(file))
+
+
 def test_streamed_results_are_those_in_memory(package, tmp_path):
     options = {"stop": 2.0 * ROWS * 1e-3 + 0.1}  # two blocks and a part of one
     memory = simulate(package, **options)
     stream = simulate(package, stream=tmp_path / "rows.csv", **options)
     memory.to_csv(tmp_path / "memory.csv")
-    assert (tmp_path / "rows.csv").read_bytes() == (tmp_path / "memory.csv").read_bytes()
+    written, whole = (cells(tmp_path / name) for name in ("rows.csv", "memory.csv"))
+    copies = {name for each in stream.summary["copies"].values() for name in each}
+    assert 0 < len(copies) < len(memory.names)
+    kept = [i for i, name in enumerate(whole[0]) if name not in copies]
+    assert written == [[row[i] for i in kept] for row in whole]
     assert stream.time.tobytes() == memory.time.tobytes()
     assert stream.names == memory.names
     for name in memory:
@@ -103,3 +115,44 @@ def test_a_full_disk_leaves_whole_rows_and_the_results_before(package, tmp_path)
 def test_a_file_that_cannot_be_opened_is_named(package, tmp_path):
     with pytest.raises(VdfmuError, match=r"nowhere/rows\.csv: the rows cannot be written: No such file"):
         simulate(package, stop=0.01, stream=tmp_path / "nowhere" / "rows.csv")
+
+
+@pytest.mark.parametrize("algorithm", ["gauss-seidel", "jacobi", "extrapolated", "iterative"])
+def test_a_signal_that_copies_another_is_not_written_twice(package, tmp_path, algorithm):
+    options = {"stop": 0.05, "algorithm": algorithm}
+    memory = simulate(package, **options)
+    stream = simulate(package, stream=tmp_path / "results.csv", **options)
+    copies = stream.summary["copies"]
+    if algorithm in ("extrapolated", "iterative"):  # inputs run on within a step: nothing is a copy
+        assert copies == {}
+    else:
+        fresh = algorithm == "gauss-seidel"
+        assert copies.get("0", {}).get("plant.tau[1]") == ("controller.tau[1]" if fresh else None)
+        assert copies["1"].get("plant.tau[1]") == (None if fresh else "controller.tau[1]")
+        assert copies["1"]["controller.q[2]"] == copies["1"]["feedforward.q[2]"] == "plant.q[2]"
+    head = cells(tmp_path / "results.csv")[0]
+    assert set(head[1:]) == set(memory.names) - {name for each in copies.values() for name in each}
+    (tmp_path / "summary.json").write_text(json.dumps({"copies": copies}))
+    read = Results.from_csv(tmp_path / "results.csv")
+    assert set(read.names) == set(memory.names)
+    for name in memory:
+        np.testing.assert_array_equal(read[name], memory[name], err_msg=name)
+        np.testing.assert_array_equal(stream[name], memory[name], err_msg=name)
+        assert read.units[name] == memory.units[name]
+
+
+def test_a_copy_is_written_where_its_source_is_not_recorded(package, tmp_path):
+    simulate(package, stop=0.01, record=["plant.tau[*]", "controller.q[1]"], stream=tmp_path / "rows.csv")
+    head = (tmp_path / "rows.csv").read_text().partition("\n")[0]
+    assert head == "time,controller.q[1],plant.tau[1],plant.tau[2]"
+
+
+def test_copies_of_a_run_can_be_replayed(package, tmp_path):
+    """An input that the file leaves out is one of its columns all the same."""
+    out = tmp_path / "results.csv"
+    run = simulate(package, stop=0.05, stream=out)
+    (tmp_path / "summary.json").write_text(json.dumps({"copies": run.summary["copies"]}))
+    (table,) = read_inputs(out)
+    for name in ("plant.tau[2]", "controller.kappa_dot[1]"):
+        np.testing.assert_array_equal(table.values[:, table.names.index(name)], run[name])
+        assert table.units[table.names.index(name)] == run.units[name]

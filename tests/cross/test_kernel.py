@@ -301,7 +301,9 @@ def symbol(name="s"):
 def test_symbol_refuses_to_become_a_float():
     with pytest.raises(KernelError, match=r"Symbol\(s\) has no value while equations are traced"):
         float(symbol())
-    with pytest.raises(KernelError, match=r"Make an array for it with zeros\(shape, \*like\) of vdfmu\.unit"):
+    with pytest.raises(
+        KernelError, match=r"an array to put it into is zeros\(shape, \*like\) of vdfmu\.unit"
+    ):
         np.zeros(2)[0] = symbol()
     assert float(Symbol(2.5)) == 2.5
 

@@ -9,7 +9,7 @@ import pytest
 from rich.console import Console
 
 from vdfmu.report.sheets import contrast_sheet, facts, reference_sheet, tracking_sheet
-from vdfmu.report.tables import contrast_table, reference_table, run_panel, to_markdown, tracking_table
+from vdfmu.report.tables import run_panel, sheet_table, to_markdown
 
 TRACKING: dict[str, Any] = {
     "scenario": "two_joint",
@@ -91,7 +91,7 @@ def test_tracking_rows():
 def test_tracking_without_a_paper_has_no_columns_for_it():
     sheet = tracking_sheet({**TRACKING, "paper": {}})
     assert len(sheet.columns) == 4
-    assert "aper" not in shown(tracking_table({**TRACKING, "paper": {}}))
+    assert "aper" not in shown(sheet_table(tracking_sheet({**TRACKING, "paper": {}})))
 
 
 def test_units_stand_behind_the_numbers_where_joints_differ():
@@ -169,33 +169,33 @@ def test_reference_rows():
         ("sampled-delayed", "1.23e-08", "5.68e-05"),
         ("continuous", "3.2e-06", "0.023"),
     ]
-    text = shown(reference_table(TRACKING))
+    text = shown(sheet_table(reference_sheet(TRACKING)))
     assert "[rad]" in text and "[N.m]" in text and "sampled-delayed" in text
 
 
 @pytest.mark.parametrize("summary", [without("reference"), {**TRACKING, "reference": {}}])
 def test_no_reference(summary):
-    assert "No reference was solved." in shown(reference_table(summary))
+    assert "No reference was solved." in shown(sheet_table(reference_sheet(summary)))
     assert "reference" not in to_markdown(summary)
 
 
 @pytest.mark.parametrize(
-    ("render", "sheet", "summary"),
+    ("sheet", "summary"),
     [
-        (tracking_table, tracking_sheet, TRACKING),
-        (contrast_table, contrast_sheet, CONTRAST),
-        (reference_table, reference_sheet, TRACKING),
+        (tracking_sheet, TRACKING),
+        (contrast_sheet, CONTRAST),
+        (reference_sheet, TRACKING),
     ],
 )
-def test_a_terminal_of_80_columns_shows_every_number_whole(render, sheet, summary):
-    lines = shown(render(summary)).splitlines()
+def test_a_terminal_of_80_columns_shows_every_number_whole(sheet, summary):
+    lines = shown(sheet_table(sheet(summary))).splitlines()
     for row in sheet(summary).rows:
         assert any(line.split() == list(row) for line in lines), row
     assert "\N{HORIZONTAL ELLIPSIS}" not in "".join(lines)
 
 
 def test_a_narrow_terminal_cuts_nothing_off():
-    text = shown(tracking_table(TRACKING), width=40)
+    text = shown(sheet_table(tracking_sheet(TRACKING)), width=40)
     assert "\N{HORIZONTAL ELLIPSIS}" not in text
 
 
@@ -206,7 +206,7 @@ def test_the_widest_numbers_fit_80_columns():
         summary["paper"][key] = [0.1234] * 6
     summary |= {"position_units": ["deg"] * 6, "torque_units": ["N.m"] * 6}
     row = ["6", *["1.23e-05", "0.1234", "0.01"] * 3]
-    assert any(line.split() == row for line in shown(tracking_table(summary)).splitlines())
+    assert any(line.split() == row for line in shown(sheet_table(tracking_sheet(summary))).splitlines())
 
 
 def test_facts_of_a_run():

@@ -10,6 +10,7 @@ from vdfmu.ssp.check import check_source
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples" / "units"
 SCENARIO = 'name = "x"\nkind = "cosimulation"\nrobot = "planar_2dof"\nstop = 1.0\nstep = 0.001\n'
+SYSTEM = 'name = "x"\ndescription = "x"\n[units]\nplant = "plant"\ncontroller = "controller"\n[connections]\n'
 UNIT = (
     "from vdfmu.unit import Input, Output, Unit\n\n\nclass Gain(Unit):\n    u = Input()\n    y = Output()\n\n"
 )
@@ -52,6 +53,30 @@ def test_what_is_right_has_no_problems(planar, path, kind):
             'extends = "system"\nname = "x"\n[connections]\n"plant.qq" = ["controller.q"]\n',
             "system",
             "connections: plant.qq: expected an output of plant, got 'qq'. Did you mean",
+        ),
+        (
+            "x.toml",
+            SYSTEM + '"plant.E_kin" = ["controller.q"]\n',
+            "system",
+            "x.toml: connections: plant.E_kin -> controller.q: expected signals of one shape, got () and (2,).",
+        ),
+        (
+            "x.toml",
+            SYSTEM + '"plant.q" = ["plant.tau"]\n',
+            "system",
+            "x.toml: connections: plant.q -> plant.tau: expected one unit of measurement, got rad and N.m.",
+        ),
+        (
+            "x.toml",
+            SYSTEM + '"plant.tau_s" = ["plant.tau"]\n"controller.tau" = ["plant.tau"]\n',
+            "system",
+            "x.toml: connections: plant.tau: expected one output that feeds it, got plant.tau_s and controller.tau.",
+        ),
+        (
+            "x.toml",
+            SYSTEM + '"plant.q" = ["controller.q", "controller.q"]\n',
+            "system",
+            "x.toml: connections: controller.q: expected one output that feeds it, got plant.q and plant.q.",
         ),
         ("x.py", UNIT + "    def outputs(self) -> None:\n        self.y = self.v\n", "unit", "x.py, line 9"),
         ("x.py", UNIT, "unit", "y"),

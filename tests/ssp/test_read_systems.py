@@ -358,11 +358,18 @@ def test_a_signal_dictionary_in_a_file_joins_systems_of_two_levels(pack):
     assert links(path) == ["a.y -> low.b.u"]
 
 
-def test_a_system_of_ssp_2_is_refused_in_words(pack):
-    path = pack({"SystemStructure.ssd": ssd("").replace('version="1.0"', 'version="2.0"', 1)})
-    (found,) = problems(path)
-    assert found.startswith("x.ssp: SystemStructure.ssd: is SSP 2.0; expected SSP 1.0")
-    assert "vdfmu check" in found
+def test_a_system_of_ssp_2_is_read_by_its_own_schema(pack):
+    """`local` is a kind of connector that only SSP 2.0 has."""
+    inner = '<ssd:Connectors><ssd:Connector name="u" kind="local"/></ssd:Connectors>'
+    text = ssd(elements(component("a", inner=inner)))
+    found, *_ = problems(pack({"SystemStructure.ssd": text}))
+    assert (
+        found.startswith("x.ssp: SystemStructure.ssd, line")
+        and "'local' is not an element of the set" in found
+    )
+    newer = text.replace('version="1.0"', 'version="2.0"', 1)
+    system = load_ssp(pack({"SystemStructure.ssd": newer, "f.fmu": b""}))
+    assert (system.version, system.component("a").connectors["u"].kind) == ("2.0", "local")
 
 
 def enumeration_fmu(items: str) -> bytes:

@@ -3,7 +3,9 @@
 import zipfile
 
 import pytest
+from fmpy import validation
 
+from vdfmu.engine.check import description
 from vdfmu.engine.check.inspect import inspect_file
 
 HEAD = """<fmiModelDescription fmiVersion="2.0" modelName="m" guid="1"><CoSimulation modelIdentifier="m">{sources}
@@ -145,3 +147,28 @@ def test_a_description_without_binaries_that_fmpy_cannot_read_is_checked_for_the
     assert problems(of="42")
     report = inspect_file(tmp_path / "m.fmu", run=False)
     assert any(p.startswith("no binary for this platform") for p in report.problems)
+
+
+NAMES = {
+    "q": True, "_a9": True, "plant.q[1]": True, "R_O[1,2]": True, "a[1].b[2].c": True, "der(q[1])": True,
+    "der(a.b,2)": True, "'any thing'.x": True, "9a": False, "a b": False, "a..b": False,
+    "a[]": False, "a[1": False, "der(der(q))": False, "q[1]x": False, "\u00e4": False, "a[\u0661]": False,
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_structured_names_are_judged_as_by_the_grammar(problems, name, monkeypatch):
+    """Plain names are not read by fmpy's parser, which takes milliseconds for each, with the same verdict."""
+    read = []
+
+    def validate(model, validate_variable_names=False, **options):
+        if validate_variable_names:
+            read.extend(v.name for v in model.modelVariables)
+        return validation.validate_model_description(model, validate_variable_names, **options)
+
+    monkeypatch.setattr(description, "validate_model_description", validate)
+    head = HEAD.format(sources="").replace('guid="1"', 'guid="1" variableNamingConvention="structured"')
+    added = local(name, 3, '<Real start="0"/>', 'initial="exact"')
+    found = problems(text=head + INPUT + OUTPUT + added + TAIL.format(of="1"))
+    assert any("is not a legal variable name" in text for text in found) != NAMES[name]
+    assert read == ([] if NAMES[name] and "'" not in name else [name])

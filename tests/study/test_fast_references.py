@@ -2,6 +2,7 @@
 
 import dataclasses
 import inspect
+import signal
 
 import numpy as np
 import pytest
@@ -20,9 +21,13 @@ NAMES = ("sampled", "sampled-delayed", "continuous")
 
 @pytest.fixture
 def own_cache(tmp_path, monkeypatch):
-    """Use a cache of this test alone for references; what is compiled is in it too."""
-    monkeypatch.setenv("VDFMU_CACHE_DIR", str(tmp_path / "cache"))
-    return tmp_path / "cache"
+    """Use a cache of this test alone for references, but not for what is compiled."""
+    return use(tmp_path / "cache", monkeypatch)
+
+
+def use(folder, monkeypatch):
+    monkeypatch.setattr("vdfmu.study.reference.cache_folder", lambda: folder)
+    return folder
 
 
 def described(name="planar_tracking", settings=None):
@@ -69,12 +74,12 @@ def test_all_that_a_solver_calls_is_one_compiled_function(name):
 @pytest.mark.parametrize("name", NAMES)
 def test_without_the_compiler_a_reference_is_the_same(own_cache, monkeypatch, name):
     fast = reference(name, described(), step=1e-3, stop=0.05)
-    monkeypatch.setenv("VDFMU_CACHE_DIR", str(own_cache / "other"))
+    use(own_cache / "other", monkeypatch)
     monkeypatch.setattr(compiled, "native_available", lambda: False)
     plain = reference(name, described(), step=1e-3, stop=0.05)
-    for signal, values in fast.signals.items():
+    for group, values in fast.signals.items():
         # rounding of other functions sin and exp, which changes the solver's steps within its tolerance of 1e-11
-        np.testing.assert_allclose(plain.array(signal), values, rtol=1e-9, atol=1e-9, err_msg=signal)
+        np.testing.assert_allclose(plain.array(group), values, rtol=1e-9, atol=1e-9, err_msg=group)
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -83,7 +88,7 @@ def test_references_are_exact_to_1e_11_rad(own_cache, monkeypatch, name):
     for tolerances in (solution._SHORT, solution._LONG):
         monkeypatch.setitem(tolerances, "rtol", 3e-14)
         monkeypatch.setitem(tolerances, "atol", 1e-15)
-    monkeypatch.setenv("VDFMU_CACHE_DIR", str(own_cache / "other"))
+    use(own_cache / "other", monkeypatch)
     tight = reference(name, described(), step=1e-3, stop=0.3).array("plant.q")
     # the local error of 1e-12 a step of a loop that forgets within some hundred steps
     assert np.abs(usual - tight).max() < 1e-11
@@ -94,8 +99,8 @@ def test_a_reference_of_the_same_values_is_not_solved_again(own_cache, solved, n
     first = reference(name, described(), step=1e-3, stop=0.05)
     again = reference(name, described(), step=1e-3, stop=0.05)
     assert len(solved) == 1
-    for signal, values in first.signals.items():
-        np.testing.assert_array_equal(again.array(signal), values)
+    for group, values in first.signals.items():
+        np.testing.assert_array_equal(again.array(group), values)
 
 
 CHANGES = {
@@ -162,3 +167,22 @@ def test_a_solution_that_runs_away_says_where(own_cache, name):
     """A derivative gain at which each sample throws the rotors back 1e3 times as fast."""
     with pytest.raises(VdfmuError, match=r"plant has no finite state after t = 0[.\d]* s"):
         reference(name, described(settings={"controller.K_v": 1e6}), step=1e-3, stop=0.5)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_ctrl_c_within_a_step_of_scipy_ends_the_solution(own_cache, monkeypatch, name):
+    """A signal acts where Python code next begins: the right-hand side, out of which not every solver lets it."""
+    plain, calls = solution._Rate.__call__, []
+
+    class Rate(solution._Rate):
+        def __call__(self, t, x):
+            calls.append(t)
+            if len(calls) == 100:
+                signal.raise_signal(signal.SIGINT)
+            return plain(self, t, x)
+
+    monkeypatch.setattr(solution, "_Rate", Rate)
+    with pytest.raises(KeyboardInterrupt):
+        reference(name, described(), step=1e-3, stop=0.5)
+    assert len(calls) < 1000  # some hundred a step
+    assert not (own_cache / "references").exists()

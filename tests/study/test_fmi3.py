@@ -1,10 +1,13 @@
 """Runs of units of FMI 3.0 against the same of FMI 2.0."""
 
+import zipfile
+
 import numpy as np
 import pytest
 
 import vdfmu
 from vdfmu.errors import UsageError
+from vdfmu.files import pack_zip, read_member
 
 
 @pytest.mark.parametrize("master", ["gauss-seidel", "jacobi"])
@@ -47,8 +50,6 @@ def test_second_order_without_derivatives_of_inputs(isolate, tmp_path):
 def test_what_has_no_fmi_3(tmp_path):
     with pytest.raises(UsageError, match=r"Python FMUs are of FMI 2\.0, got 3\.0"):
         vdfmu.run("planar_tracking", stop=0.01, backend="python", fmi_version="3.0", out=tmp_path / "a")
-    with pytest.raises(UsageError, match=r"container: holds units of FMI 2\.0, got fmi_version 3\.0"):
-        vdfmu.run("planar_tracking", stop=0.01, container=True, fmi_version="3.0", out=tmp_path / "b")
     with pytest.raises(UsageError, match=r"There is no FMI '4\.0' here"):
         vdfmu.run("planar_tracking", stop=0.01, fmi_version="4.0", out=tmp_path / "c")
 
@@ -64,3 +65,19 @@ def test_a_plant_of_fmi_3_among_units_of_fmi_2(tmp_path):
     )
     for name in whole.names:
         np.testing.assert_array_equal(whole[name], mixed[name])
+
+
+@pytest.mark.parametrize("version", ["2.0", "3.0"])
+def test_the_plant_integrated_by_the_master(version, tmp_path):
+    """Model exchange of the same FMU: another solver, the same sampled loop."""
+    run = vdfmu.run("planar_tracking", stop=0.1, fmi_version=version, reference=False, out=tmp_path)
+    text = read_member(tmp_path / "system.ssp", "SystemStructure.ssd").decode()
+    head, component, tail = text.partition('name="plant"')
+    changed = head + component + tail.replace('"CoSimulation"', '"ModelExchange"', 1)
+    with zipfile.ZipFile(tmp_path / "system.ssp") as archive:
+        members = {name: archive.read(name) for name in archive.namelist()}
+    pack_zip(tmp_path / "other.ssp", members | {"SystemStructure.ssd": changed.encode()})
+    other = vdfmu.simulate(tmp_path / "other.ssp", stop=0.1, tolerance=1e-9)
+    # both to the tolerance of their solvers, 1e-7 and 1e-9 of angles below 1 rad; not the same solver
+    difference = np.abs(other.array("plant.q") - run.array("plant.q")).max()
+    assert 0.0 < difference < 1e-7

@@ -123,7 +123,7 @@ def test_jacobi_is_compared_with_the_delayed_reference(tmp_path):
 def with_references(monkeypatch, folder, change):
     """Put a co-simulation with other parameters in the place of scipy's references, which take minutes of split."""
 
-    def reference(name, description, *, step, stop, progress):
+    def reference(name, description, *, step, stop, groups, progress):
         scenario, values = description.scenario, description.values
         package = write_ssp(scenario, cached_fmus(scenario, folder), folder / "reference.ssp", values)
         parameters = {key: factor * values["plant"][key.partition(".")[2]] for key, factor in change.items()}

@@ -16,9 +16,11 @@ from vdfmu.unit import (
     Sampled,
     State,
     Switch,
+    Terminal,
     Unit,
 )
 from vdfmu.unit.base import unit_name
+from vdfmu.unit.check import check_unit
 from vdfmu.unit.interface import Interface, general_description
 from vdfmu.units import shipped_units
 
@@ -325,3 +327,37 @@ def test_a_quantity_of_a_joint_has_two_units():
 def test_units_of_measurement_have_display_units():
     assert measure("rad").display == {"deg": pytest.approx(57.29577951308232)}
     assert measure("V").display == {}
+
+
+class Wrong(Unit):
+    """Declares what would fail without a word of where."""
+
+    backend = "Python"  # pyright: ignore
+    terminals = (Terminal("flange", "middle", ("y", "zz"), "flange"),)  # pyright: ignore
+    y = Output("1")
+    z = Output(1.0)  # pyright: ignore
+    w = Output("1", 2, [1, 2])  # pyright: ignore
+    low = Parameter("1", minimum="a")  # pyright: ignore
+    lost = Parameter("1", start=lambda robot: robot.mass)
+    on = Switch("on")  # pyright: ignore
+    mode = Choice("a", 2)  # pyright: ignore
+
+
+def test_declarations_of_other_types_are_named_all_at_once():
+    with pytest.raises(UnitError) as raised:
+        check_unit(Wrong, None)
+    lines = str(raised.value).splitlines()
+    expected = (
+        'Wrong: backend: expected "native" or "python", got \'Python\'.',
+        "Wrong: terminal flange: expected variables of the unit, got zz.",
+        "Wrong: terminal flange: expected the side left, right, bottom or top, got 'middle'.",
+        "Wrong: z: expected units of measurement, one or one for each element, got 1.0.",
+        "Wrong: w: expected texts, one or one for each element, got [1, 2].",
+        "Wrong: low: minimum: expected a number, got 'a'.",
+        "Wrong: lost: start: the function fails for no robot: AttributeError: 'NoneType' object has no attribute",
+        "Wrong: on: expected True or False, got 'on'.",
+        "Wrong: mode: expected choices that are texts, got ('a', 2).",
+    )
+    for line, words in zip(lines, expected, strict=True):
+        assert words in line
+        assert "test_declaration.py, line " in line

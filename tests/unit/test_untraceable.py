@@ -4,6 +4,7 @@ import inspect
 import math
 import os
 from pathlib import Path
+from typing import ClassVar
 
 import numpy as np
 import pytest
@@ -105,7 +106,7 @@ UNTRACEABLE = {
     Largest: "a condition on a value is not known",
     Equal: "a condition on a value is not known",
     Cubic: "has no callable cbrt method",
-    Cast: r"Make an array for it with zeros\(shape, \*like\) of vdfmu\.unit",
+    Cast: r"an array to put it into is zeros\(shape, \*like\) of vdfmu\.unit",
 }
 
 
@@ -179,6 +180,26 @@ class Nothing(Bad):
         self.y = None
 
 
+class Remembers(Bad):
+    """Keeps a value in an attribute, which a trace would not have."""
+
+    before = 0.0
+
+    def outputs(self) -> None:
+        self.y = self.before
+        self.before = self.u[0]
+
+
+class Counts(Bad):
+    """Counts its calls in a list."""
+
+    count: ClassVar[list[int]] = []
+
+    def outputs(self) -> None:
+        self.count.append(1)
+        self.y = float(len(self.count) % 2)
+
+
 class Early(Unit):
     """Reads a state before the start sets it."""
 
@@ -203,6 +224,16 @@ class Early(Unit):
         (Endless, r"line \d+: outputs\(\) of Endless fails: it calls itself without end\."),
         (Nothing, r"line \d+: outputs\(\) of Nothing fails: Nothing\.y: expected numbers, got None\."),
         (
+            Remembers,
+            r"line \d+: outputs\(\) of Remembers fails: outputs\(\) sets before, which Remembers does not declare\. "
+            r"What is kept from one call to the next is a Sampled state; what is not, a local variable\.",
+        ),
+        (
+            Counts,
+            r"line \d+: outputs\(\) of Counts gives y = [01]\.0, then [01]\.0 from the same values\. What is kept "
+            r"from one call to the next is a Sampled state; what is not, a local variable; noise is an input\.",
+        ),
+        (
             Early,
             r"line \d+: start\(\) of Early fails: x is a state, which has no value before start\(\) sets it\.",
         ),
@@ -211,3 +242,11 @@ class Early(Unit):
 def test_a_method_that_is_wrong_is_named_with_its_line(unit, words):
     with pytest.raises(UnitError, match=rf"^({HERE}|{__file__}), {words}$"):
         Traced(Interface(unit, None))
+
+
+@pytest.mark.parametrize(("unit", "attribute"), [(Remembers, "before"), (Counts, "count")])
+def test_a_unit_in_python_may_have_attributes_of_its_own(unit, attribute):
+    packed = type(unit.__name__, (unit,), {"backend": "python", "__module__": unit.__module__})
+    evaluated = evaluation(Interface(packed, None))
+    evaluated.outputs()
+    assert hasattr(packed, attribute)

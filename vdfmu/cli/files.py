@@ -166,6 +166,9 @@ def check(
     ],
     no_run: Annotated[bool, typer.Option("--no-run", help="Read only; do not run the units' code.")] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print the findings as JSON.")] = False,
+    as_sarif: Annotated[
+        bool, typer.Option("--sarif", help="Print them as SARIF 2.1.0, for code scanners.")
+    ] = False,
     unpack_limit: UnpackOption = None,
     robot: Annotated[
         str, typer.Option(help="The robot for a unit or a system of one's own.")
@@ -195,11 +198,13 @@ def check(
             report = inspect_file(file, run=not no_run)
     except StorageError as error:
         fail(error, 2)
-    if as_json:
+    if as_json or as_sarif:
+        from vdfmu.engine.check.sarif import to_sarif
+
         if sys.stdout is None:
             fail("the findings cannot be written: the standard output is closed", 2)
         try:
-            print(json.dumps(report.to_dict(), indent=1), flush=True)
+            print(json.dumps(to_sarif(report) if as_sarif else report.to_dict(), indent=1), flush=True)
         except BrokenPipeError:
             raise
         except OSError as error:
@@ -214,10 +219,16 @@ def check(
 def _report(file: Path, what: str | None, problems: Sequence[str], notes: Sequence[str]) -> None:
     """Print findings; the command fails with problems."""
     for note in notes:
-        say(f"note: {note}")
+        say(f"note: {_ruled(note)}")
     for problem in problems:
-        say(f"problem: {problem}")
+        say(f"problem: {_ruled(problem)}")
     count = f"{len(problems)} problem(s)" if problems else "no problems"
     say(f"{file}{f' ({what})' if what else ''}: {count}")
     if problems:
         raise typer.Exit(1)
+
+
+def _ruled(text: str) -> str:
+    """Return a finding with the number of its rule at its end, where no script looks for the text."""
+    number = getattr(text, "rule", None)
+    return text if number is None else f"{text} [{number.number}]"

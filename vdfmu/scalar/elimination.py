@@ -23,7 +23,7 @@ def _is_zero(x: Any) -> bool:
 
 def pattern(A: np.ndarray) -> np.ndarray:
     """Where a matrix is not a structural zero, (n, n)."""
-    return ~np.frompyfunc(_is_zero, 1, 1)(A).astype(bool)
+    return np.array([[not _is_zero(x) for x in row] for row in A], dtype=bool).reshape(A.shape)
 
 
 def factorize(A: np.ndarray) -> np.ndarray:

@@ -64,7 +64,8 @@ class Symbol:
         if not self.sx.is_constant():
             raise KernelError(
                 f"{self!r} has no value while equations are traced, so it cannot become a float. "
-                "Make an array for it with zeros(shape, *like) of vdfmu.unit"
+                "Take numpy's functions, np.sin, in place of math's, and interpolate of vdfmu.unit for a table; "
+                "an array to put it into is zeros(shape, *like) of vdfmu.unit"
             )
         return float(self.sx)
 

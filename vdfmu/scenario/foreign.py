@@ -42,13 +42,15 @@ class ForeignInterface:
             description: Any = fmpy.read_model_description(str(path), validate=False)
         except Exception as error:
             raise UsageError(f"{path}: the FMU cannot be read: {error}.") from None
-        if description.fmiVersion not in ("2.0", "3.0") or description.coSimulation is None:
+        part = description.coSimulation or description.modelExchange
+        if description.fmiVersion not in ("2.0", "3.0") or part is None:
             raise UsageError(
-                f"{path}: expected an FMU of FMI 2.0 or 3.0 for co-simulation, got FMI {description.fmiVersion}"
-                f"{'' if description.coSimulation else ' without co-simulation'}."
+                f"{path}: expected an FMU of FMI 2.0 or 3.0 for co-simulation or model exchange, got FMI "
+                f"{description.fmiVersion}{'' if part else ' with neither'}."
             )
         self.path = path
-        self.model_name: str = description.coSimulation.modelIdentifier
+        self.implementation = "CoSimulation" if description.coSimulation else "ModelExchange"
+        self.model_name: str = part.modelIdentifier
         self.description: str = description.description or description.modelName
         self.variables = tuple(each for found in description.modelVariables for each in _variables(found))
 

@@ -13,6 +13,7 @@ from vdfmu.fmu import build_fmus
 from vdfmu.fmu.build import choose_backend
 from vdfmu.fmu.content import Content
 from vdfmu.kernel.cache import cache_folder, load, store
+from vdfmu.measure import measure
 from vdfmu.model import Robot
 from vdfmu.model.read import nearest
 from vdfmu.scenario.foreign import ForeignInterface
@@ -20,9 +21,18 @@ from vdfmu.scenario.scenario import Scenario
 from vdfmu.scenario.system_file import SystemFile
 from vdfmu.unit.base import Unit, unit_name
 from vdfmu.unit.interface import Interface
+from vdfmu.unit.variable import Variable
 from vdfmu.units import find_unit
 
-__all__ = ["Variables", "build_parts", "cached_fmus", "check_connections", "tables_of", "units_of"]
+__all__ = [
+    "Variables",
+    "build_parts",
+    "cached_fmus",
+    "check_connections",
+    "end_signals",
+    "tables_of",
+    "units_of",
+]
 
 Variables = Interface | ForeignInterface
 """The variables of a component."""
@@ -56,19 +66,68 @@ def tables_of(
 
 
 def check_connections(system: SystemFile, tables: Mapping[str, Variables]) -> None:
-    """Raise UsageError for connections of signals that the components do not have, with a line for each."""
+    """Raise UsageError for connections that cannot be made, with a line for each problem.
+
+    Those of signals that the components do not have, that share no index, differ in their units of measurement, or feed
+    an input twice.
+    """
     problems: list[str] = []
+    feeds: dict[tuple[str, str], str] = {}
     for source, targets in system.connections.items():
-        for end, causality in ((source, "output"), *((target, "input") for target in targets)):
-            component, _, group = end.partition(".")
-            known = list(dict.fromkeys(v.group for v in tables[component] if v.causality == causality))
-            if group not in known:
+        starts = _signals(tables, source, "output", problems)
+        for target in targets:
+            ends = _signals(tables, target, "input", problems)
+            shared = [(starts[index], ends[index]) for index in ends if index in starts]
+            if starts and ends and not shared:
                 problems.append(
-                    f"{system.path}: connections: {end}: expected an {causality} of {component}, got {group!r}. "
-                    + nearest(group, known)
+                    f"{source} -> {target}: expected signals of one shape, got {_shape(starts)} and {_shape(ends)}."
                 )
+            for start, end in shared:
+                if None not in (a := _dimension(start), b := _dimension(end)) and a != b:
+                    problems.append(
+                        f"{source} -> {target}: expected one unit of measurement, got {start.unit} and {end.unit}."
+                    )
+                fed = (target.partition(".")[0], end.name)
+                if (earlier := feeds.setdefault(fed, source)) != source or targets.count(target) > 1:
+                    problems.append(
+                        f"{target}: expected one output that feeds it, got {earlier} and {source}."
+                    )
     if problems:
-        raise UsageError("\n".join(dict.fromkeys(problems)))
+        raise UsageError(
+            "\n".join(f"{system.path}: connections: {problem}" for problem in dict.fromkeys(problems))
+        )
+
+
+def end_signals(table: Variables, name: str, causality: str) -> dict[tuple[int, ...], Variable]:
+    """Variables of one end of a connection by their indices; one element, ``q[1]``, is a scalar."""
+    found = [v for v in table if v.causality == causality and name in (v.group, v.name)]
+    return {v.index if v.group == name else (): v for v in found}
+
+
+def _signals(
+    tables: Mapping[str, Variables], end: str, causality: str, problems: list[str]
+) -> dict[tuple[int, ...], Variable]:
+    """Variables of one end of a connection by their indices; a problem if there are none."""
+    component, _, name = end.partition(".")
+    found = end_signals(tables[component], name, causality)
+    if not found:
+        known = list(dict.fromkeys(v.group for v in tables[component] if v.causality == causality))
+        problems.append(
+            f"{end}: expected an {causality} of {component}, got {name!r}. {nearest(name, known)}"
+        )
+    return found
+
+
+def _shape(signals: Collection[tuple[int, ...]]) -> str:
+    return str(tuple(1 + max(axis) for axis in zip(*signals, strict=True)))
+
+
+def _dimension(variable: Variable) -> dict[str, int] | None:
+    """Exponents of the base units of a signal; None where they are not known, as of an FMU of another tool."""
+    try:
+        return measure(variable.unit).exponents if variable.unit else None
+    except UsageError:
+        return None
 
 
 def build_parts(

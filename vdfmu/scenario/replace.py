@@ -34,7 +34,12 @@ def with_units(scenario: Scenario, units: Mapping[str, Any]) -> Scenario:
     system = dataclasses.replace(system, parts=parts)
     tables = tables_of(system, scenario.robot, units)
     has = {
-        name: {(v.group, v.causality) for v in table if v.causality in ("input", "output")}
+        name: {
+            (key, v.causality)
+            for v in table
+            if v.causality in ("input", "output")
+            for key in (v.group, v.name)
+        }
         for name, table in tables.items()
     }
 

@@ -107,7 +107,11 @@ def read_scenario(
         try:
             section_values(system, robot, sections)
         except (UsageError, UnitError) as error:
-            problems.lines.extend(f"{problems.where}: {line}" for line in str(error).splitlines())
+            known = (str(system.path), problems.where)
+            problems.lines.extend(
+                line if line.startswith(known) else f"{problems.where}: {line}"
+                for line in str(error).splitlines()
+            )
     if robot is not None and not problems.lines:
         try:
             check_robot(apply_factors(robot, factors), f"{problems.where}: plant_factors: the plant")

@@ -139,7 +139,8 @@ def robot_parameters(component: str, table: Variables, scenario: Scenario) -> Va
 def is_free(system: SystemFile, component: str, variable: Variable) -> bool:
     """Whether a variable is an input that nothing feeds."""
     fed = {end for targets in system.connections.values() for end in targets}
-    return variable.causality == "input" and f"{component}.{variable.group}" not in fed
+    names = {f"{component}.{variable.group}", f"{component}.{variable.name}"}
+    return variable.causality == "input" and not names & fed
 
 
 def _sections(system: SystemFile, sections: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:

@@ -10,11 +10,10 @@ from typing import Any
 
 import numpy as np
 
-from vdfmu.errors import SspError
 from vdfmu.fmu.description3 import FMI_3_TYPES
 from vdfmu.kernel.structure import parameters
 from vdfmu.scenario import Scenario
-from vdfmu.scenario.parts import Variables, tables_of
+from vdfmu.scenario.parts import Variables, end_signals, tables_of
 from vdfmu.scenario.system_file import Box, SystemFile
 from vdfmu.scenario.values import system_values
 from vdfmu.unit.interface import Interface, general_description
@@ -168,40 +167,38 @@ class SystemDescription:
         )
 
     def _links(self, source: str, target: str) -> list[Link]:
-        (start_unit, start_group), (end_unit, end_group) = source.split("."), target.split(".")
-        starts = [s for s in self.signals(start_unit, "output") if s.group == start_group]
-        ends = [s for s in self.signals(end_unit, "input") if s.group == end_group]
-        if [s.shape for s in starts] == [s.shape for s in ends] == [starts[0].shape if starts else ()]:
-            return [Link((start_unit, starts[0]), (end_unit, ends[0]))]
-        sources = {v.index: s for s in starts for v in s.variables}
-        links: list[Link] = []
-        for end in ends:
-            for variable in end.variables:
-                start = sources.get(variable.index)
-                if start is not None:
-                    index = tuple(i + 1 for i in variable.index)
-                    links.append(
-                        Link(
-                            (start_unit, start),
-                            (end_unit, end),
-                            index if start.shape else (),
-                            index if end.shape else (),
-                        )
-                    )
-        if not links:
-            raise SspError(f"{self.scenario.system.path}: {source} -> {target}: the two share no signal.")
-        return links
+        starts, ends = self._ends(source, "output"), self._ends(target, "input")
+        (start_unit, _), (end_unit, _) = source.split(".", 1), target.split(".", 1)
+        wholes = {s for s, _ in starts.values()}, {s for s, _ in ends.values()}
+        if (
+            all(len(found) == 1 and next(iter(found)).shape for found in wholes)
+            and starts.keys() == ends.keys()
+        ):
+            return [Link((start_unit, wholes[0].pop()), (end_unit, wholes[1].pop()))]
+        return [
+            Link((start_unit, start), (end_unit, end), _counted(start, a), _counted(end, b))
+            for index, (end, b) in ends.items()
+            if index in starts
+            for start, a in [starts[index]]
+        ]
+
+    def _ends(self, end: str, kind: str) -> dict[tuple[int, ...], tuple[Signal, Variable]]:
+        """Signals and variables of one end of a connection by their indices."""
+        component, name = end.split(".", 1)
+        signals = {v: s for s in self.signals(component, kind) for v in s.variables}
+        found = end_signals(self.tables[component], name, kind)
+        return {index: (signals[v], v) for index, v in found.items()}
 
     def element_links(self) -> Iterator[tuple[str, int, str, int]]:
         """Yield every connection of single elements: unit and position of the output, the same of the input."""
         for source, targets in self.groups.items():
             for target in targets:
-                (start, start_group), (end, end_group) = source.split("."), target.split(".")
-                a, b = self.tables[start], self.tables[end]
-                starts = {a.variables[i].index: i for i in _places(a, start_group)}
-                for j in _places(b, end_group):
-                    if b.variables[j].index in starts:
-                        yield start, starts[b.variables[j].index], end, j
+                starts, ends = self._ends(source, "output"), self._ends(target, "input")
+                start, end = source.partition(".")[0], target.partition(".")[0]
+                for index, (_, variable) in ends.items():
+                    if index in starts:
+                        a, b = self.tables[start].reference, self.tables[end].reference
+                        yield start, a[starts[index][1].name], end, b[variable.name]
 
     @cached_property
     def measures(self) -> list[str]:
@@ -290,8 +287,9 @@ class SystemDescription:
         return found
 
 
-def _places(table: Variables, group: str) -> list[int]:
-    return [i for i, v in enumerate(table.variables) if v.group == group]
+def _counted(signal: Signal, variable: Variable) -> tuple[int, ...]:
+    """Index of an element of an array, counted from 1."""
+    return tuple(i + 1 for i in variable.index) if signal.shape else ()
 
 
 def _corners(system: SystemFile) -> dict[str, Box]:

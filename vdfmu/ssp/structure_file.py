@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from vdfmu.engine.ssp.experiment import EXPERIMENT_TYPE, FOREIGN, OSP_TYPE
+from vdfmu.scenario.foreign import ForeignInterface
 from vdfmu.ssp.description import Signal, SystemDescription, positions
 from vdfmu.ssp.geometry import route
 from vdfmu.ssp.xml import META, add, add_foreign, add_units, root
@@ -64,14 +65,15 @@ def _add_component(
     elements: Any, description: SystemDescription, unit: str, heights: dict[tuple[str, str], float]
 ) -> None:
     x1, y1, x2, y2 = description.corners[unit]
+    table = description.tables[unit]
     component = add(
         elements,
         "ssd:Component",
         name=unit,
-        description=description.tables[unit].description,
+        description=table.description,
         type="application/x-fmu-sharedlibrary",
         source=f"resources/{description.fmu_name(unit)}",
-        implementation="CoSimulation",
+        implementation=table.implementation if isinstance(table, ForeignInterface) else "CoSimulation",
     )
     connectors = add(component, "ssd:Connectors")
     for kind, x in _SIDES.items():

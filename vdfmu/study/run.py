@@ -15,7 +15,7 @@ from vdfmu import __version__
 from vdfmu.engine.algorithms import ALGORITHMS
 from vdfmu.engine.cosim import Interrupted, LogMessage, Results, simulate
 from vdfmu.engine.cosim.inputs import Inputs, read_inputs
-from vdfmu.engine.cosim.master import check_coupling
+from vdfmu.engine.cosim.simulator import check_coupling
 from vdfmu.engine.folder import DRAWN, SYSTEM_OUTPUTS, keep, replacing_results, write_summary
 from vdfmu.errors import CosimError, UsageError
 from vdfmu.fmu.build import build_notes, choose_backend

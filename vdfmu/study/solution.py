@@ -18,6 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 from vdfmu.errors import VdfmuError
+from vdfmu.interrupt import InterruptGuard
 from vdfmu.study.wired import Action, Carry, Clock, Evaluate, Places, Run, System
 from vdfmu.unit.motion import samples
 
@@ -111,10 +112,9 @@ class _Mover:
         x, solver = self._unit.x, self._solver(to - t)
         solver.set_initial_value(x, t)
         self._steps = -1  # the start is counted too
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            with suppress(ValueError):
-                x[:] = solver.integrate(to)
+        # of what a signal raises in a call of the right-hand side, this solver would make a number
+        with InterruptGuard(), suppress(ValueError, UserWarning):
+            x[:] = solver.integrate(to)
         if self._rate.error is not None:
             raise self._rate.error
         self._steps = min(max(self._steps, 1), _PARTS)

@@ -43,6 +43,10 @@ class Watch(Protocol):
         """Take the value of a variable."""
         ...
 
+    def keep(self, name: str) -> None:
+        """Allow an attribute that is not a variable to be set; UnitError if it may not."""
+        ...
+
     def time(self) -> Any:
         """Time [s]."""
         ...
@@ -91,6 +95,7 @@ class Unit:
     """All variables by name."""
     robot_fields: ClassVar[tuple[str, ...] | None] = None
     """Fields of the :class:`RobotParameters`; empty: all; None: the unit has none."""
+    _watch: Watch | None = None
 
     def __init_subclass__(cls, **kwargs: Any) -> None:
         super().__init_subclass__(**kwargs)
@@ -122,7 +127,6 @@ class Unit:
                 f"{type(self).__name__} needs a robot, for its joints. Give one: robot=load_robot(..)."
             )
         self.of_robot = robot
-        self._watch: Watch | None = None
         self.store: dict[str, Any] = {}
         self.t = 0.0
         for name, declared in self.declared.items():
@@ -250,6 +254,11 @@ class Unit:
     def watch(self, watch: Watch | None) -> None:
         """Let `watch` decide what is read and take what is set; None: the instance's own values."""
         self._watch = watch
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        if self._watch is not None and name not in self.declared and name != "_watch":
+            self._watch.keep(name)
+        super().__setattr__(name, value)
 
     def _read(self, declared: Declared) -> Any:
         if self._watch is not None:

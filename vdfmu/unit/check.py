@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from typing import Any, cast
 
 import numpy as np
 
@@ -72,6 +73,19 @@ def _of_unit(unit: type[Unit]) -> Iterator[tuple[str, str]]:
             yield name, f"{name}: expected a parameter without a shape, {start}"
         elif needed and not (declared is not None and declared.minimum and declared.minimum > 0.0):
             yield name, f"{name}: expected a minimum above 0, {start}"
+    if unit.backend not in ("native", "python"):
+        yield "backend", f'backend: expected "native" or "python", got {unit.backend!r}'
+    for terminal in unit.terminals:
+        if unknown := [group for group in terminal.groups if group not in unit.declared]:
+            yield (
+                "terminals",
+                f"terminal {terminal.name}: expected variables of the unit, got {', '.join(unknown)}",
+            )
+        if terminal.side not in ("left", "right", "bottom", "top"):
+            yield (
+                "terminals",
+                f"terminal {terminal.name}: expected the side left, right, bottom or top, got {terminal.side!r}",
+            )
     for name in unit.robot_fields or ():
         row = PARAMETERS.get(name)
         if row is None or not row.per_joint or row.shape:
@@ -91,6 +105,10 @@ def _of_variable(unit: type[Unit], declared: Declared, robot: Robot | None) -> I
             f"a variable cannot be called {name}: expected a letter, then letters, digits and single underscores, "
             "and not time, which every unit has"
         )
+    if isinstance(declared, Switch) and not isinstance(declared.start, bool):
+        yield f"{name}: expected True or False, got {declared.start!r}"
+    if isinstance(declared, Choice) and not _texts(declared.choices):
+        yield f"{name}: expected choices that are texts, got {declared.choices}"
     if isinstance(declared, Choice) and len(set(declared.choices)) != max(2, len(declared.choices)):
         yield f"{name}: expected two or more different choices, got {declared.choices}"
     if isinstance(declared, (Choice, Switch)):
@@ -101,7 +119,12 @@ def _of_variable(unit: type[Unit], declared: Declared, robot: Robot | None) -> I
     sizes = declared.sizes(robot.n if robot is not None else 0)
     count = int(np.prod(sizes, dtype=int))
     for what, value in (("units of measurement", declared.unit), ("texts", declared.text)):
-        if not isinstance(value, str) and len(value) != count:
+        if isinstance(value, str):
+            continue
+        if not _texts(value):
+            yield f"{name}: expected {what}, one or one for each element, got {value!r}"
+            return
+        if len(value) != count:
             yield f"{name}: expected {count} {what}, one for each element, got {len(value)}"
     for one in dict.fromkeys([declared.unit] if isinstance(declared.unit, str) else declared.unit):
         try:
@@ -112,16 +135,31 @@ def _of_variable(unit: type[Unit], declared: Declared, robot: Robot | None) -> I
         yield from (f"{name}: {problem}" for problem in _of_start(declared, robot, sizes))
 
 
+def _texts(value: object) -> bool:
+    """Whether a value is a sequence of texts."""
+    return isinstance(value, Sequence) and all(
+        isinstance(one, str) for one in cast("Sequence[object]", value)
+    )
+
+
 def _axes(declared: Declared) -> list[object]:
     return [axis if isinstance(axis, int) else repr(axis) for axis in declared.shape]
 
 
 def _of_start(declared: Declared, robot: Robot | None, sizes: tuple[int, ...]) -> Iterator[str]:
     low, high = declared.minimum, declared.maximum
+    for what, bound in (("minimum", low), ("maximum", high)):
+        if bound is not None and (np.asarray(bound).dtype.kind not in "if" or np.ndim(bound)):
+            yield f"{what}: expected a number, got {bound!r}"
+            return
     if low is not None and high is not None and low > high:
         yield f"expected a minimum below the maximum, got {low:g} and {high:g}"
         return
-    start = declared.start(robot) if callable(declared.start) else declared.start
+    try:
+        start: Any = declared.start(robot) if callable(declared.start) else declared.start
+    except Exception as error:
+        yield f"start: the function fails for {'the robot' if robot else 'no robot'}: {type(error).__name__}: {error}"
+        return
     try:
         values = np.broadcast_to(np.asarray(start, dtype=float), sizes)
     except (TypeError, ValueError):

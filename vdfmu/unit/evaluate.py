@@ -134,6 +134,9 @@ class Plain(Evaluation):
         """Take the value of a variable."""
         self._place(declared)[:] = np.ravel(self._unit.fitting(declared, value))
 
+    def keep(self, name: str) -> None:
+        """Allow any attribute."""
+
     def _place(self, declared: Declared) -> Floats:
         if isinstance(declared, Derivative):
             start = self.interface.groups[declared.state.name].start - self.interface.states.start

@@ -31,6 +31,9 @@ _MAY_SET: dict[str, tuple[type[Declared], ...]] = {
 }
 
 
+_MEMORY = "What is kept from one call to the next is a Sampled state; what is not, a local variable"
+
+
 _TAKEN = re.compile(
     r"p|x|x_dot|t|h|tolerance|norm|ratio|w\d*|null|jac|hess|(own|d|bar|rate)_.*|.*_(new|out)"
     # keywords of C, and functions of math.h that traced functions call
@@ -98,6 +101,13 @@ class _Watch:
         ):
             raise UnitError(f"{self.phase}() sets {declared.name}, {_kind(declared)}, which it may not")
         self.sets[declared.name] = self.unit.fitting(declared, value)
+
+    def keep(self, name: str) -> None:
+        if self.unit.backend == "python":
+            return
+        raise UnitError(
+            f"{self.phase}() sets {name}, which {type(self.unit).__name__} does not declare. {_MEMORY}"
+        )
 
     def time(self) -> Any:
         self.reads["t"] = None
@@ -291,10 +301,24 @@ def _leaves(unit: Unit, phase: str, fixed: Fixed) -> Iterator[Leaf]:
             yield from _leaves(unit, phase, {**fixed, choice.name: value})
         return
     _check_complete(unit, phase, fixed, watch.sets)
+    if unit.backend != "python":
+        _check_repeatable(unit, phase, watch)
     for name, value in watch.sets.items():
         unit.store.setdefault(name, value)
     if watch.sets:
         yield Leaf(phase, fixed, tuple(watch.reads), tuple(map(argument_name, watch.sets)))
+
+
+def _check_repeatable(unit: Unit, phase: str, first: _FloatWatch) -> None:
+    """Raise for a method that gives something else the second time: its trace would be one case of many."""
+    again = _FloatWatch(unit, phase, first.fixed)
+    run(unit, phase, again)
+    for name, value in first.sets.items():
+        if not np.array_equal(value, again.sets.get(name, np.nan)):
+            raise UnitError(
+                f"{place(type(unit), phase)}: {phase}() of {type(unit).__name__} gives {name} = {value}, then "
+                f"{again.sets.get(name)} from the same values. {_MEMORY}; noise is an input."
+            )
 
 
 def _check_complete(unit: Unit, phase: str, fixed: Fixed, sets: Mapping[str, Any]) -> None:

@@ -31,7 +31,7 @@ struct Instance {
     Data d;
     double time, start, next; /* the next event [s] */
     double z[NZ + 1];
-    bool changed, end, event_mode, stepping, exchange; /* changed: the states, by an event */
+    bool changed, end, event_mode, exchange; /* changed: the states, by an event */
     long steps;
     void *environment;
     void (*log)(void);
@@ -148,7 +148,7 @@ OK(fmi2SetupExperiment, (fmi2Component c, fmi2Boolean a, fmi2Real b, fmi2Real st
 OK(fmi2EnterInitializationMode, (fmi2Component c), outputs(I))
 OK(fmi2ExitInitializationMode, (fmi2Component c), begin(I); fresh(I))
 OK(fmi2Terminate, (fmi2Component c), (void)I)
-OK(fmi2Reset, (fmi2Component c), I->d = initial)
+OK(fmi2Reset, (fmi2Component c), I->d = initial; I->next = INFINITY; I->steps = 0; I->changed = I->end = false)
 OK(fmi2SetTime, (fmi2Component c, fmi2Real time), I->time = time; outputs(I))
 OK(fmi2SetContinuousStates, (fmi2Component c, const fmi2Real *x, size_t n),
    memcpy(STATES(I), x, n * sizeof *x); outputs(I))
@@ -160,7 +160,7 @@ OK(fmi2EnterEventMode, (fmi2Component c), (void)I)
 OK(fmi2EnterContinuousTimeMode, (fmi2Component c), I->changed = false)
 OK(fmi2CompletedIntegratorStep, (fmi2Component c, fmi2Boolean a, fmi2Boolean *enter, fmi2Boolean *end),
    (void)a; *enter = *end = 0)
-OK(fmi2NewDiscreteStates, (fmi2Component c, fmi2EventInfo *info), if (I->stepping) event(I); I->stepping = true;
+OK(fmi2NewDiscreteStates, (fmi2Component c, fmi2EventInfo *info), event(I);
    *info = (fmi2EventInfo){0, I->end, 0, I->changed, isfinite(I->next), I->next}; fresh(I))
 OK(fmi2GetFMUstate, (fmi2Component c, fmi2FMUstate *s), if (!*s) *s = malloc(sizeof *I); memcpy(*s, I, sizeof *I))
 OK(fmi2SetFMUstate, (fmi2Component c, fmi2FMUstate s), memcpy(I, s, sizeof *I))
@@ -264,7 +264,7 @@ OK(fmi3EnterEventMode, (fmi3Instance c), (void)I)
 OK(fmi3EnterStepMode, (fmi3Instance c), fresh(I))
 OK(fmi3EnterContinuousTimeMode, (fmi3Instance c), I->changed = false)
 OK(fmi3Terminate, (fmi3Instance c), (void)I)
-OK(fmi3Reset, (fmi3Instance c), I->d = initial)
+OK(fmi3Reset, (fmi3Instance c), I->d = initial; I->next = INFINITY; I->steps = 0; I->changed = I->end = false)
 OK(fmi3SetTime, (fmi3Instance c, fmi3Float64 time), I->time = time; outputs(I))
 OK(fmi3SetContinuousStates, (fmi3Instance c, const fmi3Float64 *x, size_t n),
    memcpy(STATES(I), x, n * sizeof *x); outputs(I))
@@ -278,7 +278,7 @@ OK(fmi3CompletedIntegratorStep, (fmi3Instance c, fmi3Boolean a, fmi3Boolean *ent
    (void)a; *enter = *end = false)
 OK(fmi3UpdateDiscreteStates, (fmi3Instance c, fmi3Boolean *again, fmi3Boolean *end, fmi3Boolean *nominals,
    fmi3Boolean *changed, fmi3Boolean *defined, fmi3Float64 *next),
-   if (I->stepping) event(I); I->stepping = true; *again = *nominals = false; *end = I->end; *changed = I->changed;
+   event(I); *again = *nominals = false; *end = I->end; *changed = I->changed;
    *defined = isfinite(I->next); *next = I->next; fresh(I))
 OK(fmi3GetFMUState, (fmi3Instance c, fmi3FMUState *s), if (!*s) *s = malloc(sizeof *I); memcpy(*s, I, sizeof *I))
 OK(fmi3SetFMUState, (fmi3Instance c, fmi3FMUState s), memcpy(I, s, sizeof *I))
@@ -322,6 +322,7 @@ OK(fmi3SetBinary, (fmi3Instance c, const fmi3ValueReference *r, size_t n, const 
 
 fmi3Status fmi3GetClock(fmi3Instance c, const fmi3ValueReference *r, size_t n, fmi3Clock *x)
 {
+    outputs(c);
     return copy(c, false, CLOCK, sizeof *x, r, n, (char *)x);
 }
 fmi3Status fmi3SetClock(fmi3Instance c, const fmi3ValueReference *r, size_t n, const fmi3Clock *x)
@@ -342,7 +343,7 @@ fmi3Status fmi3DoStep(fmi3Instance c, fmi3Float64 time, fmi3Float64 h, fmi3Boole
     Instance *I = c;
     (void)keep;
     *needed = advance(I, time + h);
-    *early = *needed && I->time + 0.5 * STEP < time + h;
+    *early = *needed; /* at the end of the step too, as the Reference FMUs have it */
     *last = *early ? I->time : time + h;
     *end = I->end;
     return fmi3OK;

@@ -97,7 +97,7 @@ def c_files(model: Model) -> dict[str, str]:
     return {
         "model.h": f"typedef struct {{\n{fields}}} Data;\n#define STEP {model.step!r}\n#define NX(I) ({nx})\n"
         f"#define NZ {model.indicators}\n#define STATES(I) {states}\n#define RATES(I) {rates}\n"
-        f"#define SIZES(I) (&(I)->d.{sizes[0] if sizes else model.variables[0].field})\n",
+        f"#define SIZES(I) ((const uint64_t *)(const void *)&(I)->d.{(sizes or [ordered[0].field])[0]})\n",
         "model.c": f"static const Data initial = {{\n{values}}};\n"
         f"static const Variable table[] = {{\n{''.join(rows)}}};\n" + model.code,
     }  # fmt: skip
@@ -135,7 +135,7 @@ def description_3(model: Model) -> Element:
         attributes |= {"declaredType": "Option"} if v.type == "Enumeration" else {}
         starts = v.start if isinstance(v.start, (list, tuple)) else [v.start]
         text = " ".join(str(x).lower() if isinstance(x, bool) else str(x) for x in starts)
-        if v.start is not None and v.causality == "output":
+        if v.start is not None and v.causality in ("output", "local"):
             attributes["initial"] = "exact"
         if v.start is not None and v.type not in ("String", "Binary"):
             attributes["start"] = text
@@ -156,7 +156,14 @@ def description_3(model: Model) -> Element:
     for tag, unknowns in (
         ("Output", outputs),
         ("ContinuousStateDerivative", rates),
-        ("InitialUnknown", [v for v in (*outputs, *states, *rates) if v.start is None and v.type != "Clock"]),
+        (
+            "InitialUnknown",
+            [
+                v
+                for v in (*outputs, *states, *rates)
+                if v.start is None and v.type != "Clock" and "clocks" not in v.more
+            ],
+        ),
     ):
         for v in unknowns:
             needs = (
@@ -380,4 +387,83 @@ static void outputs(Instance *I)
 }
 """,
     step=1e-3, states=("x",), sizes=("n", "m", "r"),
+)  # fmt: skip
+PERIODIC = {"intervalVariability": "constant", "intervalDecimal": "0.1"}
+TRIGGERED = {"intervalVariability": "triggered"}
+EVENTS = {"hasEventMode": "true"}
+CONTROLLER = Model(
+    "SampledController",
+    [V("r", "input", "Clock", more=PERIODIC), V("e", "input", start=0.0, variability="discrete", more={"clocks": "r"}),
+     V("u", "output", variability="discrete", more={"clocks": "r"}, needs=("e",)),
+     V("i", "local", start=0.0, variability="discrete"),
+     V("k_p", "parameter", start=2.0), V("k_i", "parameter", start=3.0), V("w", "parameter", start=1.0)],
+    """
+static void begin(Instance *I) { (void)I; }
+static void indicators(Instance *I, double *z) { (void)I, (void)z; }
+static void outputs(Instance *I)
+{
+    Data *d = &I->d;
+    if (d->r.tick)
+        d->u = d->k_p * (d->w - d->e) + d->i;
+}
+static void event(Instance *I)
+{
+    Data *d = &I->d;
+    outputs(I);
+    if (d->r.tick)
+        d->i += 0.1 * d->k_i * (d->w - d->e);
+    d->r.tick = false;
+}
+""",
+    kinds=("CoSimulation",), simulation=EVENTS,
+)  # fmt: skip
+LAG = Model(
+    "Lag",
+    [V("x", "output", start=0.0), V("der(x)", needs=("x", "u")), V("u", "input", start=0.0)],
+    NOTHING + "static void outputs(Instance *I) { I->d.der_x = I->d.u - I->d.x; }\n",
+    step=1e-2, states=("x",),
+)  # fmt: skip
+CLOCKS = Model(
+    "Clocks",
+    [V("inClock1", "input", "Clock", more={"intervalVariability": "constant", "intervalDecimal": "1.0"}),
+     V("inClock3", "input", "Clock", more={"intervalVariability": "countdown"}),
+     V("outClock", "output", "Clock", more=TRIGGERED),
+     V("inClock1Ticks", "output", "Int32", 0), V("inClock3Ticks", "output", "Int32", 0),
+     V("totalInClockTicks", "output", "Int32", 0), V("delay", "parameter", start=0.0)],
+    """
+static void begin(Instance *I) { (void)I; }
+static void indicators(Instance *I, double *z) { (void)I, (void)z; }
+static void outputs(Instance *I)
+{
+    const int ticks = I->d.inClock1.tick + I->d.inClock3.tick;
+    I->d.outClock.tick = ticks && (I->d.totalInClockTicks + ticks) % 5 == 0;
+}
+static void event(Instance *I)
+{
+    Data *d = &I->d;
+    d->inClock1Ticks += d->inClock1.tick;
+    d->inClock3Ticks += d->inClock3.tick;
+    d->totalInClockTicks += d->inClock1.tick + d->inClock3.tick;
+    if (d->inClock1.tick && d->inClock1Ticks == 5) /* at 4 s */
+        d->inClock3.interval = d->delay;
+    d->inClock1.tick = d->inClock3.tick = d->outClock.tick = false;
+}
+""",
+    step=0.1, kinds=("CoSimulation",), simulation=EVENTS,
+)  # fmt: skip
+COUNTER = Model(
+    "Counter",
+    [V("c", "input", "Clock", more=TRIGGERED), V("n", "output", "Int32", 0, more={"clocks": "c"})],
+    """
+static void begin(Instance *I) { (void)I; }
+static void indicators(Instance *I, double *z) { (void)I, (void)z; }
+static void outputs(Instance *I)
+{
+    if (I->d.c.tick)
+        I->d.n++;
+    I->d.c.tick = false;
+}
+static void event(Instance *I) { outputs(I); }
+""",
+    step=0.1, kinds=("CoSimulation",), simulation=EVENTS,
 )  # fmt: skip

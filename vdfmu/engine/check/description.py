@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import re
 import zipfile
 from collections.abc import Iterator
 from functools import lru_cache
@@ -12,6 +13,8 @@ from typing import Any
 import fmpy
 from fmpy.validation import validate_model_description
 from lxml import etree  # pyright: ignore[reportAttributeAccessIssue]  # lxml ships no stubs
+
+from vdfmu.engine.rules import fmpy_found, found
 
 __all__ = ["DESCRIPTION", "description_faults", "schema_faults", "variables_of"]
 
@@ -75,7 +78,7 @@ def description_faults(root: Any) -> tuple[list[str], Any]:
         return [*mend.faults, *_rules(model)], model
     except Exception as error:  # fmpy raises bare exceptions
         told = f"{DESCRIPTION}: cannot be read, an element or attribute is missing or odd: {error}"
-        return mend.faults or [told], None
+        return mend.faults or [found("FMI003", told, root)], None
 
 
 @lru_cache
@@ -86,7 +89,11 @@ def _schema(name: str) -> Any:
 def schema_faults(root: Any, name: str, where: str) -> list[str]:
     """Return what breaks a schema of fmpy, such as ``fmi2/fmi2ModelDescription.xsd``."""
     schema = _schema(name)
-    return [] if schema.validate(root) else [f"{where}, line {e.line}: {e.message}" for e in schema.error_log]
+    if schema.validate(root):
+        return []
+    return [
+        found("FMI003", f"{where}, line {e.line}: {e.message}", (where, e.line)) for e in schema.error_log
+    ]
 
 
 def variables_of(root: Any) -> Iterator[tuple[Any, Any]]:
@@ -114,19 +121,28 @@ def _rules(model: Any) -> list[str]:
     everything = model.modelVariables
     aliases = [v for v in everything if v.alias is not None]
     model.modelVariables = [v for v in everything if v.alias is None]
-    found = validate_model_description(model, validate_variable_names=True, validate_model_structure=True)
+    texts = validate_model_description(model, validate_model_structure=True)
     names = {v.name for v in model.modelVariables}
     if aliases:
         model.modelVariables = aliases
-        named = validate_model_description(model, validate_variable_names=True)
-        found += [text for text in named if not text.startswith("Exactly one independent variable")]
-        found += [
+        told = validate_model_description(model)
+        texts += [text for text in told if not text.startswith("Exactly one independent variable")]
+        texts += [
             f'The variable name "{v.name}" (line {v.sourceline}) is not unique.'
             for v in aliases
             if v.name in names
         ]
+    model.modelVariables = [v for v in everything if not _PLAIN.fullmatch(v.name)]
+    if model.modelVariables:
+        told = validate_model_description(model)
+        texts += [t for t in validate_model_description(model, validate_variable_names=True) if t not in told]
     model.modelVariables = everything
-    return [str(text).strip().partition("\n")[0] for text in dict.fromkeys(found)]
+    return [fmpy_found(str(text).strip().partition("\n")[0]) for text in dict.fromkeys(texts)]
+
+
+_IDENTIFIER = r"[A-Za-z_][A-Za-z_0-9]*(\[[0-9]+(,[0-9]+)*\])?"
+_PLAIN = re.compile(rf"{_IDENTIFIER}(\.{_IDENTIFIER})*|der\({_IDENTIFIER}(\.{_IDENTIFIER})*(,[0-9]+)?\)")
+"""Names that are legal by either naming convention; fmpy's parser takes milliseconds for each, and reads the others."""
 
 
 class _Mend:
@@ -140,9 +156,10 @@ class _Mend:
         self.units = {u.get("name") for u in root.iterfind("UnitDefinitions/Unit")}
         self.references = {int(item.get("valueReference")): item for item, _ in self.variables}
 
-    def fault(self, item: Any, text: str) -> None:
+    def fault(self, rule: str, item: Any, text: str) -> None:
         name = f"variable {item.get('name')!r}" if item.get("name") is not None else item.tag
-        self.faults.append(f"{DESCRIPTION}, line {item.sourceline}: {name}: {text}")
+        text = f"{DESCRIPTION}, line {item.sourceline}: {name}: {text}"
+        self.faults.append(found(rule, text, (DESCRIPTION, item.sourceline)))
 
     def all(self) -> None:
         """Look at every kind of reference that fmpy follows."""
@@ -150,7 +167,9 @@ class _Mend:
         for item, value in self.variables:
             declared = value.get("declaredType")
             if declared is not None and declared not in types:
-                self.fault(item, f"declaredType {declared!r} is not defined; define it in TypeDefinitions")
+                self.fault(
+                    "FMI004", item, f"declaredType {declared!r} is not defined; define it in TypeDefinitions"
+                )
             kind = types.get(declared) if declared is not None else None
             if declared is not None and (kind is None or kind.tag == "ClockType"):
                 del value.attrib["declaredType"]  # fmpy knows no types of clocks
@@ -187,6 +206,7 @@ class _Mend:
         allowed = [v for v, causalities in _CAUSALITIES.items() if causality in causalities]
         stated = "" if item.get("variability") else ", which is the default,"
         self.fault(
+            "FMI006",
             item,
             f"causality {causality!r} and variability {variability!r}{stated} do not go together; "
             f"expected {' or '.join(allowed)}",
@@ -200,13 +220,13 @@ class _Mend:
             if shown is None or unit in self.units:
                 continue
             if unit is None:
-                self.fault(item, f"has the display unit {shown!r} and no unit; state the unit")
+                self.fault("FMI005", item, f"has the display unit {shown!r} and no unit; state the unit")
             del holder.attrib["displayUnit"]  # of a unit that is not defined, which fmpy tells
 
     def _derivative(self, item: Any, value: Any) -> None:
         text = value.get("derivative")
         if text is not None and not self._known(int(text)):
-            self.fault(item, f"derivative={text!r}: {self._expected()}")
+            self.fault("FMI007", item, f"derivative={text!r}: {self._expected()}")
             del value.attrib["derivative"]
 
     def _references(self, item: Any) -> None:
@@ -223,9 +243,10 @@ class _Mend:
                 continue
             size = self.references.get(int(text))
             if size is None:
-                self.fault(item, f"dimension of valueReference {text!r}: {self._expected()}")
+                self.fault("FMI007", item, f"dimension of valueReference {text!r}: {self._expected()}")
             elif not str(size.get("start")).strip().isdigit():
                 self.fault(
+                    "FMI008",
                     item,
                     f"dimension of valueReference {text!r}: expected a variable whose start value is a size, "
                     f"got {size.get('name')!r} with start {size.get('start')!r}",
@@ -239,7 +260,7 @@ class _Mend:
         """Look at an entry of the model structure and at its dependencies."""
         name = "index" if self.version == "2" else "valueReference"
         if not self._known(int(item.get(name))):
-            self.fault(item, f"{name}={item.get(name)!r}: {self._expected()}")
+            self.fault("FMI007", item, f"{name}={item.get(name)!r}: {self._expected()}")
             item.getparent().remove(item)
             return
         kinds = (item.get("dependenciesKind") or "").split()
@@ -256,7 +277,7 @@ class _Mend:
         texts = item.get(attribute).split()
         bad = [text for text in texts if not self._known(int(text))]
         if bad:
-            self.fault(item, f"{attribute}: {', '.join(bad)}: {self._expected()}")
+            self.fault("FMI007", item, f"{attribute}: {', '.join(bad)}: {self._expected()}")
         return [text for text in texts if text not in bad]
 
     def _known(self, number: int) -> bool:

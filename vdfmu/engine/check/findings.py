@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field
+
+from vdfmu.engine.rules import Finding, within
 
 __all__ = ["Findings", "one_line"]
 
@@ -13,9 +16,9 @@ class Findings:
 
     Attributes
     ----------
-    problems : list of str
+    problems : list of Finding
         What is wrong: one sentence or more each, with the place.
-    notes : list of str
+    notes : list of Finding
         Notes, not errors, such as what could not be checked and why.
     compared : list of str
         Files of reference results inside FMUs whose values were compared.
@@ -28,24 +31,23 @@ class Findings:
     compared: list[str] = field(default_factory=list[str])
     ran: bool = False
 
-    def add(self, other: Findings, where: str = "") -> None:
-        """Take over what another check found, with its place before each sentence."""
+    def add(self, other: Findings, where: str = "", file: str = "") -> None:
+        """Take over what another check found, with its place before each sentence, and a file before that of each."""
         self.ran = self.ran or other.ran
-        for mine, others in (
-            (self.problems, other.problems),
-            (self.notes, other.notes),
-            (self.compared, other.compared),
-        ):
-            mine += [f"{where}: {text}" if where else text for text in others]
+        self.problems += _placed(other.problems, where, file)
+        self.notes += _placed(other.notes, where, file)
+        self.compared += [f"{where}: {name}" if where else name for name in other.compared]
 
-    def renamed(self, old: str, new: str) -> Findings:
-        """Return the findings with another name for a place."""
-        problems, notes = (
-            [text.replace(old, new) for text in texts] for texts in (self.problems, self.notes)
-        )
-        return Findings(problems, notes, self.compared, self.ran)
+
+def _placed(texts: Iterable[str], where: str, file: str) -> Iterable[str]:
+    for text in texts:
+        text = within(where, text)
+        if file and isinstance(text, Finding):
+            text = Finding(text, text.rule, f"{file}: {text.file}".removesuffix(": "), text.line)
+        yield text
 
 
 def one_line(text: str) -> str:
     """Return a text without line breaks: a problem is one line, whatever a foreign parser or unit says."""
-    return "; ".join(line.strip() for line in text.splitlines() if line.strip())
+    line = "; ".join(line.strip() for line in text.splitlines() if line.strip())
+    return text.said(line) if isinstance(text, Finding) else line

@@ -9,6 +9,7 @@ from urllib.parse import unquote
 
 from vdfmu.engine.check.description import DESCRIPTION, schema_faults, variables_of
 from vdfmu.engine.check.findings import Findings
+from vdfmu.engine.rules import found
 
 __all__ = ["BUILD", "TERMINALS", "build_faults", "terminal_faults", "variable_faults"]
 
@@ -28,13 +29,15 @@ def variable_faults(root: Any) -> list[str]:
     }
     faults: list[str] = []
     for item, value in variables_of(root):
-        where = f"{DESCRIPTION}, line {item.sourceline}: variable {item.get('name')!r}"
+        where, place = (
+            f"{DESCRIPTION}, line {item.sourceline}: variable {item.get('name')!r}",
+            (DESCRIPTION, item.sourceline),
+        )
         declared = types.get(value.get("declaredType"))
-        faults += [f"{where}: {fault}" for fault in _range_faults(value, declared)]
+        faults += [found("FMI009", f"{where}: {fault}", place) for fault in _range_faults(value, declared)]
         if version == "2" and item.get("causality") == "input" and item.get("initial") is not None:
-            faults.append(
-                f"{where}: initial is {item.get('initial')!r}; FMI 2.0 allows none where causality is 'input'"
-            )
+            text = f"initial is {item.get('initial')!r}; FMI 2.0 allows none where causality is 'input'"
+            faults.append(found("FMI010", f"{where}: {text}", place))
     return faults + (_alias_faults(root, types) if version == "2" else [])
 
 
@@ -86,24 +89,27 @@ def _alias_faults(root: Any, types: Mapping[str, Any]) -> list[str]:
         if len(aliases) < 2:
             continue
         names = ", ".join(repr(item.get("name")) for item, _ in aliases)
-        where = f"{DESCRIPTION}, line {aliases[0][0].sourceline}: {names} share value reference {reference}"
+        line = aliases[0][0].sourceline
+
+        def fault(text: str, names: str = names, reference: str = reference, line: int = line) -> None:
+            text = f"{DESCRIPTION}, line {line}: {names} share value reference {reference}: {text}"
+            faults.append(found("FMI011", text, (DESCRIPTION, line)))
+
         constant = [item.get("variability") == "constant" for item, _ in aliases]
         starts = [value.get("start") for _, value in aliases if value.get("start") is not None]
         if any(constant) and not all(constant):
-            faults.append(f"{where}: a constant shares it with constants only")
+            fault("a constant shares it with constants only")
         elif any(constant) and len({_number(s) if _number(s) is not None else s for s in starts}) > 1:
-            faults.append(f"{where}: constants must have the same start value, they have {', '.join(starts)}")
+            fault(f"constants must have the same start value, they have {', '.join(starts)}")
         elif not any(constant) and len(starts) > 1:
-            faults.append(f"{where}: one of them may have a start value, {len(starts)} have")
+            fault(f"one of them may have a start value, {len(starts)} have")
         units: list[str] = []
         for _, value in aliases:
             declared = types.get(value.get("declaredType"))
             unit = value.get("unit") or (declared.get("unit") if declared is not None else None)
             units.append(repr(unit) if unit else "none")
         if len(set(units)) > 1:
-            faults.append(
-                f"{where}: they must have the same unit, they have {', '.join(dict.fromkeys(units))}"
-            )
+            fault(f"they must have the same unit, they have {', '.join(dict.fromkeys(units))}")
     return faults
 
 
@@ -123,7 +129,7 @@ def build_faults(root: Any, build: Any, names: Collection[str]) -> Findings:
     if build is not None:
         version = build.get("fmiVersion") or "none"
         if not version.startswith("3."):
-            return Findings([f"{BUILD}: fmiVersion is {version!r}; expected 3.0"])
+            return Findings([found("FMI002", f"{BUILD}: fmiVersion is {version!r}; expected 3.0", build)])
         faults = schema_faults(build, "fmi3/fmi3BuildDescription.xsd", BUILD)
         if faults:
             return Findings(faults)
@@ -141,8 +147,9 @@ def build_faults(root: Any, build: Any, names: Collection[str]) -> Findings:
     text = f"{where}: lists source files that are not in sources/: {shown}"
     stripped = not any(name.startswith("sources/") and name != BUILD for name in names)
     if stripped and any(name.startswith("binaries/") for name in names):
-        return Findings(notes=[f"{text}; it has none, so it can be run by its binaries only"])
-    return Findings([text])
+        text += "; it has none, so it can be run by its binaries only"
+        return Findings(notes=[found("FMI014", text, (where, 0))])
+    return Findings([found("FMI014", text, (where, 0))])
 
 
 def terminal_faults(terminals: Any, root: Any) -> list[str]:
@@ -150,7 +157,11 @@ def terminal_faults(terminals: Any, root: Any) -> list[str]:
     known = {item.get("name") for item, _ in variables_of(root)}
     known |= {alias.get("name") for item, _ in variables_of(root) for alias in item.iterfind("Alias")}
     return [
-        f"{TERMINALS}, line {item.sourceline}: {item.tag}: {DESCRIPTION} has no variable {item.get(attribute)!r}"
+        found(
+            "FMI015",
+            f"{TERMINALS}, line {item.sourceline}: {item.tag}: {DESCRIPTION} has no variable {item.get(attribute)!r}",
+            (TERMINALS, item.sourceline),
+        )
         for item in terminals.iter()
         for attribute in ("variableName", "inStreamVariableName", "outStreamVariableName")
         if item.get(attribute) is not None and item.get(attribute) not in known

@@ -15,6 +15,7 @@ from vdfmu.engine.check.binary import ENDINGS, architecture_fault, library_fault
 from vdfmu.engine.check.description import DESCRIPTION, description_faults
 from vdfmu.engine.check.findings import Findings
 from vdfmu.engine.check.fmi import BUILD, TERMINALS, build_faults, terminal_faults, variable_faults
+from vdfmu.engine.rules import Finding, found
 from vdfmu.engine.ssp.archive import Archive
 from vdfmu.engine.ssp.parse import parse_xml
 from vdfmu.errors import SspError, StorageError
@@ -23,7 +24,7 @@ __all__ = ["NOT_RUN", "check_unit", "read_unit", "store"]
 
 _VERSION = re.compile(r"[12]\.0|3\.0(\.\d+)?")
 """FMI 1.0 and 2.0 fix the text of fmiVersion; FMI 3.0 leaves a third number open."""
-NOT_RUN = "not run: code of a file with problems is not run; mend them first"
+NOT_RUN = found("RUN006", "not run: code of a file with problems is not run; mend them first")
 _XML_FOLDERS = ("terminalsAndIcons/", "sources/", "extra/")
 
 
@@ -74,7 +75,7 @@ def check_unit(
     """
     findings, standard = _examine(path, name or path.name, outer)
     if not run:
-        findings.notes.append("not run (--no-run): the binary was not loaded")
+        findings.notes.append(found("RUN006", "not run (--no-run): the binary was not loaded"))
     elif findings.problems:
         findings.notes.append(NOT_RUN)
     else:
@@ -90,18 +91,22 @@ def _examine(path: Path, name: str, outer: Archive | None) -> tuple[Findings, st
     try:
         unit = _read(path, name, findings, outer)
     except SspError as error:
-        why = [problem.removeprefix(f"{name}: ") for problem in error.problems]
-        return Findings([f"{name} is no FMU that can be read: {problem}" for problem in why]), None
-    version = unit.roots[DESCRIPTION].get("fmiVersion")
+        why = f"{name} is no FMU that can be read"
+        return Findings([_said(p, f"{why}: {p.removeprefix(f'{name}: ')}") for p in error.problems]), None
+    root = unit.roots[DESCRIPTION]
+    version = root.get("fmiVersion")
     standard = f"FMI {version}" if version else None
     if not version:
-        findings.problems.append(f"{DESCRIPTION}: has no fmiVersion; expected 1.0, 2.0 or 3.0")
+        text = f"{DESCRIPTION}: has no fmiVersion; expected 1.0, 2.0 or 3.0"
+        findings.problems.append(found("FMI002", text, root))
         return findings, standard
     if not _VERSION.fullmatch(version):
-        findings.problems.append(f"{DESCRIPTION}: fmiVersion is {version!r}; expected 1.0, 2.0 or 3.0")
+        text = f"{DESCRIPTION}: fmiVersion is {version!r}; expected 1.0, 2.0 or 3.0"
+        findings.problems.append(found("FMI002", text, root))
         return findings, standard
     if version == "1.0":
-        findings.notes.append("FMI 1.0: fmpy and other importers run it, the master of vdfmu takes FMI 2.0")
+        text = "FMI 1.0: fmpy and other importers run it, the master of vdfmu takes FMI 2.0 and 3.0"
+        findings.notes.append(found("RUN008", text, root))
     told, mended = _rules(unit)
     findings.add(told)
     try:
@@ -118,9 +123,8 @@ def _examine(path: Path, name: str, outer: Archive | None) -> tuple[Findings, st
         if getattr(description, name, None) is not None
     ]
     if version != "1.0" and "coSimulation" not in kinds:
-        findings.notes.append(
-            "no co-simulation: a master needs it; other importers bring a solver of their own"
-        )
+        text = "no co-simulation: a master needs it; other importers bring a solver of their own"
+        findings.notes.append(found("FMI019", text, root))
     if not any("'DefaultExperiment'" in problem for problem in findings.problems):  # by the schema
         findings.problems += _experiment(description)
     _binaries(unit, description, kinds, findings)
@@ -140,6 +144,10 @@ def _rules(unit: _Unit) -> tuple[Findings, Any]:
     return Findings([*problems, *ours, *build.problems], build.notes), description
 
 
+def _said(text: str, words: str) -> str:
+    return text.said(words) if isinstance(text, Finding) else words
+
+
 def read_unit(path: Path) -> Any:
     """Return fmpy's model description, whatever rules it breaks."""
     return fmpy.read_model_description(str(path), validate=False)
@@ -149,6 +157,10 @@ def _experiment(description: Any) -> list[str]:
     """Return what is wrong with the times of the default experiment."""
     experiment = description.defaultExperiment
     problems: list[str] = []
+
+    def fault(text: str) -> None:
+        problems.append(found("FMI016", f"{DESCRIPTION}: DefaultExperiment: {text}", (DESCRIPTION, 0)))
+
     times: dict[str, float] = {}
     for name in ("startTime", "stopTime", "stepSize"):
         text = getattr(experiment, name, None)
@@ -160,12 +172,10 @@ def _experiment(description: Any) -> list[str]:
             times[name] = math.nan
         if not math.isfinite(times[name]) or (name == "stepSize" and times[name] <= 0.0):
             wanted = "a positive number" if name == "stepSize" else "a finite number"
-            problems.append(f"{DESCRIPTION}: DefaultExperiment: {name} is {text!r}; expected {wanted}")
+            fault(f"{name} is {text!r}; expected {wanted}")
     start, stop = times.get("startTime", 0.0), times.get("stopTime", math.inf)
     if not problems and stop < start:
-        problems.append(
-            f"{DESCRIPTION}: DefaultExperiment: stopTime {stop:g} lies before startTime {start:g}"
-        )
+        fault(f"stopTime {stop:g} lies before startTime {start:g}")
     return problems
 
 
@@ -173,14 +183,16 @@ def _read(path: Path, label: str, findings: Findings, outer: Archive | None) -> 
     """Read what an FMU holds; XML that must not be parsed is told and goes no further."""
     with Archive(path, label, outer) as archive:
         findings.notes += [
-            f"entry {name!r} occurs more than once, with the same content" for name in archive.doubled
+            found("PKG007", f"entry {name!r} occurs more than once, with the same content")
+            for name in archive.doubled
         ]
         if DESCRIPTION not in archive:
             hint = "; it is a package of SSP, name it .ssp" if "SystemStructure.ssd" in archive else ""
-            raise SspError(f"it has no {DESCRIPTION!r}{hint}")
+            raise SspError(found("FMI001", f"it has no {DESCRIPTION!r}{hint}"))
         root = parse_xml(archive.read(DESCRIPTION), DESCRIPTION)
         if root.tag != "fmiModelDescription":
-            raise SspError(f"{DESCRIPTION}: expected the root fmiModelDescription, got {root.tag!r}")
+            text = f"{DESCRIPTION}: expected the root fmiModelDescription, got {root.tag!r}"
+            raise SspError(found("FMI001", text, root))
         roots, misbuilt = {DESCRIPTION: root}, dict[str, str]()
         for name in archive.names:
             if name.endswith(".xml") and name.startswith(_XML_FOLDERS):
@@ -193,7 +205,7 @@ def _read(path: Path, label: str, findings: Findings, outer: Archive | None) -> 
                 data = archive.head(name)
                 fault = library_fault(name, data)
                 if fault is not None:
-                    findings.problems.append(fault)
+                    findings.problems.append(found("FMI018", fault))
                 elif name.split("/")[1] in (fmpy.platform, fmpy.platform_tuple):
                     fault = architecture_fault(name, data)
                     if fault is not None:
@@ -208,18 +220,22 @@ def _binaries(unit: _Unit, description: Any, kinds: list[str], findings: Finding
     here = [p for p in (fmpy.platform, fmpy.platform_tuple) if p in folders]
     if not here:
         sources = "; it has sources, which must be compiled first" if _has_sources(names) else ""
-        findings.problems.append(
-            f"no binary for this platform, {fmpy.platform}; there are: {', '.join(folders) or 'none'}{sources}"
-        )
+        text = f"no binary for this platform, {fmpy.platform}; there are: {', '.join(folders) or 'none'}{sources}"
+        findings.problems.append(found("FMI017", text))
         return
     libraries = {
         str(getattr(description, kind).modelIdentifier) + fmpy.sharedLibraryExtension for kind in kinds
     }
     for library in sorted(libraries):
-        found = [f"binaries/{folder}/{library}" for folder in here if f"binaries/{folder}/{library}" in names]
-        if not found:
-            findings.problems.append(f"binaries/{here[0]} has no {library}, as the model identifier asks for")
-        findings.problems += [unit.misbuilt[member] for member in found if member in unit.misbuilt]
+        here_too = [
+            f"binaries/{folder}/{library}" for folder in here if f"binaries/{folder}/{library}" in names
+        ]
+        if not here_too:
+            text = f"binaries/{here[0]} has no {library}, as the model identifier asks for"
+            findings.problems.append(found("FMI017", text))
+        findings.problems += [
+            found("FMI018", unit.misbuilt[name]) for name in here_too if name in unit.misbuilt
+        ]
 
 
 def _has_sources(names: list[str]) -> bool:

@@ -6,20 +6,19 @@ import html
 import os
 import posixpath
 import re
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 from urllib.parse import unquote
 
 from vdfmu.engine.check.findings import Findings, one_line
-from vdfmu.engine.check.fmu import NOT_RUN, check_unit
+from vdfmu.engine.check.fmu import check_unit
 from vdfmu.engine.check.osp import NAMESPACE as OSP_NAMESPACE
 from vdfmu.engine.check.osp import check_osp
-from vdfmu.engine.check.ssp1 import check_ssp1, package_faults, same_names
-from vdfmu.engine.check.ssp2 import check_ssp2
-from vdfmu.engine.ssp.archive import Archive, is_inside
-from vdfmu.engine.ssp.parse import parse_xml
-from vdfmu.engine.ssp.read import DEFAULT, variants
+from vdfmu.engine.check.package import check_package
+from vdfmu.engine.rules import Finding
+from vdfmu.engine.ssp.archive import is_inside
+from vdfmu.engine.ssp.read import DEFAULT
 from vdfmu.errors import SspError, StorageError, UsageError
 from vdfmu.files import pack_zip
 from vdfmu.temporary import temporary_folder
@@ -49,7 +48,8 @@ class Report:
         Whether code of the units was run.
     compared : list of str
         Files of reference results whose values were compared.
-    problems, notes : list of str
+    problems, notes : list of Finding
+        Texts, each with its rule and place.
     """
 
     file: str
@@ -62,9 +62,18 @@ class Report:
     format: int = FORMAT
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the report for JSON."""
-        values = asdict(self)
-        return {"format": values.pop("format"), **values}
+        """Return the report for JSON; ``findings`` are problems and notes with rule and place."""
+        values = dict(vars(self))
+        findings = [
+            {
+                "rule": text.rule.number, "severity": severity, "file": text.file or None, "line": text.line or None,
+                "message": str(text), "way_out": text.rule.way,
+            }
+            for severity, texts in (("problem", self.problems), ("note", self.notes))
+            for text in texts
+            if isinstance(text, Finding)
+        ]  # fmt: skip
+        return {"format": values.pop("format"), **values, "findings": findings}
 
 
 def check_file(path: str | os.PathLike[str], run: bool = True) -> list[str]:
@@ -115,10 +124,24 @@ def _inspect(path: Path, suffix: str, run: bool) -> Report:
                 _pack(path, package)
             except SspError as error:
                 return _report(path, "SSD", Findings(error.problems), None)
-        findings, standard = _check_package(package, Path(folder), run)
+        findings, standard = check_package(package, Path(folder), run)
         if suffix == ".ssd":
-            findings = findings.renamed(f"{path.name}: {DEFAULT}", path.name)
+            findings = _renamed(findings, f"{path.name}: {DEFAULT}", path.name)
     return _report(path, suffix[1:].upper(), findings, standard)
+
+
+def _renamed(findings: Findings, old: str, new: str) -> Findings:
+    """Return findings with another name for a place."""
+    findings.problems, findings.notes = (
+        [
+            Finding(text.replace(old, new), text.rule, text.file.replace(old, new), text.line)
+            if isinstance(text, Finding)
+            else text.replace(old, new)
+            for text in texts
+        ]
+        for texts in (findings.problems, findings.notes)
+    )
+    return findings
 
 
 def _report(path: Path, kind: str, findings: Findings, standard: str | None) -> Report:
@@ -144,67 +167,6 @@ def _require(path: Path, suffix: str) -> None:
     known = suffix in (".fmu", ".ssp", ".ssd") or (suffix == ".xml" and OSP_NAMESPACE.encode() in head)
     if not known:
         raise UsageError(f"{path}: is not of a kind that can be checked; expected {_ENDINGS}.")
-
-
-def _check_package(path: Path, folder: Path, run: bool) -> tuple[Findings, str | None]:
-    """Check every SSD of a package, and run the default one."""
-    findings = Findings()
-    try:
-        with Archive(path, path.name) as archive:
-            findings.notes += [
-                f"entry {name!r} occurs more than once, with the same content" for name in archive.doubled
-            ]
-            names = variants(archive)
-            if DEFAULT not in names:
-                has = f"; it has {', '.join(names)}" if names else ""
-                has += "; it is an FMU, name it .fmu" if "modelDescription.xml" in archive else ""
-                return Findings([f"{path.name}: the package has no {DEFAULT!r}{has}"]), None
-            versions: dict[str, str | None] = {}
-            titles: dict[str, str | None] = {}
-            for name in names:
-                versions[name], titles[name], told = _head(archive, path.name, name)
-                findings.add(told, "" if name == DEFAULT else name)
-            findings.problems += package_faults(archive)
-            findings.notes += same_names(titles)
-    except SspError as error:
-        return Findings(error.problems), None
-    checked: set[str] = set()
-    for name, version in versions.items():
-        place = "" if name == DEFAULT else name
-        if (version or "").startswith("2"):
-            findings.add(check_ssp2(path, name, folder, run, checked), place)
-        else:
-            findings.add(check_ssp1(path, name, folder, checked), place)
-    default = versions[DEFAULT] or ""
-    if run and not default.startswith("2"):
-        if findings.problems:
-            findings.notes.append(NOT_RUN)
-        else:
-            from vdfmu.engine.check.run import run_apart
-
-            findings.add(run_apart(path, "SSP"))
-    return findings, f"SSP {default}" if default else None
-
-
-def _head(archive: Archive, label: str, name: str) -> tuple[str | None, str | None, Findings]:
-    """Return the version and name that an SSD states, None where it cannot be read, and notes on it."""
-    try:
-        root = parse_xml(archive.read(name), f"{label}: {name}")
-    except SspError:
-        return None, None, Findings()  # reported by its check
-    version = root.get("version")
-    notes: list[str] = []
-    if version and version not in ("1.0", "2.0"):
-        taken = "2.0" if version.startswith("2") else "1.0"
-        notes.append(f"the SSD states version {version!r}; it was checked as SSP {taken}")
-    for element in root.iter():
-        icon = element.get("iconSource")
-        member = posixpath.normpath(unquote(icon)) if icon else ""
-        if is_inside(member) and member not in archive:
-            notes.append(
-                f"{element.getparent().get('name') or 'the system'}: icon: the package has no {icon!r}"
-            )
-    return version, root.get("name"), Findings(notes=notes)
 
 
 def _pack(ssd: Path, package: Path) -> None:

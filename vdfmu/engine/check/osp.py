@@ -10,6 +10,7 @@ from urllib.parse import unquote, urlsplit
 from vdfmu.engine.check.findings import Findings
 from vdfmu.engine.check.fmu import check_unit, read_unit
 from vdfmu.engine.cosim.description import limit_fault, limits_of
+from vdfmu.engine.rules import found
 from vdfmu.engine.ssp.parse import parse_xml
 from vdfmu.errors import SspError
 
@@ -72,18 +73,20 @@ def check_osp(path: Path, run: bool = True) -> Findings:
     except SspError as error:
         return Findings(error.problems)
     if root.tag != f"{{{NAMESPACE}}}OspSystemStructure":
-        return Findings([f"{path.name}: expected the root OspSystemStructure, got {root.tag!r}"])
+        text = f"{path.name}: expected the root OspSystemStructure, got {root.tag!r}"
+        return Findings([found("OSP001", text, root)])
     findings.problems += _structure(root, path.name)
     if findings.problems:
         return findings  # what follows finds elements by their names; libcosim goes no further either
-    findings.notes.append("the system was not run: that takes libcosim; the master of vdfmu runs SSP 1.0")
+    text = "the system was not run: that takes libcosim; the master of vdfmu runs SSP"
+    findings.notes.append(found("RUN006", text))
     known: dict[str, dict[str, Any] | None] = {}
     checked: dict[str, dict[str, Any] | None] = {}
     for item in root.iterfind("osp:Simulators/osp:Simulator", _NS):
         name, source = item.get("name", ""), item.get("source", "")
         where = f"simulator {name!r}"
         if name in known:
-            findings.problems.append(f"{where}: two simulators have that name")
+            findings.problems.append(found("OSP003", f"{where}: two simulators have that name", item))
         if source not in checked:
             checked[source] = _unit(path, source, where, run, findings)
         variables = known[name] = checked[source]
@@ -94,9 +97,10 @@ def check_osp(path: Path, run: bool = True) -> Findings:
                 faults.append(f"{source} has no such variable")
             elif variables is not None:
                 faults = faults or _set_faults(value[0], variables[name])
-            findings.problems += [f"{where}: initial value of {name!r}: {fault}" for fault in faults]
+            place = f"{where}: initial value of {name!r}"
+            findings.problems += [found("OSP004", f"{place}: {fault}", value) for fault in faults]
     if not known:
-        findings.problems.append(f"{path.name}: has no simulators")
+        findings.problems.append(found("OSP001", f"{path.name}: has no simulators", root))
     _connections(root, known, findings)
     return findings
 
@@ -109,34 +113,37 @@ def _structure(root: Any, label: str) -> list[str]:
     """Return what breaks the structure of version 0.1: elements, attributes, numbers."""
     problems: list[str] = []
     if root.get("version") != "0.1":
-        problems.append(f"{label}: version is {root.get('version')!r}; expected '0.1'")
+        text = f"{label}: version is {root.get('version')!r}; expected '0.1'"
+        problems.append(found("OSP001", text, root))
     for element in root.iter():
         tag, children = _tag(element), [_tag(child) for child in element]
         where = f"{label}, line {element.sourceline}: {tag}"
         known = _CHILDREN.get(tag, ())
-        problems += [f"{where}: unknown element {child!r}" for child in children if child not in known]
-        problems += [f"{where}: has no {name}" for name in _NEEDED.get(tag, ()) if element.get(name) is None]
+        faults = [f"unknown element {child!r}" for child in children if child not in known]
+        faults += [f"has no {name}" for name in _NEEDED.get(tag, ()) if element.get(name) is None]
         if tag == "InitialValue" and len(children) != 1:
-            problems.append(f"{where}: expected one of {', '.join(_VALUES)}, got {len(children)} elements")
+            faults.append(f"expected one of {', '.join(_VALUES)}, got {len(children)} elements")
         elif tag.endswith("Connection") and len(children) != 2:
-            problems.append(f"{where}: expected two ends, got {len(children)}")
-        elif tag == "Algorithm" and (element.text or "").strip() not in ("", *_ALGORITHMS):
-            known = ", ".join(_ALGORITHMS)
-            problems.append(f"{where}: {element.text!r} is unknown; expected one of {known}")
-        if tag in (*_TIMES, *_ECCO):
-            problems += _number_faults(element.text, where, tag == "BaseStepSize")
+            faults.append(f"expected two ends, got {len(children)}")
+        problems += [found("OSP001", f"{where}: {fault}", element) for fault in faults]
+        faults = []
+        if tag == "Algorithm" and (element.text or "").strip() not in ("", *_ALGORITHMS):
+            faults = [f"{element.text!r} is unknown; expected one of {', '.join(_ALGORITHMS)}"]
+        elif tag in (*_TIMES, *_ECCO):
+            faults = _number_faults(element.text, tag == "BaseStepSize")
         elif tag == "Simulator" and element.get("stepSize") is not None:
-            problems += _number_faults(element.get("stepSize"), f"{where}: stepSize", False)
+            faults = [f"stepSize: {fault}" for fault in _number_faults(element.get("stepSize"), False)]
+        problems += [found("OSP002", f"{where}: {fault}", element) for fault in faults]
     return problems
 
 
-def _number_faults(text: str | None, where: str, positive: bool) -> list[str]:
+def _number_faults(text: str | None, positive: bool) -> list[str]:
     try:
         value = float(text or "")
     except ValueError:
         value = math.nan
     if not math.isfinite(value) or (positive and value <= 0.0):
-        return [f"{where}: expected a {'positive' if positive else 'finite'} number, got {text!r}"]
+        return [f"expected a {'positive' if positive else 'finite'} number, got {text!r}"]
     return []
 
 
@@ -194,13 +201,14 @@ def _unit(path: Path, source: str, where: str, run: bool, findings: Findings) ->
     """Check an FMU and return its variables by name, or None."""
     fmu = _file(path, source)
     if fmu is None:
-        findings.notes.append(f"{where}: {source} was not checked: it is not a file beside the description")
+        text = f"{where}: {source} was not checked: it is not a file beside the description"
+        findings.notes.append(found("RUN006", text))
         return None
     if not _is_file(fmu):
-        findings.problems.append(f"{where}: there is no file {source!r} beside {path.name}")
+        findings.problems.append(found("OSP003", f"{where}: there is no file {source!r} beside {path.name}"))
         return None
     unit, standard = check_unit(fmu, run)
-    findings.add(unit, source)
+    findings.add(unit, source, source)
     if standard is None:
         return None
     try:
@@ -214,29 +222,26 @@ def _connections(root: Any, known: dict[str, dict[str, Any] | None], findings: F
     fed: set[tuple[str, str]] = set()
     for item in root.iterfind("osp:Connections/*", _NS):
         ends = [(end.get("simulator"), end.get("name")) for end in item.iterfind("osp:Variable", _NS)]
-        where = "connection " + " -> ".join(f"{unit}.{name}" for unit, name in ends)
-        found: list[Any] = []
+        faults: list[tuple[str, str]] = []
+        joined: list[Any] = []
         for unit, name in ends:
             if unit not in known:
-                findings.problems.append(f"{where}: there is no simulator {unit!r}")
+                faults.append(("OSP005", f"there is no simulator {unit!r}"))
                 continue
             variables = known[unit]
             if variables is not None and name not in variables:
-                findings.problems.append(f"{where}: {unit} has no variable {name!r}")
+                faults.append(("OSP005", f"{unit} has no variable {name!r}"))
             elif variables is not None:
-                found.append(variables[name])
-        if len(ends) != 2 or len(found) != 2:
-            continue
-        source, sink = found
-        if (source.causality, sink.causality) not in {
-            ("output", "input"),
-            ("calculatedParameter", "parameter"),
-        }:
-            findings.problems.append(
-                f"{where}: direction error, it joins {source.causality} and {sink.causality}"
-            )
-        if source.type != sink.type:
-            findings.problems.append(f"{where}: type mismatch, {source.type} to {sink.type}")
-        if ends[1] in fed:
-            findings.problems.append(f"{where}: duplicate source, {'.'.join(ends[1])} is already fed")
-        fed.add(ends[1])
+                joined.append(variables[name])
+        if len(ends) == len(joined) == 2:
+            source, sink = joined
+            pair = source.causality, sink.causality
+            if pair not in {("output", "input"), ("calculatedParameter", "parameter")}:
+                faults.append(("OSP005", f"direction error, it joins {' and '.join(pair)}"))
+            if source.type != sink.type:
+                faults.append(("OSP005", f"type mismatch, {source.type} to {sink.type}"))
+            if ends[1] in fed:
+                faults.append(("OSP006", f"duplicate source, {'.'.join(ends[1])} is already fed"))
+            fed.add(ends[1])
+        where = "connection " + " -> ".join(f"{unit}.{name}" for unit, name in ends)
+        findings.problems += [found(rule, f"{where}: {fault}", item) for rule, fault in faults]

@@ -18,6 +18,7 @@ import numpy.typing as npt
 from fmpy.fmi3 import FMU3Slave
 
 from vdfmu.engine.check.findings import Findings
+from vdfmu.engine.rules import found
 from vdfmu.engine.ssp.parse import parse_xml
 from vdfmu.errors import SspError
 
@@ -56,10 +57,8 @@ def compare(path: Path) -> Findings:
     variables = {v.name: v for v in description.modelVariables}
     with zipfile.ZipFile(path) as archive:
         tables, missing = _tables(archive)
-        findings.notes += [
-            f"{posixpath.basename(name)}: not compared: {MANIFEST} names it, and the FMU does not have it"
-            for name in missing
-        ]
+        text = f"not compared: {MANIFEST} names it, and the FMU does not have it"
+        findings.notes += [found("RUN004", f"{posixpath.basename(name)}: {text}") for name in missing]
         for name in tables:
             short = posixpath.basename(name)
             try:
@@ -75,12 +74,15 @@ def compare(path: Path) -> Findings:
                     if version.startswith("3")
                     else _results_2(path, expected, signals)
                 )
-                findings.problems += [f"{short}: {problem}" for problem in _differences(expected, results)]
+                findings.problems += [
+                    found("RUN003", f"{short}: {problem}") for problem in _differences(expected, results)
+                ]
                 findings.compared.append(short)
             except _NotComparedError as reason:
-                findings.notes.append(f"{short}: not compared: {reason}")
+                findings.notes.append(found("RUN004", f"{short}: not compared: {reason}"))
             except Exception as error:  # foreign files and units
-                findings.problems.append(f"{short}: the reference results cannot be compared: {error}")
+                text = f"{short}: the reference results cannot be compared: {error}"
+                findings.problems.append(found("RUN003", text))
     return findings
 
 
@@ -90,18 +92,18 @@ def _tables(archive: zipfile.ZipFile) -> tuple[list[str], list[str]]:
     A manifest may name a file that is not there: other tools may have taken it out (FMI-LS-REF, Related Files).
     """
     names = set(archive.namelist())
-    found = [n for n in archive.namelist() if n.startswith(FOLDER) and n.endswith(("_out.csv", "_ref.csv"))]
+    tables = [n for n in archive.namelist() if n.startswith(FOLDER) and n.endswith(("_out.csv", "_ref.csv"))]
     missing: list[str] = []
     if MANIFEST in names:
         try:
             root = parse_xml(archive.read(MANIFEST), MANIFEST)
         except SspError:
-            return found, []  # reported with the other files
+            return tables, []  # reported with the other files
         for related in root.iterfind(".//{*}Related"):
             name = posixpath.normpath(posixpath.join(FOLDER, unquote(related.get("source", ""))))
             if (related.get("role") or "").split("/")[0] == "result" and name.endswith(".csv"):
-                (found if name in names else missing).append(name)
-    return list(dict.fromkeys(found)), list(dict.fromkeys(missing))
+                (tables if name in names else missing).append(name)
+    return list(dict.fromkeys(tables)), list(dict.fromkeys(missing))
 
 
 def _results_of(
@@ -127,7 +129,10 @@ def _results_of(
 
     table = read_table(archive.read(name).decode("utf-8-sig"), skip)
     short = posixpath.basename(name)
-    findings.notes += [f"{short}: {', '.join(columns)}: not compared: {why}" for why, columns in left.items()]
+    findings.notes += [
+        found("RUN004", f"{short}: {', '.join(columns)}: not compared: {why}")
+        for why, columns in left.items()
+    ]
     if not table.columns:
         raise _NotComparedError("it has no column that can be")
     return table

@@ -10,7 +10,6 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Callable, Sequence
-from dataclasses import asdict
 from pathlib import Path
 from time import monotonic
 from typing import Any
@@ -22,7 +21,7 @@ import numpy.typing as npt
 
 from vdfmu.engine.check.findings import Findings
 from vdfmu.engine.check.reference import compare
-from vdfmu.engine.cosim.master import simulate
+from vdfmu.engine.rules import Finding, found
 from vdfmu.engine.ssp.limits import package_limit, unpack_limit
 from vdfmu.engine.ssp.read import load_ssp
 from vdfmu.engine.ssp.structure import System
@@ -88,22 +87,23 @@ def run_apart(path: Path, kind: str = "FMU") -> Findings:
                 ]
             )
         except OSError as error:
-            return Findings([f"{STEPS} steps could not be tried: {error}"])
+            return Findings([found("RUN001", f"{STEPS} steps could not be tried: {error}")])
         if code is None:
             phase = Path(folder, _PHASE)
             what = phase.read_text(encoding="utf-8") if phase.is_file() else "the start of the process"
-            return Findings([f"{what} did not end within {SECONDS:g} s"], ran=True)
+            return Findings([found("RUN002", f"{what} did not end within {SECONDS:g} s")], ran=True)
         answer = Path(folder, _ANSWER)
         answered = False
         try:
             if answer.stat().st_size > _ANSWER_LIMIT:
                 raise ValueError(f"they have more than {_ANSWER_LIMIT} bytes")
-            findings.add(Findings(**json.loads(answer.read_text(encoding="utf-8"))))
+            findings.add(_decoded(json.loads(answer.read_text(encoding="utf-8"))))
             answered = True
         except FileNotFoundError:
             pass
-        except (ValueError, TypeError) as error:  # cut off, or written by the unit
-            findings.problems.append(f"the findings of the run of {STEPS} steps cannot be read: {error}")
+        except (ValueError, TypeError, KeyError) as error:  # cut off, or written by the unit
+            text = f"the findings of the run of {STEPS} steps cannot be read: {error}"
+            findings.problems.append(found("RUN002", text))
             answered = True
     said = words.strip().splitlines()[-1:]
     if code and said == [_FULL_SAID]:
@@ -113,12 +113,27 @@ def run_apart(path: Path, kind: str = "FMU") -> Findings:
         )
     if code:
         how = f"signal {-code}" if code < 0 else f"exit code {code}"
-        findings.problems.append(
-            f"the process crashed ({how}) in a run of {STEPS} steps{''.join(f': {s}' for s in said)}"
-        )
+        text = f"the process crashed ({how}) in a run of {STEPS} steps{''.join(f': {s}' for s in said)}"
+        findings.problems.append(found("RUN002", text))
     elif not answered:
-        findings.problems.append(f"the unit ended the process in a run of {STEPS} steps")
+        text = f"the unit ended the process in a run of {STEPS} steps"
+        findings.problems.append(found("RUN002", text))
     return findings
+
+
+def _encoded(findings: Findings) -> dict[str, Any]:
+    """Return findings as JSON holds them: rules by their numbers."""
+    pairs = {
+        key: [(text.rule.number if isinstance(text, Finding) else "RUN001", text) for text in texts]
+        for key, texts in (("problems", findings.problems), ("notes", findings.notes))
+    }
+    return {**pairs, "compared": findings.compared, "ran": findings.ran}
+
+
+def _decoded(values: Any) -> Findings:
+    """Return the findings of :func:`_encoded`; ValueError, TypeError or KeyError for what they are not."""
+    problems, notes = ([found(*pair) for pair in values[key]] for key in ("problems", "notes"))
+    return Findings([*problems], [*notes], [str(name) for name in values["compared"]], bool(values["ran"]))
 
 
 def _contained(command: Sequence[str]) -> tuple[int | None, str]:
@@ -185,7 +200,8 @@ def _run_unit(path: Path, phase: Callable[[str], None]) -> Findings:
 
     description = fmpy.read_model_description(str(path), validate=False)
     if description.coSimulation is None and description.modelExchange is None:
-        return Findings(notes=["not run: it has neither co-simulation nor model exchange"])
+        text = "not run: it has neither co-simulation nor model exchange"
+        return Findings(notes=[found("RUN006", text)])
     experiment = description.defaultExperiment
     start = float(experiment.startTime) if experiment and experiment.startTime else 0.0
     step = float(experiment.stepSize) if experiment and experiment.stepSize else 1e-3
@@ -203,15 +219,16 @@ def _run_unit(path: Path, phase: Callable[[str], None]) -> Findings:
     except Exception as error:  # whatever a foreign unit does, it is reported
         if isinstance(error, OSError) and error.errno in _FULL:
             raise
-        return Findings([f"{STEPS} steps of {step:g} s failed: {'; '.join([*messages, str(error)])}"])
+        text = f"{STEPS} steps of {step:g} s failed: {'; '.join([*messages, str(error)])}"
+        return Findings([found("RUN001", text)])
     if messages:
-        return Findings([f"{STEPS} steps of {step:g} s gave: {message}" for message in messages])
+        given = f"{STEPS} steps of {step:g} s gave"
+        return Findings([found("RUN001", f"{given}: {message}") for message in messages])
     findings = Findings()
     kind = description.coSimulation or description.modelExchange
     if kind is not None and kind.canBeInstantiatedOnlyOncePerProcess:
-        findings.notes.append(
-            "reference results not compared: the unit can be instantiated only once per process"
-        )
+        text = "reference results not compared: the unit can be instantiated only once per process"
+        findings.notes.append(found("RUN004", text))
     else:
         phase("the comparison with the reference results")
         findings = compare(path)
@@ -240,10 +257,8 @@ def _not_finite(results: npt.NDArray[Any]) -> list[str]:
         rows = results[name].reshape(len(results), -1)
         bad = np.argwhere(~np.isfinite(rows)) if rows.dtype.kind == "f" else np.empty((0, 2), int)
         for row, column in bad[:1]:
-            notes.append(
-                f"{name} is {rows[row, column]} at t = {results['time'][row]:.9g} s, inputs at their start values; "
-                "a co-simulation that reads or records it ends there"
-            )
+            text = f"{name} is {rows[row, column]} at t = {results['time'][row]:.9g} s, inputs at their start values; "
+            notes.append(found("RUN005", f"{text}a co-simulation that reads or records it ends there"))
     return notes
 
 
@@ -254,11 +269,14 @@ def master_of(system: System) -> str:
 
 def _run_system(path: Path, deadline: float) -> Findings:
     """Make ten steps of a system; at `deadline`, of `monotonic`, a call that began with the run is ended."""
+    from vdfmu.engine.cosim.master import simulate  # an FMU alone needs no master
+
     system = load_ssp(path)
     experiment = system.experiment
     start = experiment.start or 0.0
-    step = experiment.step or 1e-3
-    if experiment.stop is not None:
+    steps = [component.step for component in system.components if component.step is not None]
+    step = experiment.step or min(steps, default=1e-3)
+    if experiment.stop is not None and not steps:
         step = min(step, (experiment.stop - start) / STEPS)
     try:
         with listening(signal.SIGTERM):  # the time limit, or Ctrl-C: the components are in another session
@@ -270,7 +288,7 @@ def _run_system(path: Path, deadline: float) -> Findings:
     except (VdfmuError, OSError) as error:
         if isinstance(error, OSError) and error.errno in _FULL:
             raise
-        return Findings([f"{STEPS} steps of {step:g} s failed: {error}"])
+        return Findings([found("RUN001", f"{STEPS} steps of {step:g} s failed: {error}")])
     return Findings()
 
 
@@ -288,7 +306,7 @@ def _main(kind: str, path: str, deadline: str, folder: str, unpacked: str) -> No
             findings = (
                 _run_system(Path(path), float(deadline)) if kind == "SSP" else _run_unit(Path(path), phase)
             )
-        Path(folder, _ANSWER).write_text(json.dumps(asdict(findings)), encoding="utf-8")
+        Path(folder, _ANSWER).write_text(json.dumps(_encoded(findings)), encoding="utf-8")
     except OSError as error:
         if error.errno not in _FULL:
             raise

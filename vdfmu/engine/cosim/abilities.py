@@ -31,9 +31,20 @@ def check_abilities(
     adaptive : bool
         Whether steps may be rejected and differ in length.
     """
-    if algorithm not in CONTINUOUS:
-        return [], []
     problems: list[str] = []
+    for name, unit in descriptions.items():
+        clocks = [v.name for v in unit.variables.values() if v.clock is not None]
+        if clocks and unit.identifier and (algorithm in CONTINUOUS or not unit.event_mode):
+            way = (
+                "use gauss-seidel or jacobi"
+                if unit.event_mode
+                else "the FMU declares no event mode (hasEventMode)"
+            )
+            problems.append(
+                f"{name}: {unit.source} has clocks, {', '.join(clocks)}, which tick in event mode; {way}"
+            )
+    if algorithm not in CONTINUOUS:
+        return problems, []
     # a unit alone in its block is repeated by error control only
     repeated = {
         name

@@ -86,10 +86,15 @@ class Bank:
             return mapped
         return plain if all(link.conversion.trivial for link in links) else scaled
 
-    def calls(self, slave: Slave, verb: str) -> list[Call]:
-        """Return the vectorised calls that ``Get`` or ``Set`` a unit's window; none when it is empty."""
+    def calls(self, slave: Slave, verb: str, chosen: Callable[[Variable], bool] | None = None) -> list[Call]:
+        """Return the vectorised calls that ``Get`` or ``Set`` a unit's window; none when it is empty.
+
+        Without `chosen`, which says which variables they are for, those that the unit has between its events.
+        """
         window = (self.output_windows if verb == "Get" else self.input_windows)[slave.name]
         shift = 0 if verb == "Get" else self.outputs.size
         variables = [v for _, v in self.variables[window.start + shift : window.stop + shift]]
         part = (self.outputs if verb == "Get" else self.inputs)[window]
-        return slave.access(verb, variables, part, self.heap) if variables else []
+        if chosen is None:
+            chosen = slave.between_events
+        return slave.access(verb, variables, part, self.heap, chosen)

@@ -3,31 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import replace
-from typing import Any
 
 from vdfmu.engine.algorithms import ALGORITHMS
 from vdfmu.engine.cosim.abilities import check_abilities
 from vdfmu.engine.cosim.checked import Checked
-from vdfmu.engine.cosim.conversion import Conversion, Value, as_type, compose
-from vdfmu.engine.cosim.description import (
-    Description,
-    Variable,
-    inspect_description,
-    limit_fault,
-    type_of,
-)
+from vdfmu.engine.cosim.checker import Checker
+from vdfmu.engine.cosim.conversion import Value
 from vdfmu.engine.cosim.feed import feed_inputs
 from vdfmu.engine.cosim.inputs import Table
-from vdfmu.engine.cosim.link import SOURCE, Link, Port
-from vdfmu.engine.cosim.overrides import Starts, hint, overrides, why_not
+from vdfmu.engine.cosim.link import SOURCE, Port
+from vdfmu.engine.cosim.overrides import overrides
 from vdfmu.engine.cosim.schedule import choose_schedule
-from vdfmu.engine.ssp.archive import Archive
-from vdfmu.engine.ssp.structure import Component, Parameter, System, Unit
+from vdfmu.engine.rules import found
+from vdfmu.engine.ssp.structure import System
 from vdfmu.errors import SspError, UsageError
-
-_PAIRS = {("output", "input"), ("calculatedParameter", "parameter"), ("calculatedParameter", "input")}
 
 
 def check_system(
@@ -74,7 +64,7 @@ def check_system(
     """
     if algorithm not in (None, *ALGORITHMS):
         raise UsageError(f"unknown algorithm {algorithm!r}; there are {', '.join(ALGORITHMS)}")
-    checker = _Checker(system, strict, ignore_unmatched, parameters or {})
+    checker = Checker(system, strict, ignore_unmatched, parameters or {})
     checker.read()
     links = checker.link()
     known = {
@@ -91,26 +81,25 @@ def check_system(
     # start values of inputs in parameter sets are common, and worth no word
     fixed = {link.end: link.start for link in links if not link.stepped}
     for name, values in starts.items():
-        checker.notes += _fed(name, values, fixed, "the value of the parameter set")
+        notes = _fed(name, values, fixed, "the value of the parameter set")
+        checker.notes += [found("SSP057", note) for note in notes]
     sources = known if feed is None else {**known, SOURCE: feed.description}
     algorithm, schedule, loops, notes = choose_schedule(sources, links, algorithm)
     if feed is not None:
         blocks = tuple(block for block in schedule.blocks if SOURCE not in block)
         schedule = replace(schedule, units=tuple(u for u in schedule.units if u != SOURCE), blocks=blocks)
-    checker.problems += loops
-    checker.notes += notes
+    checker.problems += [found("SSP039", loop) for loop in loops]
+    checker.notes += [found("SSP039", note) for note in notes]
     for loop in dict.fromkeys(schedule.initial.loops):
-        checker.notes.append(f"algebraic loop during initialization, solved: {loop}")
+        checker.notes.append(found("SSP039", f"algebraic loop during initialization, solved: {loop}"))
     problems, notes = check_abilities(known, links, schedule, algorithm, repeats)
-    checker.problems += problems
-    checker.notes += notes
+    checker.problems += [found("RUN007", problem) for problem in problems]
+    checker.notes += [found("RUN007", note) for note in notes]
     if checker.problems:
-        raise SspError(list(dict.fromkeys(checker.problems)))
-    fed = {link.end: link.start for link in links}
-    for name, values in overrides(known, parameters or {}).items():
-        starts.setdefault(name, {}).update(values)
-        checker.notes += _fed(name, values, fed, "the value that was given")
-    return Checked(
+        error = SspError(list(dict.fromkeys(checker.problems)))
+        error.notes = checker.notes
+        raise error
+    checked = Checked(
         system=system,
         descriptions=known,
         links=tuple(links),
@@ -119,238 +108,28 @@ def check_system(
         starts={name: list(values.values()) for name, values in starts.items()},
         notes=tuple(checker.notes),
         feed=feed,
+        clock_links=tuple(checker.clock_links),
     )
+    return with_parameters(checked, parameters or {})
 
 
-class _Checker:
-    def __init__(
-        self, system: System, strict: bool, ignore_unmatched: bool, parameters: Mapping[str, Value]
-    ) -> None:
-        self.system, self.parameters = system, parameters
-        self.strict = strict
-        self.problems = list(system.problems)
-        self.notes = list(system.notes)
-        self.descriptions: dict[str, Description] = {}
-        self.ignore_unmatched = ignore_unmatched
-        for text in system.unmatched:
-            self._unmatched(text)
+def with_parameters(checked: Checked, parameters: Mapping[str, Value]) -> Checked:
+    """Return a checked system with other `parameters`, as of `check_system`; they win over those that it has.
 
-    def _unmatched(self, text: str) -> None:
-        if self.ignore_unmatched:
-            self.notes.append(f"{text}; the value is ignored")
-        else:
-            way = "ignore_unmatched, 'vdfmu simulate --ignore-unmatched'"
-            self.problems.append(f"{text}; correct the name, or have it ignored: {way}")
-
-    def read(self) -> None:
-        """Read the FMUs and check the connectors against their variables."""
-        if not self.system.components:
-            self.problems.append(f"{self.system.path.name}: the system has no components")
-        read: dict[Any, Description | None] = {}
-        with Archive(self.system.path, self.system.path.name) as archive:
-            for component in self.system.components:
-                if not component.source:
-                    continue  # among the system's problems
-                description = self._inspect(archive, component, {}, read)
-                if description is not None and (sizes := self._sizes(component, description)):
-                    description = self._inspect(archive, component, sizes, read)
-                if description is not None:
-                    self.descriptions[component.name] = description
-                    self._connectors(component, description)
-        self._same_names()
-        users: dict[str, list[str]] = {}
-        for name, description in self.descriptions.items():
-            if description.once_per_process:
-                users.setdefault(description.source, []).append(name)
-        for source, names in users.items():
-            if len(names) > 1:
-                self.problems.append(
-                    f"{', '.join(names)}: {source} can be instantiated only once per process"
-                )
-
-    def _inspect(
-        self,
-        archive: Archive,
-        component: Component,
-        sizes: dict[str, Value],
-        read: dict[Any, Description | None],
-    ) -> Description | None:
-        """Read an FMU once for each choice of its sizes."""
-        key = component.source, component.implementation, frozenset(sizes.items())
-        if key not in read:
-            try:
-                with archive.opened(component.source, component.source) as unit:
-                    read[key], problems = inspect_description(unit, *key[:2], sizes)
-            except SspError as error:
-                read[key], problems = None, error.problems
-            self.problems += [f"{component.name}: {problem}" for problem in problems]
-        return read[key]
-
-    def _sizes(self, component: Component, description: Description) -> dict[str, Value]:
-        """Return the values of structural parameters that differ from their start values and are whole numbers."""
-        given: dict[str, Value] = {p.name: p.value for p in component.parameters}
-        found: dict[str, Value] = {}
-        for v in description.named("structuralParameter"):
-            value = self.parameters.get(f"{component.name}.{v.name}", given.get(v.name, v.start))
-            with suppress(ValueError):  # which the check of its value reports
-                size = as_type(value, v)
-                found |= {v.name: size} if size != v.start and not limit_fault(float(size), v.limits) else {}
-        return found
-
-    def _same_names(self) -> None:
-        """Note variables of two components that have one dotted name; the results show one of them."""
-        for name, description in self.descriptions.items():
-            parts = name.split(".")
-            for i in range(1, len(parts)):
-                outer = self.descriptions.get(".".join(parts[:i]))
-                for variable in description.variables if outer is not None else ():
-                    full = ".".join((*parts, variable))
-                    if outer is not None and ".".join((*parts[i:], variable)) in outer.variables:
-                        self.notes.append(
-                            f"{full}: two variables have this name, of {'.'.join(parts[:i])} and of {name}; "
-                            "rename a component to tell them apart"
-                        )
-
-    def _connectors(self, component: Component, description: Description) -> None:
-        for connector in component.connectors.values():
-            where = f"{component.name}.{connector.name}"
-            variable = description.variables.get(connector.name)
-            if variable is None:
-                self.problems.append(
-                    f"{where}: {description.source} has no such variable"
-                    + hint(connector.name, description.variables)
-                )
-                continue
-            if connector.kind != variable.causality:
-                self.problems.append(
-                    f"{where}: the SSD declares kind {connector.kind!r}, the FMU causality "
-                    f"{variable.causality!r}"
-                )
-            if connector.type is not None and type_of(connector.type) != variable.type:
-                self.problems.append(
-                    f"{where}: the SSD declares type {connector.type}, the FMU {variable.type}"
-                )
-            elif connector.unit and variable.unit is not None:
-                declared = self._unit(connector.unit)
-                if not declared.same_as(variable.unit):
-                    self.problems.append(
-                        f"{where}: unit mismatch, the SSD declares {declared.name!r} ({_full(declared)}), "
-                        f"the FMU {variable.unit.name!r} ({_full(variable.unit)})"
-                    )
-
-    def _unit(self, name: str) -> Unit:
-        return self.system.units.get(name, Unit(name))
-
-    def port_unit(self, port: Port, variable: Variable) -> Unit | None:
-        """Return the unit of the FMU, else the one that the SSD declares for the connector."""
-        if variable.unit is not None:
-            return variable.unit
-        connector = self.system.component(port[0]).connectors.get(port[1])
-        return self._unit(connector.unit) if connector is not None and connector.unit else None
-
-    def link(self) -> list[Link]:
-        """Check every connection."""
-        links: list[Link] = []
-        for connection in self.system.connections:
-            ends = [
-                self.descriptions[unit].variables.get(name) if unit in self.descriptions else None
-                for unit, name in (connection.start, connection.end)
-            ]
-            source, sink = ends
-            if source is None or sink is None:
-                continue  # reported with the connectors
-            where = f"connection {connection}"
-            types = [source.type, *(type_of(h.type) for h in connection.hops[:-1] if h.type), sink.type]
-            if len(set(types)) > 1:
-                self.problems.append(f"{where}: type mismatch, {' to '.join(types)}")
-                continue
-            if (source.causality, sink.causality) not in _PAIRS:
-                self.problems.append(
-                    f"{where}: direction error, it joins {source.causality} and {sink.causality}"
-                )
-                continue
-            if sink.causality == "parameter" and not (sink.settable and sink.variability != "constant"):
-                self.problems.append(f"{where}: parameter {'.'.join(connection.end)} is not settable")
-            try:
-                conversion = compose(
-                    connection.hops,
-                    self.port_unit(connection.start, source),
-                    self.port_unit(connection.end, sink),
-                    source.type,
-                    self.system.units,
-                    sink.relative,
-                    (source.items, sink.items),
-                )
-            except ValueError as error:
-                self.problems.append(f"{where}: {error}")
-                conversion = Conversion()
-            stepped = source.causality == "output"
-            links.append(Link(connection.start, connection.end, source, sink, conversion, stepped))
-        return links
-
-    def inputs(self, links: Sequence[Link]) -> None:
-        """Report the inputs that nothing feeds."""
-        fed = {c.end for c in self.system.connections} | {link.end for link in links}
-        bound = {(p.component, p.name) for c in self.system.components for p in c.parameters}
-        report = self.problems if self.strict else self.notes
-        for name, description in self.descriptions.items():
-            for variable in description.named("input"):
-                if (name, variable.name) not in fed | bound:
-                    report.append(f"{name}.{variable.name}: input is not connected and keeps its start value")
-
-    def start_values(self) -> Starts:
-        """Check the bound parameters and convert them to the units of the FMUs."""
-        starts: Starts = {}
-        for component in self.system.components:
-            description = self.descriptions.get(component.name)
-            for parameter in component.parameters if description is not None else ():
-                where = f"{component.name}: parameter {parameter.name!r} ({parameter.origin})"
-                assert description is not None
-                variable = description.variables.get(parameter.name)
-                if variable is None:
-                    if not any(self._exists(*place) for place in parameter.elsewhere):
-                        self._unmatched(
-                            f"{where}: {description.source} has no such variable"
-                            + hint(parameter.name, description.variables)
-                        )
-                elif not variable.settable:
-                    self.problems.append(f"{where}: {why_not(variable)}")
-                else:
-                    try:
-                        value = self._converted(parameter, variable)
-                        if not isinstance(value, (str, bytes)) and (
-                            fault := limit_fault(value, variable.limits)
-                        ):
-                            raise ValueError(fault)
-                    except ValueError as error:
-                        self.problems.append(f"{where}: {error}")
-                        continue
-                    starts.setdefault(component.name, {})[variable.name] = (variable, value)
-        return starts
-
-    def _exists(self, component: str, name: str) -> bool:
-        """Whether a component has a variable; connectors of systems exist."""
-        description = self.descriptions.get(component)
-        return description is None or name in description.variables
-
-    def _converted(self, parameter: Parameter, variable: Variable) -> Value:
-        value, hops = parameter.value, parameter.hops
-        if isinstance(value, str) and variable.type == "Enumeration":  # mapped by the names of its items
-            for hop in hops:
-                if hop.transformation is not None and hop.transformation.kind == "enumeration":
-                    value = hop.transformation.names.get(value, value)
-            hops = ()
-        value = as_type(value, variable, exact=parameter.type)
-        unit = self.port_unit((parameter.component, parameter.name), variable)
-        conversion = compose(
-            hops, parameter.unit, unit, variable.type, self.system.units, variable.relative,
-            (variable.items, variable.items),
-        )  # fmt: skip
-        if conversion.table is not None:
-            return as_type(conversion.table.get(int(value), int(value)), variable)
-        if isinstance(value, float) and not conversion.trivial:
-            return conversion.factor * value + conversion.offset
-        return value
+    Raises
+    ------
+    UsageError
+        If they name something unknown, not settable or of another type.
+    """
+    fed = {link.end: link.start for link in checked.links}
+    starts = {name: {v.name: (v, value) for v, value in each} for name, each in checked.starts.items()}
+    notes = [*checked.notes]
+    for name, values in overrides(checked.descriptions, parameters).items():
+        starts.setdefault(name, {}).update(values)
+        notes += _fed(name, values, fed, "the value that was given")
+    return replace(
+        checked, starts={name: list(each.values()) for name, each in starts.items()}, notes=tuple(notes)
+    )
 
 
 def _fed(name: str, values: Iterable[str], sources: Mapping[Port, Port], what: str) -> list[str]:
@@ -360,9 +139,3 @@ def _fed(name: str, values: Iterable[str], sources: Mapping[Port, Port], what: s
         for variable in values
         if (name, variable) in sources
     ]
-
-
-def _full(unit: Unit) -> str:
-    factor, offset = (repr(value).removesuffix(".0") for value in (unit.factor, unit.offset))
-    scale = f", factor {factor}, offset {offset}"
-    return unit.dimension + (scale if (unit.factor, unit.offset) != (1.0, 0.0) else "")

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from vdfmu.engine.cosim.conversion import Value
 from vdfmu.engine.cosim.description import Description, Variable
 from vdfmu.engine.cosim.feed import Feed
-from vdfmu.engine.cosim.link import SOURCE, Link
+from vdfmu.engine.cosim.link import SOURCE, Link, Port
 from vdfmu.engine.cosim.schedule import Schedule
 from vdfmu.engine.ssp.structure import System
 
@@ -34,6 +34,10 @@ class Checked:
         Notes, not errors: inputs that nothing feeds, for example.
     feed : Feed or None
         Signals from outside.
+    clock_links : tuple of (Port, Port)
+        Connections of clocks.
+    multiples : mapping of str to int
+        Communication steps that a component's own step takes; empty where all step together.
     """
 
     system: System
@@ -44,6 +48,8 @@ class Checked:
     starts: Mapping[str, Sequence[tuple[Variable, Value]]]
     notes: tuple[str, ...]
     feed: Feed | None = None
+    clock_links: tuple[tuple[Port, Port], ...] = ()
+    multiples: Mapping[str, int] = field(default_factory=dict)
 
     @property
     def sources(self) -> Mapping[str, Description]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 import threading
 from collections.abc import Callable, Sequence
 from contextlib import nullcontext
@@ -16,6 +17,7 @@ from numpy.typing import NDArray
 
 from vdfmu.engine.cosim.access import DTYPES, Call, Heap, Transfer
 from vdfmu.engine.cosim.description import Description, Value, Variable, library_name
+from vdfmu.engine.cosim.integrator import Integrator
 from vdfmu.engine.cosim.messages import LogMessage, MessageBox
 from vdfmu.errors import CosimError
 from vdfmu.text import shown
@@ -29,6 +31,8 @@ _PASSED = ("ok", "warning", "discard", "pending")
 """Of a message in freeInstance, which has no status of its own: no failure."""
 _LENGTH = 10_000
 """Bytes of a message that are kept."""
+_UPDATES = 1000
+"""Updates of discrete states at one event at most."""
 _boxes: dict[int, tuple[str, MessageBox]] = {}
 """Unit name and message box by the environment of the callbacks."""
 _tokens = itertools.count(1)
@@ -77,6 +81,8 @@ class Slave:
     """Of the functions."""
     state_name = ""
     """Of a saved state in their names."""
+    derivatives_name = ""
+    """Function that gets the derivatives of the states."""
     results: dict[str, Any] = {}  # noqa: RUF012
     """Types of what the functions return that return no status."""
     dtypes: dict[str, Any] = {}  # noqa: RUF012
@@ -108,6 +114,10 @@ class Slave:
             raise CosimError(name, "load", box.time, str(error)) from None
         self.python = (folder / "resources" / "slavemodule.txt").is_file()
         self.component = c_void_p()
+        self.tolerance: float | None = None
+        self.integrator: Integrator | None = None
+        self.in_event = False
+        self.next_event = math.inf
         self._values: dict[int, list[Value]] = {}
 
     # ------------------------------------------------------------------ of a version of FMI
@@ -134,9 +144,72 @@ class Slave:
         """Return the call that gets or sets values of one type."""
         raise NotImplementedError
 
+    def simulation_call(self, clock: c_double, size: c_double) -> Call:
+        """Return the call of a step of co-simulation from `clock` by `size` [s]."""
+        raise NotImplementedError
+
+    def simulation_rates(self, variables: Sequence[Variable], slopes: NDArray[np.float64]) -> Call:
+        """Return the call that gives the slopes of real inputs for the next step of co-simulation."""
+        raise NotImplementedError
+
+    def sizes(self) -> tuple[int, int]:
+        """Return the numbers of continuous states and of event indicators, for model exchange."""
+        raise NotImplementedError
+
+    def update(self, time: float) -> None:
+        """Update the discrete states at an event."""
+        raise NotImplementedError
+
+    # ------------------------------------------------------------------ steps and events
+
     def step_call(self, clock: c_double, size: c_double) -> Call:
         """Return the call of a step from `clock` by `size` [s]."""
+        return (self.integrator.step_call if self.integrator else self.simulation_call)(clock, size)
+
+    def rate_call(
+        self,
+        variables: Sequence[Variable],
+        starts: NDArray[np.float64],
+        slopes: NDArray[np.float64],
+        clock: c_double,
+    ) -> Call:
+        """Return the call that lets real inputs run over a step, from their `starts` with their `slopes`."""
+        if self.integrator:
+            return self.integrator.rate_call(variables, starts, slopes, clock)
+        return self.simulation_rates(variables, slopes)
+
+    def updated(self, time: float, update: Callable[[], tuple[bool, bool, float]]) -> None:
+        """Update discrete states until they settle; `update` returns whether to go on, to end, and the next event."""
+        for _ in range(_UPDATES):
+            again, end, self.next_event = update()
+            if end:
+                self.box.ended[self.name] = time
+            if end or not again:
+                return
+        reason = f"its discrete states do not settle: they need more than {_UPDATES} updates"
+        raise CosimError(self.name, "updateDiscreteStates", time, reason)
+
+    def completed_step(self) -> bool:
+        """Tell a model-exchange component that its solver has done a step; return whether that is an event."""
         raise NotImplementedError
+
+    def ended_step(self, event: bool, end: bool) -> bool:
+        """Take the answers to that."""
+        if end:
+            self.box.ended[self.name] = self.box.time
+        return event or end
+
+    def enter_event(self) -> None:
+        """Enter event mode."""
+        if not self.in_event:
+            self.call("EnterEventMode")
+            self.in_event = True
+
+    def leave_event(self) -> None:
+        """Go on to steps."""
+        if self.in_event:
+            self.call("EnterContinuousTimeMode" if self.integrator else "EnterStepMode")
+            self.in_event = False
 
     # ------------------------------------------------------------------ values
 
@@ -162,16 +235,25 @@ class Slave:
                 self.run(self.access("Set", [v for v, _ in group], numbers, heap))
 
     def access(
-        self, verb: str, variables: Sequence[Variable], values: NDArray[Any], heap: Heap
+        self,
+        verb: str,
+        variables: Sequence[Variable],
+        values: NDArray[Any],
+        heap: Heap,
+        chosen: Callable[[Variable], bool] = lambda v: True,
     ) -> list[Call]:
-        """Return the calls that get or set variables of one kind, whose values are `values`, in place."""
+        """Return the calls that get or set the chosen variables of one kind, whose values are `values`, in place."""
         calls: list[Call] = []
-        for native in dict.fromkeys(v.native for v in variables):
-            places = [i for i, v in enumerate(variables) if v.native == native]
+        for native in dict.fromkeys(v.native for v in variables if chosen(v)):
+            places = [i for i, v in enumerate(variables) if v.native == native and chosen(v)]
             own = [variables[i] for i in places]
             moved = Transfer(verb, own, places, values, self.dtypes[native], heap, self._known, self._failure)
             calls.append(self.value_call(moved))
         return calls
+
+    def between_events(self, variable: Variable) -> bool:
+        """Whether a variable is got or set between the events, too."""
+        return True
 
     def run(self, calls: Sequence[Call]) -> None:
         """Make calls one after the other."""
@@ -207,6 +289,10 @@ class Slave:
         """Leave initialization mode."""
         self.call("ExitInitializationMode")
         self.stage = "initialized"
+        if self.description.exchange:
+            self.in_event = True
+            self.integrator = Integrator(self, self.tolerance)
+            self.update(self.box.time)
 
     def function(self, name: str) -> Any:
         """Return an FMI function, without its prefix, as a ctypes object; CosimError if the library has none."""
@@ -252,6 +338,15 @@ class Slave:
     def dead(self) -> bool:
         """Whether the FMU has had a fatal error."""
         return self.description.source in self._corrupt
+
+    def reset(self) -> None:
+        """Take the instance back to what it was after its making."""
+        if self.stage == "initialized":
+            self.call("Terminate")
+        self.call("Reset")
+        self.stage = "instantiated"
+        self.integrator, self.in_event, self.next_event = None, False, math.inf
+        self._values.clear()
 
     def close(self) -> CosimError | None:
         """Terminate and free the instance as far as FMI allows in its state; return what failed in that."""

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from ctypes import byref, c_double, c_int, c_void_p
+from ctypes import byref, c_double, c_int, c_size_t, c_uint, c_void_p
+from typing import Any
 
 import fmpy
 import numpy as np
 from fmpy import fmi2
+from numpy.typing import NDArray
 
 from vdfmu.engine.cosim.access import Call, Transfer
 from vdfmu.engine.cosim.component import Slave, on_message
@@ -22,8 +24,6 @@ except Exception:  # no proxy library for this platform: messages come without t
 
 __all__ = ["Slave2"]
 
-_CO_SIMULATION = 1
-"""Of fmi2Type."""
 _LAST_SUCCESSFUL_TIME, _TERMINATED = 2, 3
 """Of fmi2StatusKind."""
 
@@ -40,7 +40,7 @@ _FREE = fmi2.fmi2CallbackFreeMemoryTYPE(fmpy.free)
 class Slave2(Slave):
     """An instance of an FMU of FMI 2.0."""
 
-    prefix, state_name = "fmi2", "FMUstate"
+    prefix, state_name, derivatives_name = "fmi2", "FMUstate", "GetDerivatives"
     results = {"Instantiate": c_void_p, "FreeInstance": None}  # noqa: RUF012
     dtypes = {"Real": np.float64, "Integer": np.int32, "Boolean": np.int32, "String": np.uintp}  # noqa: RUF012
 
@@ -57,7 +57,7 @@ class Slave2(Slave):
         # FMPy's container would log every call to its units, in a millisecond a step; their errors come anyway
         talkative = self.description.identifier == "container_fmu"
         return self.function("Instantiate")(
-            self.name.encode(), c_int(_CO_SIMULATION), self.description.guid.encode(),
+            self.name.encode(), c_int(not self.description.exchange), self.description.guid.encode(),
             (self.folder / "resources").as_uri().encode(), byref(self._callbacks), c_int(0), c_int(not talkative),
         )  # fmt: skip
 
@@ -69,6 +69,7 @@ class Slave2(Slave):
         values: Sequence[tuple[Variable, Value]],
     ) -> None:
         """See `Slave.prepare`."""
+        self.tolerance = tolerance
         self.call(
             "SetupExperiment", c_int(tolerance is not None), c_double(tolerance or 0.0), c_double(start),
             c_int(1), c_double(stop),
@@ -85,9 +86,43 @@ class Slave2(Slave):
         function = moved.around(self.function(moved.verb + moved.native))
         return function, self.argument, byref(moved.references), count, moved.pointer, moved.name
 
-    def step_call(self, clock: c_double, size: c_double) -> Call:
-        """See `Slave.step_call`."""
+    def simulation_call(self, clock: c_double, size: c_double) -> Call:
+        """See `Slave.simulation_call`."""
         return self.function("DoStep"), self.argument, clock, size, 1, "doStep"
+
+    def simulation_rates(self, variables: Sequence[Variable], slopes: NDArray[np.float64]) -> Call:
+        """See `Slave.simulation_rates`."""
+        n = len(variables)
+        orders = (c_int * n)(*([1] * n))
+        function = self.function("SetRealInputDerivatives")
+
+        def call(component: Any, references: Any, count: Any, values: Any) -> int:
+            return function(component, references, count, orders, values)
+
+        references = (c_uint * n)(*(v.reference for v in variables))
+        values = byref(c_double.from_buffer(slopes))  # pyright: ignore[reportArgumentType]
+        return call, self.argument, references, c_size_t.from_param(n), values, "setRealInputDerivatives"
+
+    def sizes(self) -> tuple[int, int]:
+        """See `Slave.sizes`."""
+        return self.description.sizes
+
+    def update(self, time: float) -> None:
+        """See `Slave.update`."""
+        info = fmi2.fmi2EventInfo()
+
+        def update() -> tuple[bool, bool, float]:
+            self.call("NewDiscreteStates", byref(info))
+            after = info.nextEventTime if info.nextEventTimeDefined else math.inf
+            return bool(info.newDiscreteStatesNeeded), bool(info.terminateSimulation), after
+
+        self.updated(time, update)
+
+    def completed_step(self) -> bool:
+        """See `Slave.completed_step`."""
+        enter, end = c_int(), c_int()
+        self.call("CompletedIntegratorStep", c_int(1), byref(enter), byref(end))
+        return self.ended_step(bool(enter.value), bool(end.value))
 
     def has_ended(self) -> bool:
         """See `Slave.has_ended`."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Sequence
 from ctypes import CFUNCTYPE, byref, c_bool, c_char, c_char_p, c_double, c_int, c_size_t, c_uint32, c_void_p
@@ -20,24 +21,42 @@ __all__ = ["Slave3"]
 _RECEIVER = CFUNCTYPE(None, c_void_p, c_int, c_char_p, c_char_p)(on_message)
 _EVENT, _END, _EARLY = range(3)
 """Answers of doStep."""
+_CLOSE = 1e-9
+"""Part of a step that an early return may leave undone by rounding."""
+_CHANGED = 2
+"""Of fmi3IntervalQualifier."""
 
 
 class Slave3(Slave):
     """An instance of an FMU of FMI 3.0."""
 
     prefix, state_name = "fmi3", "FMUState"
-    results = {"InstantiateCoSimulation": c_void_p, "FreeInstance": None}  # noqa: RUF012
+    derivatives_name = "GetContinuousStateDerivatives"
+    results = {  # noqa: RUF012
+        "InstantiateCoSimulation": c_void_p, "InstantiateModelExchange": c_void_p, "FreeInstance": None,
+    }  # fmt: skip
     dtypes = {  # noqa: RUF012
         "Float64": np.float64, "Float32": np.float32, "Boolean": np.bool_, "String": np.uintp, "Binary": np.uintp,
         **{f"{sign}Int{bits}": np.dtype(f"{sign.lower()}int{bits}") for sign in ("", "U") for bits in (8, 16, 32, 64)},
     }  # fmt: skip
 
+    event_mode = event_needed = False
+    """Whether the master handles events of its co-simulation; whether a step has ended at an event."""
+
     def make(self) -> int | None:
         """See `Slave.make`."""
+        whose = (
+            self.name.encode(),
+            self.description.guid.encode(),
+            f"{self.folder / 'resources'}{os.sep}".encode(),
+        )
+        if self.description.exchange:
+            return self.function("InstantiateModelExchange")(
+                *whose, c_bool(False), c_bool(True), c_void_p(self.token), _RECEIVER
+            )
         return self.function("InstantiateCoSimulation")(
-            self.name.encode(), self.description.guid.encode(), f"{self.folder / 'resources'}{os.sep}".encode(),
-            c_bool(False), c_bool(True), c_bool(False), c_bool(False), None, c_size_t(0), c_void_p(self.token),
-            _RECEIVER, None,
+            *whose, c_bool(False), c_bool(True), c_bool(self.event_mode), c_bool(self.event_mode), None, c_size_t(0),
+            c_void_p(self.token), _RECEIVER, None,
         )  # fmt: skip
 
     def prepare(
@@ -48,6 +67,7 @@ class Slave3(Slave):
         values: Sequence[tuple[Variable, Value]],
     ) -> None:
         """See `Slave.prepare`."""
+        self.tolerance = tolerance
         self._experiment = (
             c_bool(tolerance is not None), c_double(tolerance or 0.0), c_double(start), c_bool(True), c_double(stop),
         )  # fmt: skip
@@ -73,8 +93,10 @@ class Slave3(Slave):
         called = moved.around(partial(function, self.argument))
         return called, references, count, moved.pointer, n, moved.name
 
-    def step_call(self, clock: c_double, size: c_double) -> Call:
-        """See `Slave.step_call`."""
+    # ------------------------------------------------------------------ steps
+
+    def simulation_call(self, clock: c_double, size: c_double) -> Call:
+        """See `Slave.simulation_call`."""
         step, last = self.function("DoStep"), c_double()
         flags = (c_bool * 4)()
         any_flag = c_uint32.from_buffer(flags)
@@ -82,16 +104,110 @@ class Slave3(Slave):
 
         def do_step(component: Any, clock: c_double, size: c_double, keep: Any) -> int:
             status = step(component, clock, size, keep, *answers)
-            if any_flag.value and status < 2:
-                self._answer(flags, last.value)
+            end = clock.value + size.value
+            close = end - _CLOSE * size.value
+            while (
+                any_flag.value and status < 2 and not self._answered(flags, last.value, last.value >= close)
+            ):
+                rest = c_double(last.value), c_double(end - last.value)
+                status = step(component, *rest, keep, *answers)
             return status
 
         return do_step, self.argument, clock, size, c_bool(True), "doStep"
 
-    def _answer(self, flags: Any, last: float) -> None:
-        """Take what a step has answered beside its status."""
+    def _answered(self, flags: Any, last: float, done: bool) -> bool:
+        """Take what a step has answered beside its status; False if the rest of it, but for rounding, is to be done."""
+        self.event_needed = bool(flags[_EVENT])
         if flags[_END]:
             self.box.ended[self.name] = last
-        elif flags[_EARLY]:
+            return True
+        if done or not flags[_EARLY]:
+            return True
+        if not self.event_mode:
             reason = f"it returned early, at t = {last:.9g} s, which it was not allowed to"
             raise CosimError(self.name, "doStep", self.box.time, reason)
+        if self.event_needed:  # alone: others may have stepped beyond
+            self.enter_event()
+            own = [
+                v.reference
+                for v in self.description.variables.values()
+                if v.clock and v.causality == "output"
+            ]
+            if any(self.clocks(own)):
+                raise CosimError(
+                    self.name, "getClock", self.box.time,
+                    f"a clock ticks at t = {last:.9g} s, between two communication points, when others cannot be told; "
+                    "choose a step that ends there",
+                )  # fmt: skip
+            self.update(last)
+            self.leave_event()
+        return self.name in self.box.ended
+
+    # ------------------------------------------------------------------ events
+
+    def discrete(self, variable: Variable) -> bool:
+        """Whether an input is set in event mode only."""
+        return self.event_mode and (variable.variability == "discrete" or bool(variable.clocks))
+
+    def between_events(self, variable: Variable) -> bool:
+        """See `Slave.between_events`."""
+        if not self.event_mode:
+            return True
+        return not variable.clocks and (variable.causality == "output" or not self.discrete(variable))
+
+    def exit_initialization(self) -> None:
+        """See `Slave.exit_initialization`."""
+        self.event_needed = False
+        super().exit_initialization()
+        self.in_event = self.event_mode or self.description.exchange
+
+    def enter_event(self) -> None:
+        """Enter event mode."""
+        self.event_needed = False
+        super().enter_event()
+
+    def update(self, time: float) -> None:
+        """See `Slave.update`."""
+        flags, at = (c_bool * 5)(), c_double()
+        arguments = *(byref(flags, i) for i in range(5)), byref(at)
+
+        def update() -> tuple[bool, bool, float]:
+            self.call("UpdateDiscreteStates", *arguments)
+            again, end, _, _, defined = flags
+            return again, end, at.value if defined else math.inf
+
+        self.updated(time, update)
+
+    def completed_step(self) -> bool:
+        """See `Slave.completed_step`."""
+        enter, end = c_bool(), c_bool()
+        self.call("CompletedIntegratorStep", c_bool(True), byref(enter), byref(end))
+        return self.ended_step(enter.value, end.value)
+
+    def sizes(self) -> tuple[int, int]:
+        """See `Slave.sizes`."""
+        found = c_size_t(), c_size_t()
+        for name, size in zip(("ContinuousStates", "EventIndicators"), found, strict=True):
+            self.call(f"GetNumberOf{name}", byref(size))
+        return found[0].value, found[1].value
+
+    def set_clocks(self, references: Sequence[int]) -> None:
+        """Let input clocks tick."""
+        n = len(references)
+        if n:
+            self.call("SetClock", (c_uint32 * n)(*references), c_size_t(n), (c_bool * n)(*[True] * n))
+
+    def clocks(self, references: Sequence[int]) -> list[bool]:
+        """Return which output clocks tick."""
+        n = len(references)
+        ticks = (c_bool * max(n, 1))()
+        if n:
+            self.call("GetClock", (c_uint32 * n)(*references), c_size_t(n), ticks)
+        return list(ticks)[:n]
+
+    def intervals(self, references: Sequence[int]) -> list[float | None]:
+        """Return the intervals of clocks [s]; None for those that have not changed."""
+        n = len(references)
+        intervals, qualifiers = (c_double * n)(), (c_int * n)()
+        self.call("GetIntervalDecimal", (c_uint32 * n)(*references), c_size_t(n), intervals, qualifiers)
+        return [x if q == _CHANGED else None for x, q in zip(intervals, qualifiers, strict=True)]

@@ -14,8 +14,10 @@ from vdfmu.engine.cosim.component import Slave, Watch
 from vdfmu.engine.cosim.component2 import Slave2
 from vdfmu.engine.cosim.component3 import Slave3
 from vdfmu.engine.cosim.continuous import ContinuousStepper
+from vdfmu.engine.cosim.events import Events, EventStepper
 from vdfmu.engine.cosim.exchange import Exchange, SampledStepper
 from vdfmu.engine.cosim.messages import LogMessage, MessageBox
+from vdfmu.engine.cosim.multirate import MultirateStepper
 from vdfmu.errors import CosimError
 from vdfmu.interrupt import InterruptGuard
 
@@ -52,17 +54,22 @@ class Components:
         self.slaves: dict[str, Slave] = {}
         self.exchange = Exchange(checked, self.slaves, box, words)
         self._watch = watch
+        self._events: Events | None = None
         self._stepper: SampledStepper | ContinuousStepper | None = None
 
     def load(self) -> None:
         """Load the libraries and create the instances."""
         corrupt: set[str] = set()
+        own_steps = any(component.step is not None for component in self.checked.system.components)
         for name, description in self.checked.descriptions.items():
             folder = self.folders[description.source]
             version = Slave2 if description.version == "2.0" else Slave3
-            self.slaves[name] = version(name, description, folder, self.box, corrupt, self._watch)
+            slave = self.slaves[name] = version(name, description, folder, self.box, corrupt, self._watch)
+            if isinstance(slave, Slave3):
+                sampled = self.checked.algorithm not in CONTINUOUS and not own_steps
+                slave.event_mode = description.event_mode and sampled
             with InterruptGuard():  # of which units written in Python would make an error
-                self.slaves[name].instantiate()
+                slave.instantiate()
 
     def initialize(
         self, begin: float, end: float, tolerance: float | None, convergence: float = CONVERGENCE
@@ -78,6 +85,8 @@ class Components:
             for slave in self.slaves.values():
                 slave.exit_initialization()
             self.exchange.read_outputs()
+            if any(isinstance(slave, Slave3) and slave.event_mode for slave in self.slaves.values()):
+                self._events = Events(self.exchange, begin)
         self.box.flush()
 
     def couple(
@@ -93,9 +102,26 @@ class Components:
                 error=adaptive,
                 span=span,
             )
+        elif self.checked.multiples:
+            self._stepper = MultirateStepper(self.exchange, span)
+        elif self._events is not None:
+            self._stepper = EventStepper(self.exchange, self._events)
         else:
             self._stepper = SampledStepper(self.exchange)
         return self._stepper
+
+    def reset(self) -> None:
+        """Take all back to what they were after loading."""
+        stepper, self._stepper, self._events = self._stepper, None, None
+        with InterruptGuard():
+            if isinstance(stepper, ContinuousStepper):
+                stepper.close()
+            for slave in self.slaves.values():
+                slave.reset()
+        self.exchange.checked = self.checked
+        for bank in self.exchange.banks:
+            bank.memory[:] = 0
+        self.box.flush()
 
     def close(self) -> CosimError | None:
         """Terminate and free them all; return the first failure in that. The others are messages."""

@@ -47,7 +47,7 @@ def write_container(
     Parameters
     ----------
     system : System or path
-        An SSP 1.0 of FMI 2.0 units with binaries of their own; Python FMUs do not run inside a container.
+        An SSP of FMI 2.0 units with binaries of their own; Python FMUs do not run inside a container.
     path : path
         The FMU to write.
     step : float [s]
@@ -72,6 +72,10 @@ def write_container(
     checked = check_system(
         system if isinstance(system, System) else load_ssp(Path(system)), algorithm="jacobi"
     )
+    if slow := [component.name for component in checked.system.components if component.step is not None]:
+        raise UsageError(
+            f"{', '.join(slow)}: has a step of its own; a container FMU steps all together. Remove the annotation."
+        )
     changing = [str(link) for link in checked.links if not link.conversion.trivial]
     if changing:
         raise UsageError(f"{changing[0]}: a container FMU passes values on unchanged; remove the conversion.")

@@ -6,8 +6,16 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from vdfmu.engine.cosim.description import RANGES, Value, Variable
+from vdfmu.engine.cosim.description import RANGES, Value, Variable, type_of
 from vdfmu.engine.ssp.structure import Hop, Transformation, Unit
+
+
+class MisfitError(ValueError):
+    """Why values do not pass: `what` does not fit, the type, the unit or the transformation."""
+
+    def __init__(self, what: str, text: str) -> None:
+        super().__init__(text)
+        self.what = what
 
 
 @dataclass(frozen=True)
@@ -28,21 +36,20 @@ class Conversion:
 
 
 def between(source: Unit, target: Unit, relative: bool = False) -> tuple[float, float]:
-    """Return factor and offset from one unit to another; ValueError says why there are none.
+    """Return factor and offset from one unit to another; MisfitError says why there are none.
 
     `relative` is the relativeQuantity of FMI: a difference, to which offsets do not apply.
     """
     if source.same_as(target):
         return 1.0, 0.0
     for unit in (source, target):
-        if unit.exponents is None:
-            raise ValueError(
-                f"unit mismatch, {source.name!r} to {target.name!r}: {unit.name!r} has no unit definition"
-            )
+        if unit.exponents is None or not unit.usable:
+            has = "has no unit definition" if unit.exponents is None else "has a factor or offset of no use"
+            text = f"unit mismatch, {source.name!r} to {target.name!r}: {unit.name!r} {has}"
+            raise MisfitError("unit", text)
     if source.exponents != target.exponents:
-        raise ValueError(
-            f"unit mismatch, {source.name!r} ({source.dimension}) to {target.name!r} ({target.dimension})"
-        )
+        text = f"{source.name!r} ({source.dimension}) to {target.name!r} ({target.dimension})"
+        raise MisfitError("unit", f"unit mismatch, {text}")
     offset = 0.0 if relative else (source.offset - target.offset) / target.factor
     return source.factor / target.factor, offset
 
@@ -78,7 +85,7 @@ def compose(
 
     Raises
     ------
-    ValueError
+    MisfitError
         Units of different dimension, or a transformation that does not fit the type.
     """
     factor, offset = 1.0, 0.0
@@ -96,7 +103,7 @@ def compose(
             continue
         if transformation.kind == "linear":
             if kind != "Real":
-                raise ValueError(f"a linear transformation does not apply to {kind}")
+                raise MisfitError("transformation", f"a linear transformation does not apply to {kind}")
             factor = transformation.factor * factor
             offset = transformation.factor * offset + transformation.offset
         elif {"boolean": "Boolean", "integer": "Integer"}.get(transformation.kind) == kind or (
@@ -106,7 +113,7 @@ def compose(
         elif transformation.kind == "enumeration" and kind == "Enumeration":
             table = _chain(table, _values_of(transformation, *items))
         else:
-            raise ValueError(f"a {transformation} is not supported for {kind}")
+            raise MisfitError("transformation", f"a {transformation} is not supported for {kind}")
     return Conversion(factor, offset, table)
 
 
@@ -119,15 +126,14 @@ def _chain(first: Mapping[int, int] | None, then: Mapping[int, int]) -> dict[int
 def _values_of(
     transformation: Transformation, source: Mapping[str, int] | None, target: Mapping[str, int] | None
 ) -> dict[int, int]:
-    """Return the table of a mapping of item names, by the items of both variables; ValueError for an unknown name."""
+    """Return the table of a mapping of item names, by the items of both variables; MisfitError for an unknown name."""
     table: dict[int, int] = {}
     for name, meaning in transformation.names.items():
         for which, item, known in (("source", name, source), ("target", meaning, target)):
             if item not in (known or {}):
                 there = ", ".join(known or {}) or "none"
-                raise ValueError(
-                    f"the mapping names {item!r}, which is no item of the {which}; there are {there}"
-                )
+                text = f"the mapping names {item!r}, which is no item of the {which}; there are {there}"
+                raise MisfitError("transformation", text)
         table[(source or {})[name]] = (target or {})[meaning]
     return table
 
@@ -140,14 +146,14 @@ def as_type(value: Value, variable: Variable, exact: str | None = None) -> Value
 
     Raises
     ------
-    ValueError
+    MisfitError
         The value does not fit the type.
     """
     allowed = {"Real": {"Real", "Integer"}, "Enumeration": {"Enumeration", "Integer"}}
     kind = variable.type
-    if exact is not None and exact not in allowed.get(kind, {kind}):
-        raise ValueError(f"type mismatch, {exact} for a {kind} variable")
-    misfit = ValueError(f"expected a value of type {kind}, got {value!r}")
+    if exact is not None and type_of(exact) not in allowed.get(kind, {kind}):
+        raise MisfitError("type", f"type mismatch, {exact} for a {kind} variable")
+    misfit = MisfitError("type", f"expected a value of type {kind}, got {value!r}")
     if kind == "String":
         if not isinstance(value, str):
             raise misfit

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from ctypes import byref, c_double, c_int, c_size_t, c_uint
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -85,7 +84,6 @@ class Coupled:
         self.outputs, self.inputs = bank.outputs, bank.inputs
         n = len(bank.links)
         self.starts, self.ends, self.slopes = np.zeros(n), np.zeros(n), np.zeros(max(n, 1))
-        self._rates = (c_double * self.slopes.size).from_buffer(self.slopes)  # pyright: ignore[reportArgumentType]
         variables = [v for _, v in bank.variables[: bank.outputs.size]]
         self.discrete = np.array([v.variability == "discrete" for v in variables], bool)
         self.nominal = np.array([v.size for v in variables])
@@ -166,19 +164,10 @@ class Coupled:
         return some
 
     def _rate_call(self, slave: Slave, window: slice) -> Call:
-        """Return the call that gives the first derivatives of a unit's inputs."""
-        bank = self.bank
-        n = window.stop - window.start
-        first = bank.outputs.size + window.start
-        references = (c_uint * n)(*(v.reference for _, v in bank.variables[first : first + n]))
-        orders = (c_int * n)(*([1] * n))
-        function = slave.function("SetRealInputDerivatives")
-
-        def call(component: Any, references: Any, count: Any, values: Any) -> int:
-            return function(component, references, count, orders, values)
-
-        values = byref(self._rates, self.slopes.itemsize * window.start)
-        return call, slave.argument, references, c_size_t.from_param(n), values, "setRealInputDerivatives"
+        """Return the call that lets a unit's inputs run over a step."""
+        first = self.bank.outputs.size
+        variables = [v for _, v in self.bank.variables[first + window.start : first + window.stop]]
+        return slave.rate_call(variables, self.inputs[window], self.slopes[window], self.exchange.clock)
 
     def _cut(self, units: list[Unit]) -> list[Block]:
         """Put the units of each loop into a block, with the outputs to be guessed."""

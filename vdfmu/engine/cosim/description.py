@@ -4,19 +4,22 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import fmpy
 import numpy as np
-from fmpy.model_description import ModelDescription, ValidationError, read_model_description
+from fmpy.model_description import CoSimulation, ModelDescription, ValidationError, read_model_description
 
+from vdfmu.engine.rules import fmpy_found, found
 from vdfmu.engine.ssp.archive import Archive
+from vdfmu.engine.ssp.elements import read_units
 from vdfmu.engine.ssp.parse import parse_xml
-from vdfmu.engine.ssp.structure import BASE_UNITS, Unit
+from vdfmu.engine.ssp.structure import Unit
 from vdfmu.errors import SspError
 
 Value = float | int | bool | str | bytes
+KINDS = ("CoSimulation", "ModelExchange", "ScheduledExecution")
 _KIND = {"Enumeration": "Integer"}
 RANGES = {"Integer": (-(2**31), 2**31 - 1)} | {
     f"{sign}Int{bits}": (0, min(2**bits, 2**63) - 1) if sign else (-(2 ** (bits - 1)), 2 ** (bits - 1) - 1)
@@ -36,13 +39,33 @@ def type_of(name: str) -> str:
 
 
 @dataclass(frozen=True)
+class Clock:
+    """Of a clock of FMI 3.0: how its interval varies, the interval, NaN if it is asked for, and the first tick [s]."""
+
+    variability: str
+    interval: float
+    shift: float
+
+    @property
+    def triggered(self) -> bool:
+        """Whether another component ticks it, or it ticks others."""
+        return self.variability == "triggered"
+
+    @property
+    def asked(self) -> bool:
+        """Whether the component says the interval."""
+        return self.variability in ("calculated", "tunable", "changing", "countdown")
+
+
+@dataclass(frozen=True)
 class Variable:
     """A scalar variable of an FMU, or an element of an array of FMI 3.0.
 
     `reference` is its value reference, `type` Real, Integer, Enumeration, Boolean, String or Binary, `items` those of
     an enumeration, `nominal` the size of its values, in its unit, None where the FMU does not say, `limits` the least
     and the largest value, `native` the type in the names of the FMI functions that get and set it, `index` its position
-    among the `length` elements, row by row, `start` its start value.
+    among the `length` elements, row by row, `start` its start value, `clocks` the value references of its clocks,
+    `clock` what a clock is.
     """
 
     name: str
@@ -60,11 +83,18 @@ class Variable:
     index: int = 0
     length: int = 1
     start: Value = 0
+    clocks: tuple[int, ...] = ()
+    clock: Clock | None = None
 
     @property
     def kind(self) -> str:
         """How the master holds it: Real, Integer (enumerations too), Boolean, String or Binary."""
         return _KIND.get(self.type, self.type)
+
+    @property
+    def declared(self) -> str:
+        """The type that the FMU states."""
+        return self.type if self.type == "Enumeration" else self.native
 
     @property
     def size(self) -> float:
@@ -81,13 +111,16 @@ class Variable:
 
 @dataclass(frozen=True)
 class Description:
-    """An FMU for co-simulation.
+    """An FMU, for co-simulation or for model exchange.
 
     Attributes
     ----------
     version : str
         Of FMI.
     variables : mapping of str to Variable
+        Arrays by their elements.
+    shapes : mapping of str to tuple of int
+        Of the arrays.
     step_dependencies, initial_dependencies : mapping of str to frozenset of str or None
         For each output (and each other initial unknown) the names it depends on, in the steps and during
         initialization. None where the FMU does not say, which means: on all.
@@ -97,6 +130,12 @@ class Description:
         Whether it takes derivatives of its real inputs, and lets them run linearly over a step.
     varies_steps : bool
         Whether its steps may differ in length.
+    event_mode : bool
+        Whether its events of co-simulation can be handled by the master.
+    exchange : bool
+        Whether it is for model exchange: the master integrates it.
+    sizes : pair of int
+        Numbers of continuous states and of event indicators.
     """
 
     source: str
@@ -107,9 +146,27 @@ class Description:
     step_dependencies: Mapping[str, frozenset[str] | None]
     initial_dependencies: Mapping[str, frozenset[str] | None]
     version: str = "2.0"
+    shapes: Mapping[str, tuple[int, ...]] = field(default_factory=dict)
     saves_state: bool = False
     interpolates_inputs: bool = False
     varies_steps: bool = True
+    event_mode: bool = False
+    exchange: bool = False
+    sizes: tuple[int, int] = (0, 0)
+
+    @property
+    def names(self) -> list[str]:
+        """The variables as the FMU names them: scalars, and arrays as a whole."""
+        return [*(v.name for v in self.variables.values() if v.length == 1), *self.shapes]
+
+    def elements(self, name: str, index: Sequence[int] = ()) -> list[Variable]:
+        """Return a variable, or the elements of an array, or of a part of it; empty if there is none of the name."""
+        if name not in self.shapes:
+            return [self.variables[name]] if name in self.variables else []
+        inside = np.ndindex(*self.shapes[name])
+        names = zip(inside, element_names(name, self.shapes[name]), strict=True)
+        start = tuple(i - 1 for i in index)
+        return [self.variables[each] for at, each in names if at[: len(start)] == start]
 
     def named(self, causality: str) -> list[Variable]:
         """Return the variables of one causality, in the order of the FMU."""
@@ -181,13 +238,15 @@ def _inspect(
     root = parse_xml(xml, f"{source}: modelDescription.xml")
     version = root.get("fmiVersion")
     if version not in ("2.0", "3.0"):
-        raise SspError(f"{source}: is an FMU of FMI {version}; the master runs FMI 2.0 and 3.0")
+        text = f"{source}: is an FMU of FMI {version}; the master runs FMI 2.0 and 3.0"
+        raise SspError(found("RUN007", text, root))
     problems: list[str] = []
     try:
         model = read_model_description(unit.file)
     except Exception as error:  # fmpy raises bare exceptions
         faults = error.problems if isinstance(error, ValidationError) else [error]
-        problems += [f"{source}: faulty model description: {fault}" for fault in faults]
+        told = [fmpy_found(str(f), f"{source}: faulty model description: {f}") for f in faults]
+        problems += [text for text in told if text.rule.number != "FMI013"]  # what is missing counts as all
         try:
             model = read_model_description(unit.file, validate=False)
         except Exception:
@@ -198,42 +257,57 @@ def _inspect(
             for d in variable.dimensions
         ]
         variable.shape = tuple(int(size) for size in chosen)  # pyright: ignore[reportArgumentType]
-    if model.coSimulation is None:
-        problems.append(f"{source}: has no co-simulation part; the master does not integrate model exchange")
-    elif implementation == "ModelExchange":
-        problems.append(f"{source}: the SSD asks for model exchange; the master runs co-simulation")
-    identifier = "" if model.coSimulation is None else str(model.coSimulation.modelIdentifier)
+    kinds = [kind for kind in KINDS if getattr(model, kind[0].lower() + kind[1:], None) is not None]
+    parts = {"CoSimulation": model.coSimulation, "ModelExchange": model.modelExchange}
+    wanted = [kind for kind in kinds if kind in parts and implementation in ("any", kind)]
+    if implementation not in ("any", *kinds):
+        text = f"the SSD asks for {implementation}, {source} has {' and '.join(kinds) or 'none'}"
+        problems.append(found("SSP045", text))
+    elif not wanted:
+        text = f"{source}: expected an FMU for {' or '.join(parts)}, got one for {' and '.join(kinds) or 'neither'}"
+        problems.append(found("RUN007", text, root))
+    part = parts[wanted[0]] if wanted else None
+    identifier = "" if part is None else str(part.modelIdentifier)
     library = library_name(identifier, version)
     if identifier and library not in names:
-        found = sorted({n.split("/")[1] for n in names if n.startswith("binaries/") and n.count("/") > 1})
-        problems.append(
-            f"{source}: has no binary for this platform ({library}); it has {', '.join(found) or 'none'}"
-        )
+        has = sorted({n.split("/")[1] for n in names if n.startswith("binaries/") and n.count("/") > 1})
+        text = f"{source}: has no binary for this platform ({library}); it has {', '.join(has) or 'none'}"
+        problems.append(found("FMI017", text))
     try:
-        return _describe(model, root, source, identifier), problems
+        return _describe(model, root, source, wanted[:1] == ["ModelExchange"]), problems
     except (ValueError, TypeError, AttributeError):  # texts that the schema refuses
         if not problems:
             raise
         return None, problems
 
 
-def _describe(model: ModelDescription, root: Any, source: str, identifier: str) -> Description:
+def _describe(model: ModelDescription, root: Any, source: str, exchange: bool) -> Description:
+    part: Any = (model.modelExchange if exchange else model.coSimulation) or CoSimulation()
     relative = {
         v.get("name") for v in root.iterfind("ModelVariables/*")
         for typed in (v, *v.iterfind("Real")) if typed.get("relativeQuantity") in {"true", "1"}
     }  # fmt: skip
     return Description(
         source=source,
-        identifier=identifier,
+        identifier=str(part.modelIdentifier or ""),
         guid=str(model.guid),
-        once_per_process=bool(model.coSimulation and model.coSimulation.canBeInstantiatedOnlyOncePerProcess),
-        variables=_variables(model, relative),
+        once_per_process=bool(part.canBeInstantiatedOnlyOncePerProcess),
+        variables=_variables(
+            model,
+            relative,
+            read_units(root.iterfind("UnitDefinitions/Unit")),
+            {v.get("name"): v for v in root.iterfind("ModelVariables/Clock")},
+        ),
+        shapes={v.name: tuple(v.shape) for v in model.modelVariables if v.shape},
         step_dependencies=_unknowns(model.outputs),
         initial_dependencies=_unknowns(model.initialUnknowns),
         version=str(model.fmiVersion),
-        saves_state=bool(model.coSimulation and model.coSimulation.canGetAndSetFMUstate),
-        varies_steps=bool(model.coSimulation and model.coSimulation.canHandleVariableCommunicationStepSize),
-        interpolates_inputs=bool(model.coSimulation and model.coSimulation.canInterpolateInputs),
+        saves_state=bool(part.canGetAndSetFMUstate),
+        varies_steps=exchange or bool(part.canHandleVariableCommunicationStepSize),
+        interpolates_inputs=exchange or bool(part.canInterpolateInputs),
+        event_mode=not exchange and bool(part.hasEventMode),
+        exchange=exchange,
+        sizes=(model.numberOfContinuousStates, model.numberOfEventIndicators),
     )
 
 
@@ -254,16 +328,9 @@ def element_names(name: str, shape: Sequence[int] | None) -> list[str]:
     return [f"{name}[{','.join(str(i + 1) for i in index)}]" for index in np.ndindex(*shape)]
 
 
-def _variables(model: ModelDescription, relative: set[str]) -> dict[str, Variable]:
-    units: dict[str, Unit] = {}
-    for unit in model.unitDefinitions:
-        base = unit.baseUnit
-        name = str(unit.name)
-        units[name] = (
-            Unit(name)
-            if base is None
-            else Unit(name, tuple(int(getattr(base, b)) for b in BASE_UNITS), base.factor, base.offset)
-        )
+def _variables(
+    model: ModelDescription, relative: set[str], units: Mapping[str, Unit], clocks: Mapping[str, Any]
+) -> dict[str, Variable]:
     variables: dict[str, Variable] = {}
     for v in model.modelVariables:
         declared = v.declaredType
@@ -290,8 +357,23 @@ def _variables(model: ModelDescription, relative: set[str]) -> dict[str, Variabl
                 index=index,
                 length=len(names),
                 start=start,
+                clocks=tuple(each.valueReference for each in v.clocks or ()),  # pyright: ignore[reportAttributeAccessIssue]
+                clock=_clock(clocks[name]) if name in clocks else None,
             )
     return variables
+
+
+def _clock(element: Any) -> Clock:
+    def seconds(decimal: str, counter: str, default: float) -> float:
+        if element.get(counter) is not None and element.get("resolution") is not None:
+            return int(element.get(counter)) / int(element.get("resolution"))
+        return float(element.get(decimal, default))
+
+    return Clock(
+        element.get("intervalVariability"),
+        seconds("intervalDecimal", "intervalCounter", math.nan),
+        seconds("shiftDecimal", "shiftCounter", 0.0),
+    )
 
 
 def _native(kind: str, version: str) -> str:

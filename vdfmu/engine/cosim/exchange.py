@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence, Set
 from ctypes import c_double, c_int
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from vdfmu.engine.algorithms import CONTINUOUS
 from vdfmu.engine.cosim.access import KINDS, Call
 from vdfmu.engine.cosim.bank import Bank
 from vdfmu.engine.cosim.broyden import Broyden
@@ -182,7 +183,8 @@ class Exchange:
     ) -> tuple[list[Signal], dict[str, NDArray[Any]], Callable[[int], None]]:
         """Return the recorded signals, their arrays, and the function that stores row k.
 
-        Names may have ``*`` for any text. Signals come unit by unit in the order of the SSD, outputs first.
+        Names may have ``*`` for any text. Signals come unit by unit in the order of the SSD, outputs first. A signal
+        that has the values of another in all rows has its column too.
         """
         wanted = None if record is None else self._match(record)
         order = {unit: i for i, unit in enumerate(self.checked.descriptions)}
@@ -191,10 +193,12 @@ class Exchange:
         stores: list[Callable[[int], None]] = []
         for bank in (each for each in self.banks if each.kind not in _TEXTS):
             kind = bank.kind.lower()
-            picked = [
+            chosen = [
                 i for i, (unit, v) in enumerate(bank.variables)
                 if unit != SOURCE and (wanted is None or f"{unit}.{v.name}" in wanted)
             ]  # fmt: skip
+            copies = self._copies(bank, set(chosen))
+            picked = [i for i in chosen if i not in copies or copies[i][0] == i]
             try:
                 rec = np.empty((rows, len(picked)), bank.memory.dtype)
             except (MemoryError, ValueError):
@@ -202,14 +206,20 @@ class Exchange:
                     f"{rows} rows of {len(picked)} signals do not fit into memory; record fewer signals"
                 ) from None
             data[kind] = rec
-            for column, i in enumerate(picked):
+            columns = {i: column for column, i in enumerate(picked)}
+            for i in chosen:
                 unit, v = bank.variables[i]
                 is_input = int(i >= bank.outputs.size)
-                signal = Signal(f"{unit}.{v.name}", kind, v.unit.name if v.unit else "", column)
+                place, of, late = copies.get(i, (i, i, 0))
+                source, copied = bank.variables[of]
+                signal = Signal(
+                    f"{unit}.{v.name}", kind, v.unit.name if v.unit else "", columns[place],
+                    f"{source}.{copied.name}" if of != i else "", late,
+                )  # fmt: skip
                 found.append((2 * order[unit] + is_input, v.reference, v.index, signal))
             if bank is self.banks[0]:
                 read = {bank.position[link.start] for link in bank.links}
-                self._watched = np.array(sorted(read | {i for i in picked if i < bank.outputs.size}), np.intp)
+                self._watched = np.array(sorted(read | {i for i in chosen if i < bank.outputs.size}), np.intp)
                 self._zeros = np.zeros(self._watched.size)
             if picked:
                 stores.append(_store(rec, bank.memory, picked))
@@ -220,6 +230,25 @@ class Exchange:
                 each(k)
 
         return [signal for *_, signal in found], data, stores[0] if len(stores) == 1 else store
+
+    def _copies(self, bank: Bank, among: Set[int]) -> dict[int, tuple[int, int, int]]:
+        """Return input to where its values are, the signal whose values they are, and how many rows before.
+
+        Of those `among` others, where the algorithm holds inputs over a step: a fresh one is what it reads, any other
+        what that was a row before, as are all that read the same.
+        """
+        if self.checked.algorithm in CONTINUOUS or self.checked.multiples:
+            return {}
+        found: dict[int, tuple[int, int, int]] = {}
+        first: dict[int, int] = {}
+        for i, link in enumerate(bank.links, start=bank.outputs.size):
+            of = bank.position[link.start]
+            fresh = link.end in self.checked.schedule.fresh
+            # not what comes from outside or is converted; initialization may have left something else
+            same = bank.memory[i].tobytes() == bank.memory[of].tobytes()
+            if same and link.conversion.trivial and {i, of} <= among:
+                found[i] = (of, of, 0) if fresh else (first.setdefault(of, i), of, 1)
+        return found
 
     def finite(self) -> bool:
         """Whether all real outputs that are read or recorded are finite numbers."""
@@ -295,7 +324,7 @@ class SampledStepper:
                     fresh.append(gather)
             self.stages.append((exchange.slaves[name], fresh, exchange.calls(name)))
 
-    def advance(self, time: float, step: float, _: float) -> None:
+    def advance(self, time: float, step: float, stop: float) -> None:
         """Step all units from `time` by `step`."""
         self._clock.value, self._size.value = time, step
         for gather in self.opening:

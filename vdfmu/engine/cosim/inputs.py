@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vdfmu.engine.cosim.results import copies_beside, later
 from vdfmu.errors import UsageError
 
 __all__ = ["Course", "Inputs", "Table", "outside", "read_inputs"]
@@ -199,6 +200,12 @@ def _from_csv(path: Path, hold: bool, problems: list[str]) -> Table | None:
         problems += [f"{path}: {text}" for text in (*found[:_MOST_PROBLEMS], *more)]
         return None
     table = np.array(rows)
+    copies = copies_beside(path) if results else {}
+    for name, (of, late) in copies.items():
+        if of in names and name not in names:
+            place = names.index(of)
+            names, units = [*names, name], [*units, units[place]]
+            table = np.column_stack([table, later(table[:, place], late)])
     _check_rows(str(path), lambda i: f"row {body[i][0]}", names[1:], table[:, 0], table[:, 1:], problems)
     return Table(
         str(path), tuple(names[1:]), tuple(units[1:]), table[:, 0].copy(), table[:, 1:], hold, not results

@@ -45,7 +45,11 @@ CALLS = (
     "terminate", "freeInstance", "freeLibrary", "setRealInputDerivatives", "getBooleanStatus", "getRealStatus",
     *(f"{verb}{state}" for verb in ("get", "set", "free") for state in ("FMUstate", "FMUState")),
     *(f"{verb}{native}" for verb in ("get", "set") for native in dict.fromkeys([*Slave2.dtypes, *Slave3.dtypes])),
-    "instantiateCoSimulation", "enterConfigurationMode", "exitConfigurationMode",
+    "instantiateCoSimulation", "instantiateModelExchange", "enterContinuousTimeMode", "newDiscreteStates", "setTime",
+    "getContinuousStates", "setContinuousStates", "getDerivatives", "getContinuousStateDerivatives",
+    "getNominalsOfContinuousStates", "getEventIndicators", "completedIntegratorStep", "getNumberOfContinuousStates",
+    "getNumberOfEventIndicators", "enterConfigurationMode", "exitConfigurationMode", "enterEventMode", "enterStepMode",
+    "updateDiscreteStates", "setClock", "getClock", "getIntervalDecimal",
 )  # fmt: skip
 _TICK = 0.1
 """Interval at which the master looks after the process [s]."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 
 from vdfmu.engine.cosim.conversion import Value, as_type
 from vdfmu.engine.cosim.description import Description, Variable
@@ -61,7 +61,7 @@ def why_not(variable: Variable) -> str:
     return text + (f", initial {variable.initial}" if variable.initial else "")
 
 
-def hint(name: str, known: Mapping[str, object]) -> str:
+def hint(name: str, known: Iterable[str]) -> str:
     """Return known names that are close to one, as the end of a message."""
-    close = difflib.get_close_matches(name, known, n=3)
+    close = difflib.get_close_matches(name, list(known), n=3)
     return f"; did you mean {', '.join(close)}?" if close else ""

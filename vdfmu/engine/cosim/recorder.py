@@ -30,6 +30,7 @@ class Recorder:
     path : Path
         The CSV file; a file of that name is replaced.
     signals : sequence of Signal
+        Copies of others are left out: ``summary.json`` has their names.
     data : mapping of str to (`ROWS`, columns) array
         The block, by kind.
     put : callable
@@ -56,7 +57,8 @@ class Recorder:
         put: Callable[[int], None],
         times: Callable[[int, int], NDArray[np.float64]],
     ) -> None:
-        self._path, self._signals, self._data = path, signals, data
+        self._path, self._data = path, data
+        self._signals = [signal for signal in signals if not signal.of]
         self._put, self._times = put, times
         self._first = 0
         self._due = clock.perf_counter() + _SECONDS
@@ -64,7 +66,7 @@ class Recorder:
         self._files: dict[str, BinaryIO] = {}
         try:
             self._csv = open(path, "wb", buffering=0)  # noqa: SIM115 - closed with the recorder
-            self._write(self._csv, csv_head(signals).encode())
+            self._write(self._csv, csv_head(self._signals).encode())
             for kind, block in data.items():
                 if block.shape[1]:
                     self._files[kind] = tempfile.TemporaryFile(dir=path.parent, buffering=0)  # noqa: SIM115

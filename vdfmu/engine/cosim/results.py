@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import difflib
 import io
+import json
 import math
 import mmap
 import os
@@ -23,12 +24,17 @@ _BLOCK = 512
 
 
 class Signal(NamedTuple):
-    """Where a signal is: `column` of the array of its `kind`."""
+    """Where a signal is: `column` of the array of its `kind`.
+
+    In all rows it has the values of the signal `of`, if that is not empty, or those that it had `late` rows before.
+    """
 
     name: str
     kind: str
     unit: str
     column: int
+    of: str = ""
+    late: int = 0
 
 
 class Results:
@@ -137,7 +143,10 @@ class Results:
 
     def renamed(self, rename: Callable[[str], str]) -> Results:
         """Return the same results with other names of the signals."""
-        signals = [signal._replace(name=rename(signal.name)) for signal in self._signals.values()]
+        signals = [
+            signal._replace(name=rename(signal.name), of=rename(signal.of) if signal.of else "")
+            for signal in self._signals.values()
+        ]
         return Results(self.time, signals, self._data, self.summary, self.messages)
 
     def thinned(self, most: int) -> Results:
@@ -203,7 +212,10 @@ class Results:
 
     @classmethod
     def from_csv(cls, path: str | Path) -> Results:
-        """Read what `to_csv` wrote; UsageError when the file is missing or of another form."""
+        """Read what `to_csv` or a run wrote; UsageError when the file is missing or of another form.
+
+        What the ``summary.json`` beside it calls copies of signals in the file is among the results too.
+        """
         path = Path(path)
         try:
             text = path.read_bytes().decode()
@@ -238,7 +250,38 @@ class Results:
             kind: table[:, columns].astype(np.float64 if kind == "real" else np.int32)
             for kind, columns in chosen.items()
         }
+        known = {signal.name: signal for signal in signals}
+        for name, (of, late) in copies_beside(path).items():
+            if of in known and name not in known:
+                column, kind = known[of].column, known[of].kind
+                if late:
+                    data[kind] = np.column_stack([data[kind], later(data[kind][:, column], late)])
+                    column = data[kind].shape[1] - 1
+                signals.append(known[of]._replace(name=name, column=column, of=of, late=late))
         return cls(table[:, 0].copy(), signals, data)
+
+
+def copies_of(signals: Sequence[Signal]) -> dict[str, dict[str, str]]:
+    """Return copies by the rows that they are late: signal to the one that it copies, as ``summary.json`` has them."""
+    found: dict[str, dict[str, str]] = {}
+    for signal in signals:
+        if signal.of:
+            found.setdefault(str(signal.late), {})[signal.name] = signal.of
+    return found
+
+
+def copies_beside(path: Path) -> dict[str, tuple[str, int]]:
+    """Return signal to the one that it copies, and how many rows late: what ``summary.json`` beside a file says."""
+    try:
+        copies = json.loads(path.with_name("summary.json").read_bytes())["copies"]
+        return {str(name): (str(of), int(n)) for n, each in copies.items() for name, of in each.items()}
+    except (OSError, ValueError, KeyError, TypeError, AttributeError):  # none of ours
+        return {}
+
+
+def later(column: NDArray[Any], rows: int) -> NDArray[Any]:
+    """Return values that come some rows later; before that the first holds."""
+    return column[np.maximum(np.arange(len(column)) - rows, 0)]
 
 
 def csv_head(signals: Sequence[Signal]) -> str:

@@ -1,4 +1,4 @@
-"""Reading of system structure packages (SSP 1.0)."""
+"""Reading of system structure packages (SSP 1.0 and 2.0)."""
 
 from vdfmu.engine.ssp.experiment import Experiment
 from vdfmu.engine.ssp.read import load_ssp

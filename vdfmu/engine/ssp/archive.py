@@ -11,6 +11,7 @@ from pathlib import Path, PurePosixPath
 from typing import IO, Any
 from urllib.parse import unquote, urlsplit
 
+from vdfmu.engine.rules import Finding, found
 from vdfmu.engine.ssp import limits
 from vdfmu.errors import SspError
 from vdfmu.interrupt import InterruptGuard
@@ -63,20 +64,17 @@ class Archive:
         self.doubled: list[str] = []
         with ExitStack() as opened:
             if isinstance(source, Path) and source.exists() and not (source.is_file() or source.is_dir()):
-                raise SspError(
-                    f"{label}: is a pipe, a device or another special file; expected a regular one"
-                )
+                special = "is a pipe, a device or another special file; expected a regular one"
+                raise SspError(found("PKG001", f"{label}: {special}"))
             try:
                 self.file: IO[bytes] = source.open("rb") if isinstance(source, Path) else source
                 opened.push(closing(self.file))
                 self._zip = self._directory()
             except FileNotFoundError:
-                raise SspError(f"{label}: there is no such file") from None
+                raise SspError(found("PKG001", f"{label}: there is no such file")) from None
             except (OSError, NotImplementedError, ValueError, zipfile.BadZipFile) as error:
-                raise SspError(
-                    f"{label}: cannot be read as a zip package: {error}. "
-                    "It may be cut off; export or copy it again"
-                ) from None
+                text = f"{label}: cannot be read as a zip package: {error}. It may be cut off; "
+                raise SspError(found("PKG001", f"{text}export or copy it again")) from None
             self._members = self._check()
             opened.pop_all()
 
@@ -85,66 +83,50 @@ class Archive:
         end: Any = zipfile._EndRecData(self.file)  # pyright: ignore[reportAttributeAccessIssue]
         size = end[zipfile._ECD_SIZE] if end else 0  # pyright: ignore[reportAttributeAccessIssue]
         if size > limits.DIRECTORY_LIMIT:
-            raise SspError(
-                f"{self.label}: has a directory of {size} bytes; the limit is {limits.DIRECTORY_LIMIT}. "
-                "Pack fewer files"
-            )
+            text = f"{self.label}: has a directory of {size} bytes; the limit is {limits.DIRECTORY_LIMIT}. "
+            raise SspError(found("PKG004", f"{text}Pack fewer files"))
         return zipfile.ZipFile(self.file)
 
     def _check(self) -> dict[str, zipfile.ZipInfo]:
-        problems: list[str] = []
+        problems: list[Finding] = []
+
+        def fault(rule: str, text: str) -> None:
+            problems.append(found(rule, f"{self.label}: {text}"))
+
         members: dict[str, zipfile.ZipInfo] = {}
         folded: dict[str, str] = {}
         twice: list[tuple[zipfile.ZipInfo, zipfile.ZipInfo]] = []
-        infos = self._zip.infolist()
+        infos, limit = self._zip.infolist(), limits.MEMBER_LIMIT * self._budget.scale
         if len(infos) > limits.COUNT_LIMIT:
-            raise SspError(f"{self.label}: has {len(infos)} entries; the limit is {limits.COUNT_LIMIT}")
+            fault("PKG004", f"has {len(infos)} entries; the limit is {limits.COUNT_LIMIT}")
+            raise SspError(problems)
         for info in infos:
-            if not is_inside(info.filename) or "\\" in info.orig_filename:
-                problems.append(
-                    f"{self.label}: entry {info.orig_filename!r} points outside the package; "
-                    "expected a relative path with '/' between folders"
-                )
+            name = info.filename
+            if not is_inside(name) or "\\" in info.orig_filename:
+                outside = f"entry {info.orig_filename!r} points outside the package"
+                fault("PKG002", f"{outside}; expected a relative path with '/' between folders")
             elif stat.S_ISLNK(info.external_attr >> 16):
-                problems.append(
-                    f"{self.label}: entry {info.filename!r} is a symbolic link; pack the file itself"
-                )
-            elif info.file_size > limits.MEMBER_LIMIT * self._budget.scale:
-                problems.append(
-                    f"{self.label}: entry {info.filename!r} has {info.file_size} bytes; "
-                    f"the limit is {limits.MEMBER_LIMIT * self._budget.scale:.0f}"
-                )
+                fault("PKG003", f"entry {name!r} is a symbolic link; pack the file itself")
+            elif info.file_size > limit:
+                fault("PKG004", f"entry {name!r} has {info.file_size} bytes; the limit is {limit:.0f}")
             elif info.flag_bits & 0x1:
-                problems.append(
-                    f"{self.label}: entry {info.filename!r} is encrypted; pack it without a password"
-                )
+                fault("PKG005", f"entry {name!r} is encrypted; pack it without a password")
             elif info.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
-                problems.append(
-                    f"{self.label}: entry {info.filename!r} is packed by method {info.compress_type}; "
-                    "SSP and FMI allow 0 (stored) and 8 (deflated)"
-                )
-            elif info.filename in members:
-                twice.append((members[info.filename], info))
-            elif (
-                other := folded.setdefault(info.filename.rstrip("/").lower(), info.filename)
-            ) != info.filename:
-                problems.append(
-                    f"{self.label}: entries {other!r} and {info.filename!r} are one file where case or a final "
-                    "'/' does not count; rename one"
-                )
-            members[info.filename] = info
-        for name, info in members.items():
+                method = f"entry {name!r} is packed by method {info.compress_type}"
+                fault("PKG005", f"{method}; SSP and FMI allow 0 (stored) and 8 (deflated)")
+            elif name in members:
+                twice.append((members[name], info))
+            elif (other := folded.setdefault(name.rstrip("/").lower(), name)) != name:
+                one = f"entries {other!r} and {name!r} are one file"
+                fault("PKG006", f"{one} where case or a final '/' does not count; rename one")
+            members[name] = info
+        for name in members:
             above = [str(folder) for folder in PurePosixPath(name).parents]
             if clash := next((f for f in above if f in members and not members[f].is_dir()), None):
-                problems.append(
-                    f"{self.label}: entry {clash!r} is a file and the folder of {info.filename!r}"
-                )
-        total = sum(info.file_size for info in self._zip.infolist())
-        if not problems and total > limits.TOTAL_LIMIT * self._budget.scale:
-            limit = limits.TOTAL_LIMIT * self._budget.scale
-            problems.append(
-                f"{self.label}: holds {total} bytes unpacked; the limit is {limit:.0f} (--unpack-limit)"
-            )
+                fault("PKG006", f"entry {clash!r} is a file and the folder of {name!r}")
+        total, limit = sum(info.file_size for info in infos), limits.TOTAL_LIMIT * self._budget.scale
+        if not problems and total > limit:
+            fault("PKG004", f"holds {total} bytes unpacked; the limit is {limit:.0f} (--unpack-limit)")
         unpack = not problems  # what is unpacked is bounded then
         for one, other in twice:
             if (one.file_size, one.CRC) == (other.file_size, other.CRC) and (
@@ -152,9 +134,10 @@ class Archive:
             ):
                 self.doubled.append(one.filename)
             else:
-                problems.append(f"{self.label}: entry {one.filename!r} occurs twice, with different contents")
+                fault("PKG006", f"entry {one.filename!r} occurs twice, with different contents")
         if len(problems) > _SHOWN:
-            problems[_SHOWN:] = [f"{self.label}: and {len(problems) - _SHOWN} more such entries"]
+            more = f"{self.label}: and {len(problems) - _SHOWN} more such entries"
+            problems[_SHOWN:] = [problems[_SHOWN].said(more)]
         if problems:
             raise SspError(problems)
         return {name: info for name, info in members.items() if not info.is_dir()}
@@ -193,9 +176,8 @@ class Archive:
         """Return a package inside the package; it is closed with this one."""
         if name not in self._inner:
             if self._budget.packages >= limits.PACKAGE_LIMIT:
-                raise SspError(
-                    f"{self._budget.label}: has more than {limits.PACKAGE_LIMIT} packages inside it; that is the limit"
-                )
+                many = f"has more than {limits.PACKAGE_LIMIT} packages inside it; that is the limit"
+                raise SspError(found("PKG004", f"{self._budget.label}: {many}"))
             self._inner[name] = self._open(name)
             self._budget.packages += 1
         return self._inner[name]
@@ -210,9 +192,8 @@ class Archive:
     def _open(self, name: str, label: str = "") -> Archive:
         """Unpack a package into a file without a name, which is gone when it is closed."""
         if self._depth >= limits.NESTING_LIMIT:
-            raise SspError(
-                f"{self.label}: {name!r} is a package inside {limits.NESTING_LIMIT} others; that is the limit"
-            )
+            text = f"{name!r} is a package inside {limits.NESTING_LIMIT} others; that is the limit"
+            raise SspError(found("PKG004", f"{self.label}: {text}"))
         with InterruptGuard():  # the first look for the temporary folder tries it with a file
             file = tempfile.TemporaryFile(prefix="vdfmu_")
         try:
@@ -245,10 +226,11 @@ class Archive:
         """Yield one member piece by piece: what it really has is counted, never more than it declares."""
         info = self._members.get(name)
         if info is None:
-            raise SspError(f"{self.label}: the package has no {name!r}")
+            raise SspError(found("SSP011", f"{self.label}: the package has no {name!r}"))
         if limit is not None and info.file_size > limit * self._budget.scale:
             most = f"{limit * self._budget.scale:.0f}"
-            raise SspError(f"{self.label}: {name!r} has {info.file_size} bytes; the limit is {most}")
+            text = f"{self.label}: {name!r} has {info.file_size} bytes; the limit is {most}"
+            raise SspError(found("PKG004", text))
         try:
             with self._zip.open(info) as stream:
                 while block := stream.read(_BLOCK):
@@ -257,9 +239,10 @@ class Archive:
         except SspError:
             raise
         except (OSError, zipfile.BadZipFile, EOFError, NotImplementedError, ValueError) as error:
-            raise SspError(f"{self.label}: {name!r} cannot be unpacked: {error}") from None
+            text = f"{self.label}: {name!r} cannot be unpacked: {error}"
+            raise SspError(found("PKG001", text)) from None
         except Exception as error:  # zlib.error and its like have no common base
-            raise SspError(f"{self.label}: {name!r} is damaged: {error}") from None
+            raise SspError(found("PKG001", f"{self.label}: {name!r} is damaged: {error}")) from None
 
     def extract(self, folder: Path, keep: Any = None) -> None:
         """Write the members for which `keep(name)` holds (all without it) below `folder`."""
@@ -292,13 +275,13 @@ def is_inside(name: str) -> bool:
     )
 
 
-def resolve(source: str, where: str) -> str:
+def resolve(source: str, where: str, at: Any = ("", 0)) -> str:
     """Turn a URI of an SSD into the name of a member; SspError when it leaves the package."""
     parts = urlsplit(source)
     name = unquote(parts.path)
     if parts.scheme or parts.netloc or parts.query or parts.fragment or not is_inside(name):
+        text = f"{where}: source {source!r} is not a relative path inside the package; "
         raise SspError(
-            f"{where}: source {source!r} is not a relative path inside the package; "
-            "put the file into the package and name it by its path there"
+            found("SSP012", f"{text}put the file into the package and name it by its path there", at)
         )
     return str(PurePosixPath(name))

@@ -1,15 +1,17 @@
-"""Parameter bindings of SSP 1.0: parameter sets (SSV), mappings (SSM), prefixes and precedence."""
+"""Parameter bindings of SSP: parameter sets (SSV), mappings (SSM), prefixes and precedence."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, replace
 from typing import Any
 
+from vdfmu.engine.rules import Finding, Place, found, place_of
 from vdfmu.engine.ssp.archive import resolve
-from vdfmu.engine.ssp.elements import Node, Scope, read_boolean, read_transformation, read_units
-from vdfmu.engine.ssp.parse import NAMESPACES, parse_ssp_xml, validate
-from vdfmu.engine.ssp.structure import Hop, Parameter, Unit
-from vdfmu.engine.ssp.wiring import Key, Wiring, show
+from vdfmu.engine.ssp.elements import Node, Scope, read_boolean, read_shape, read_transformation, read_units
+from vdfmu.engine.ssp.parse import NAMESPACES, validate
+from vdfmu.engine.ssp.structure import Hop, Parameter, Shape, Unit, Value
+from vdfmu.engine.ssp.wiring import Key, Wiring, show, show_shape
 from vdfmu.errors import SspError
 
 _SSV = f"{{{NAMESPACES['ssv']}}}"
@@ -22,11 +24,13 @@ class _Entry:
     """One value of a parameter set on its way to a variable."""
 
     name: str
-    value: float | int | bool | str
+    value: Value | tuple[Value, ...]
     type: str
     unit: Unit | None
     hop: Hop
     origin: str
+    place: Place
+    dimensions: Shape
 
 
 @dataclass(frozen=True)
@@ -54,15 +58,16 @@ class Bindings:
         self.wiring = wiring
         self.fatal: list[str] = []
         """What makes a parameter source unreadable."""
-        self.unmatched: list[str] = []
+        self.unmatched: list[Finding] = []
         self.notes: list[str] = []
         """Values without effect."""
         self._bound: dict[Key, _Bound] = {}
+        self._lost: dict[tuple[str, ...], list[Parameter]] = {}
         self._values: dict[tuple[str, ...], dict[str, Parameter]] = {}
 
-    def of(self, path: tuple[str, ...]) -> tuple[Parameter, ...]:
-        """Return the values for one component."""
-        return tuple(self._values.get(path, {}).values())
+    def of(self, path: tuple[str, ...]) -> tuple[tuple[Parameter, ...], tuple[Parameter, ...]]:
+        """Return the values for one component, and those that they overrule."""
+        return tuple(self._values.get(path, {}).values()), tuple(self._lost.get(path, ()))
 
     def collect(self, top: Node) -> None:
         """Apply all bindings of a tree."""
@@ -98,12 +103,17 @@ class Bindings:
                 places = list(node.places(entry.name))
                 for place, name in places:
                     others = tuple((self._name(n), m) for n, m in places if n is not place)
-                    self._bound[place.path, name] = _Bound(entry, place, len(node.path), others)
+                    key = place.path, name
+                    if key in self._bound and place.kind == "component":
+                        old = self._bound[key]
+                        self._lost.setdefault(place.path, []).append(
+                            self._parameter(key, old, (old.entry.hop,))
+                        )
+                    self._bound[key] = _Bound(entry, place, len(node.path), others)
                 if not places:
-                    self.unmatched.append(
-                        f"{node.label or 'the system'}: parameter {entry.name!r} ({entry.origin}) "
-                        "matches no element or connector"
-                    )
+                    text = f"{node.label or 'the system'}: parameter {entry.name!r} ({entry.origin}) "
+                    text += "matches no element or connector"
+                    self.unmatched.append(found("SSP052", text, entry.place))
 
     def _name(self, node: Node) -> str:
         return self.wiring.names.get(node.path, node.label)
@@ -114,9 +124,8 @@ class Bindings:
         hop = bound.entry.hop
         where = f"{bound.node.label or 'the system'}: parameter {key[1]!r} ({bound.entry.origin})"
         if not self._passes_on(key):
-            self.notes.append(
-                f"{where}: has no effect, {show(key)} is of kind {connector.kind} and has the value of its source"
-            )
+            text = f"{where}: has no effect, {show(key)} is of kind {connector.kind} and has the value of its source"
+            self.notes.append(found("SSP057", text, bound.entry.place))
             return
         for above in self.wiring.above(key):
             if self._passes_on(above):
@@ -124,13 +133,19 @@ class Bindings:
                 return
         first = Hop(hop.transformation, hop.suppress_unit_conversion, connector.unit, connector.type)
         fed = False
-        for sink, hops in self.wiring.reach(key):
+        for sink, hops, indices in self.wiring.reach(key):
+            if any(indices):
+                text = (
+                    f"{where}: is set, and {show(sink)} takes or gives a part of it; set {show(sink)} itself"
+                )
+                self.fatal.append(found("SSP054", text, bound.entry.place))
             fed = True
             if sink in self._bound:
                 self._overruled(sink, self._bound[sink], key)
             self._store(sink, bound, (first, *hops))
         if not fed:
-            self.notes.append(f"{where}: has no effect, nothing of a component is connected to {show(key)}")
+            text = f"{where}: has no effect, nothing of a component is connected to {show(key)}"
+            self.notes.append(found("SSP057", text, bound.entry.place))
 
     def _passes_on(self, key: Key) -> bool:
         """Whether a connector of a system has a value for what it feeds; outputs get theirs from inside."""
@@ -144,36 +159,33 @@ class Bindings:
         """Note a value that one would expect to win over that of the source."""
         winner = self._bound[source]
         if bound.level <= winner.level:
-            self.notes.append(
-                f"{bound.node.label or 'the system'}: parameter {key[1]!r} ({bound.entry.origin}): has no effect, "
-                f"{show(key)} is connected to {show(source)} and takes its value ({winner.entry.origin})"
-            )
+            text = f"{bound.node.label or 'the system'}: parameter {key[1]!r} ({bound.entry.origin}): has no effect, "
+            text += f"{show(key)} is connected to {show(source)} and takes its value ({winner.entry.origin})"
+            self.notes.append(found("SSP057", text, bound.entry.place))
 
     def _store(self, key: Key, bound: _Bound, hops: tuple[Hop, ...]) -> None:
+        self._values.setdefault(key[0], {})[key[1]] = self._parameter(key, bound, hops)
+
+    def _parameter(self, key: Key, bound: _Bound, hops: tuple[Hop, ...]) -> Parameter:
         entry = bound.entry
-        component = self.wiring.names[key[0]]
         elsewhere = () if self._is_connector((bound.node.path, key[1])) else bound.elsewhere
-        self._values.setdefault(key[0], {})[key[1]] = Parameter(
-            component, key[1], entry.value, entry.type, entry.unit, hops, entry.origin, elsewhere
-        )
+        return Parameter(
+            self.wiring.names[key[0]], key[1], entry.value, entry.type, entry.unit, hops, entry.origin, entry.place,
+            entry.dimensions, elsewhere,
+        )  # fmt: skip
 
     def _document(self, node: Node, scope: Scope, element: Any, kind: str, where: str) -> Any:
         """Return the root of an external file (`source`) or of the inline content; None when empty."""
         source = element.get("source")
+        if source and element.get("sourceBase", "SSD") == "component":
+            member = resolve(source, where, element)
+            if node.outer is not None and scope is not node.scope:
+                return node.scope.read(member, kind)
+            if node.kind != "component":
+                raise SspError(found("SSP050", f"{where}: sourceBase 'component' needs a component", element))
+            return scope.read(member, kind, scope.archive.inside(node.source.removeprefix(scope.prefix)))
         if source:
-            if element.get("sourceBase", "SSD") == "component":
-                member = resolve(source, where)
-                if node.outer is not None and scope is not node.scope:
-                    return parse_ssp_xml(
-                        node.scope.archive.read(member), kind, f"{node.scope.label}: {member}"
-                    )
-                if node.kind != "component":
-                    raise SspError(f"{where}: sourceBase 'component' needs a component")
-                fmu = node.source.removeprefix(scope.prefix)
-                inner = scope.archive.inside(fmu)
-                return parse_ssp_xml(inner.read(member), kind, f"{scope.label}: {member}")
-            member = scope.member(source, where)
-            return parse_ssp_xml(scope.archive.read(member), kind, f"{scope.label}: {member}")
+            return scope.read(scope.member(source, where, element), kind)
         tag, box = (
             ("ssv:ParameterSet", element.find("ssd:ParameterValues", NAMESPACES))
             if kind == "ssv"
@@ -181,7 +193,7 @@ class Bindings:
         )
         root = None if box is None else box.find(tag, NAMESPACES)
         if root is not None:
-            validate(root, kind, where)
+            validate(root, kind, where, scope.version)
         return root
 
     def _entries(self, node: Node, binding: Any, scope: Scope) -> list[_Entry]:
@@ -190,12 +202,16 @@ class Bindings:
         problems: list[str] = []
         entries: list[_Entry] = []
         mapping: Any = None
+
+        def refuse(at: Any, text: str) -> SspError:
+            return SspError(found("SSP050", f"{where}: {text}", at))
+
         try:
             if binding.get("type", SET_TYPE) != SET_TYPE:
-                raise SspError(f"{where}: type {binding.get('type')!r} is not supported; only {SET_TYPE} is")
+                raise refuse(binding, f"type {binding.get('type')!r} is not supported; only {SET_TYPE} is")
             root = self._document(node, scope, binding, "ssv", where)
             if root is None:
-                raise SspError(f"{where}: has neither a source nor inline values")
+                raise refuse(binding, "has neither a source nor inline values")
             label = binding.get("source") or root.get("name")
             entries = self._values_of(root, binding.get("prefix", ""), label, scope)
         except SspError as error:
@@ -204,10 +220,10 @@ class Bindings:
         if element is not None:
             try:
                 if element.get("type", MAPPING_TYPE) != MAPPING_TYPE:
-                    raise SspError(f"{where}: mapping type {element.get('type')!r} is not supported")
+                    raise refuse(element, f"mapping type {element.get('type')!r} is not supported")
                 mapping = self._document(node, scope, element, "ssm", f"{where}, mapping")
                 if mapping is None:
-                    raise SspError(f"{where}: its mapping has neither a source nor inline entries")
+                    raise refuse(element, "its mapping has neither a source nor inline entries")
             except SspError as error:
                 problems += error.problems
         if problems:
@@ -217,50 +233,61 @@ class Bindings:
     def _mapped(self, entries: list[_Entry], mapping: Any, where: str) -> list[_Entry]:
         by_name = {entry.name: entry for entry in entries}
         mapped: list[_Entry] = []
+        items = list(mapping.iterfind("ssm:MappingEntry", NAMESPACES))
         sources: dict[str, list[str]] = {}
-        for item in mapping.iterfind("ssm:MappingEntry", NAMESPACES):
+        for item in items:
             sources.setdefault(item.get("target"), []).append(repr(item.get("source")))
-        self.fatal += [
-            f"{where}: the mapping has several entries for target {target!r}, from {', '.join(names)}; keep one"
-            for target, names in sources.items()
-            if len(names) > 1
-        ]
-        for item in mapping.iterfind("ssm:MappingEntry", NAMESPACES):
+        for target, names in sources.items():
+            if len(names) > 1:
+                text = f"the mapping has several entries for target {target!r}, from {', '.join(names)}; keep one"
+                self.fatal.append(found("SSP051", f"{where}: {text}", mapping))
+        for item in items:
             entry = by_name.get(item.get("source"))
             if entry is None:
-                self.unmatched.append(
-                    f"{where}: the mapping's source {item.get('source')!r} is not in the parameter set"
-                )
+                text = f"{where}: the mapping's source {item.get('source')!r} is not in the parameter set"
+                self.unmatched.append(found("SSP052", text, item))
                 continue
-            hop = Hop(
-                read_transformation(item, f"{where}: {entry.name!r}"),
-                read_boolean(item.get("suppressUnitConversion")),
-            )
-            mapped.append(_Entry(item.get("target"), entry.value, entry.type, entry.unit, hop, entry.origin))
+            transformation = read_transformation(item, f"{where}: {entry.name!r}")
+            hop = Hop(transformation, read_boolean(item.get("suppressUnitConversion")))
+            mapped.append(replace(entry, name=item.get("target"), hop=hop))
         return mapped
 
     def _values_of(self, root: Any, prefix: str, label: str, scope: Scope) -> list[_Entry]:
-        units = {**scope.units_here(), **read_units(root.find("ssv:Units", NAMESPACES))}
+        units = {**scope.units_here(), **read_units(root.iterfind("ssv:Units/ssc:Unit", NAMESPACES))}
         entries: dict[str, _Entry] = {}
         for item in root.iterfind("ssv:Parameters/ssv:Parameter", NAMESPACES):
             name = item.get("name")
             typed = next(c for c in item if c.tag.startswith(_SSV))
-            kind, text = typed.tag[len(_SSV) :], typed.get("value")
-            origin = f"{label}: {name}"
-            if kind == "Binary":
-                self.fatal.append(f"{scope.label}: {origin}: binary parameters are not part of FMI 2.0")
+            kind, origin = typed.tag[len(_SSV) :], f"{label}: {name}"
+            if kind == "Binary" and scope.version == "1.0":
+                text = f"{scope.label}: {origin}: binary parameters are not part of FMI 2.0"
+                self.fatal.append(found("SSP054", text, item))
                 continue
             if name in entries:
-                self.fatal.append(f"{scope.label}: {origin}: occurs twice in the parameter set")
-            value: float | int | bool | str = text
-            if kind == "Real":
-                value = float(text)
-            elif kind == "Integer":
-                value = int(text)
-            elif kind == "Boolean":
-                value = read_boolean(text)
-            unit = typed.get("unit") if kind == "Real" else None
+                text = f"{scope.label}: {origin}: occurs twice in the parameter set"
+                self.fatal.append(found("SSP051", text, item))
+            shape, text = read_shape(item), typed.get("value")
+            texts = [value.get("value") for value in typed.iterfind("ssv:Value", NAMESPACES)]
+            if not texts:
+                texts = [text] if kind in ("String", "Enumeration") else text.split()
+            read = _READ.get(kind.rstrip("0123456789"), str)
+            values: list[Value] = [read(text) for text in texts]
+            count = math.prod(size or 0 for size in shape)
+            if None not in shape and len(values) != count:
+                text = f"{scope.label}: {origin}: {len(values)} value(s) for {show_shape(shape)}"
+                self.fatal.append(found("SSP054", text, item))
+            unit = typed.get("unit")
             entries[name] = _Entry(
-                prefix + name, value, kind, units.get(unit, Unit(unit)) if unit else None, Hop(), origin
-            )
+                prefix + name, tuple(values) if shape or not values else values[0], kind,
+                units.get(unit, Unit(unit)) if unit else None, Hop(), origin, place_of(item), shape,
+            )  # fmt: skip
         return list(entries.values())
+
+
+_READ = {
+    "Real": float,
+    "Float": float,
+    "Boolean": read_boolean,
+    **dict.fromkeys(("Integer", "Int", "UInt"), int),
+}
+"""Types without the number of bits, to what reads their values."""

@@ -3,20 +3,26 @@
 from __future__ import annotations
 
 import posixpath
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 from urllib.parse import unquote, urlsplit
 
+from vdfmu.engine.rules import found, place_of
 from vdfmu.engine.ssp.archive import INSIDE, Archive, is_inside, resolve
-from vdfmu.engine.ssp.parse import NAMESPACES
-from vdfmu.engine.ssp.structure import BASE_UNITS, Connector, Transformation, Unit
+from vdfmu.engine.ssp.parse import NAMESPACES, parse_ssp_xml
+from vdfmu.engine.ssp.structure import BASE_UNITS, Connector, Shape, Transformation, Unit
 from vdfmu.errors import SspError
 
 _SSC = f"{{{NAMESPACES['ssc']}}}"
-_SCALARS = ("Real", "Integer", "Boolean", "String", "Enumeration", "Binary")
-_ARRAYS = ("Float64", "Float32", *(f"{u}Int{n}" for u in ("", "U") for n in (8, 16, 32, 64)), "Clock")
-_TYPES = {_SSC + name for name in _SCALARS + _ARRAYS}
+
+
+class Document(NamedTuple):
+    """An XML file of SSP: its kind, its root, and its name in messages."""
+
+    kind: str
+    root: Any
+    where: str
 
 
 @dataclass(frozen=True)
@@ -35,10 +41,14 @@ class Scope:
         Name of the SSD in its package.
     label : str
         The package in messages.
+    version : str
+        Of SSP: 1.0 or 2.0.
     aliases : dict of str to str
         Names of units that another SSD of the tree defines otherwise, and the names they have here instead.
     units : dict of str to Unit
         All unit definitions of the tree; shared by its scopes.
+    files : dict of str to Document
+        All files that were read, each once; shared.
     """
 
     archive: Archive
@@ -46,20 +56,33 @@ class Scope:
     base: str
     document: str
     label: str
+    version: str = "1.0"
     aliases: dict[str, str] = field(default_factory=dict)
     units: dict[str, Unit] = field(default_factory=dict)
+    files: dict[str, Document] = field(default_factory=dict)
 
-    def member(self, source: str, where: str) -> str:
+    def member(self, source: str, where: str, at: Any = ("", 0)) -> str:
         """Return the member that a URI of the SSD names; SspError when it leaves the package."""
         parts = urlsplit(source)
         joined = posixpath.normpath(posixpath.join(self.base, unquote(parts.path)))
         if not self.base or parts.scheme or parts.netloc or parts.query or not is_inside(joined):
-            return resolve(source, where)
+            return resolve(source, where, at)
         return joined
 
-    def define(self, units: dict[str, Unit]) -> None:
-        """Add the unit definitions of this SSD to those of the tree."""
-        for name, unit in units.items():
+    def read(self, member: str, kind: str, archive: Archive | None = None) -> Any:
+        """Return the root of a file of the package, or of an FMU in it; SspError for what the schema refuses."""
+        archive = archive or self.archive
+        key = f"{self.prefix}{archive.label}{INSIDE}{member}"
+        if key not in self.files:
+            where = f"{self.label}: {member}"
+            version = None if kind == "ssd" else self.version
+            root = parse_ssp_xml(archive.read(member), kind, where, version)
+            self.files[key] = Document(kind, root, where)
+        return self.files[key].root
+
+    def define(self, root: Any) -> None:
+        """Add the unit definitions of an SSD to those of the tree."""
+        for name, unit in read_units(root.iterfind("ssd:Units/ssc:Unit", NAMESPACES)).items():
             known = self.units.get(name)
             if known is None or (known.exponents, known.factor, known.offset) == (
                 unit.exponents, unit.factor, unit.offset,
@@ -99,6 +122,7 @@ class Node:
     children: dict[str, Node] = field(default_factory=dict)
     source: str = ""
     implementation: str = "any"
+    step: float | None = None
     dictionaries: dict[str, tuple[tuple[str, ...], dict[str, Connector]]] = field(default_factory=dict)
     outer: tuple[Any, Scope] | None = None
 
@@ -119,38 +143,56 @@ class Node:
         """Return the dotted name of an element or connector of this node."""
         return ".".join((*self.path, name))
 
+    def components(self) -> Iterator[Node]:
+        """Yield the components below, in the order of the SSD."""
+        for child in self.children.values():
+            if child.kind == "component":
+                yield child
+            yield from child.components()
+
+
+def read_connector(item: Any, kind: str, scope: Scope) -> Connector:
+    """Read a connector, or an entry of a signal dictionary."""
+    typed = next((c for c in item if c.tag.startswith(_SSC) and c.tag not in _NO_TYPES), None)
+    return Connector(
+        name=item.get("name"),
+        kind=kind,
+        type=None if typed is None else typed.tag[len(_SSC) :],
+        unit=None if typed is None else scope.unit(typed.get("unit")),
+        dimensions=(*read_shape(item), *(() if typed is None else read_shape(typed))),
+        place=place_of(item),
+    )
+
+
+_NO_TYPES = {_SSC + name for name in ("Dimension", "Annotations", "MetaData", "Signature")}
+
 
 def read_connectors(element: Any, scope: Scope) -> dict[str, Connector]:
     """Read the connectors of an element, by name."""
-    connectors: dict[str, Connector] = {}
-    for item in element.iterfind("ssd:Connectors/ssd:Connector", NAMESPACES):
-        kind = next((c for c in item if c.tag in _TYPES), None)
-        sizes = [d.get("size") for d in item.iterfind("ssc:Dimension", NAMESPACES)]
-        if kind is not None:
-            sizes += [d.get("size") for d in kind.iterfind("ssc:Dimension", NAMESPACES)]
-        connectors[item.get("name")] = Connector(
-            name=item.get("name"),
-            kind=item.get("kind"),
-            type=None if kind is None else kind.tag[len(_SSC) :],
-            unit=None if kind is None else scope.unit(kind.get("unit")),
-            dimensions=tuple(None if size is None else int(size) for size in sizes),
-        )
-    return connectors
+    items = element.iterfind("ssd:Connectors/ssd:Connector", NAMESPACES)
+    return {item.get("name"): read_connector(item, item.get("kind"), scope) for item in items}
 
 
-def read_units(element: Any) -> dict[str, Unit]:
-    """Read an ``ssd:Units`` or ``ssv:Units`` element (or None)."""
+def read_shape(item: Any) -> Shape:
+    """Return the sizes of an array; None for one that the file leaves open."""
+    sizes = (d.get("size") for d in item.iterfind("ssc:Dimension", NAMESPACES))
+    return tuple(None if size is None else int(size) for size in sizes)
+
+
+def read_units(items: Iterable[Any]) -> dict[str, Unit]:
+    """Read the elements ``Unit`` of a file of SSP or FMI, whose base units have the same attributes."""
     units: dict[str, Unit] = {}
-    for item in () if element is None else element.iterfind("ssc:Unit", NAMESPACES):
-        base = item.find("ssc:BaseUnit", NAMESPACES)
-        if base is None:
-            units[item.get("name")] = Unit(item.get("name"))
-            continue
-        units[item.get("name")] = Unit(
-            item.get("name"),
-            tuple(int(base.get(b, "0")) for b in BASE_UNITS),
-            float(base.get("factor", "1")),
-            float(base.get("offset", "0")),
+    for item in items:
+        base = next((c for c in item if c.tag.endswith("BaseUnit")), None)
+        units[item.get("name")] = (
+            Unit(item.get("name"))
+            if base is None
+            else Unit(
+                item.get("name"),
+                tuple(int(base.get(b, "0")) for b in BASE_UNITS),
+                float(base.get("factor", "1")),
+                float(base.get("offset", "0")),
+            )
         )
     return units
 
@@ -182,7 +224,8 @@ def read_transformation(element: Any, where: str) -> Transformation | None:
             sources = [source for source, _ in pairs]
             twice = [str(source) for source in dict.fromkeys(sources) if sources.count(source) > 1]
             if twice:
-                raise SspError(f"{where}: the mapping has several entries for {', '.join(twice)}; keep one")
+                text = f"{where}: the mapping has several entries for {', '.join(twice)}; keep one"
+                raise SspError(found("SSP036", text, item))
             if kind == "Enumeration":
                 return Transformation("enumeration", names={str(a): str(b) for a, b in pairs})
             return Transformation(kind.lower(), table={int(a): int(b) for a, b in pairs})

@@ -7,9 +7,10 @@ from dataclasses import dataclass
 from typing import Any
 
 from vdfmu.engine.algorithms import ALGORITHMS, CONTINUOUS
+from vdfmu.engine.rules import found
 from vdfmu.engine.ssp.parse import NAMESPACES
 
-__all__ = ["EXPERIMENT_TYPE", "FOREIGN", "OSP_TYPE", "Experiment", "read_experiment"]
+__all__ = ["EXPERIMENT_TYPE", "FOREIGN", "OSP_TYPE", "Experiment", "read_experiment", "read_step"]
 
 EXPERIMENT_TYPE = "org.vdfmu.experiment"
 OSP_TYPE = "com.opensimulationplatform"
@@ -49,13 +50,11 @@ def read_experiment(root: Any, where: str) -> tuple[Experiment, list[str]]:
     element = root.find("ssd:DefaultExperiment", NAMESPACES)
     if element is None:
         return Experiment(), []
-    reader = _Reader(f"{where}, line {element.sourceline}: default experiment")
+    reader = _Reader(element, f"{where}, line {element.sourceline}: default experiment")
     start = reader.number(element, "startTime", "a time in s")
     stop = reader.number(element, "stopTime", "a time in s")
     if not reader.problems and stop is not None and stop <= (start or 0.0):
-        reader.problems.append(
-            f"{reader.place}: expected a stopTime after startTime {start or 0.0:g} s, got {stop:g} s"
-        )
+        reader.fault(f"expected a stopTime after startTime {start or 0.0:g} s, got {stop:g} s")
     ours = _content(element, EXPERIMENT_TYPE, f"{{{FOREIGN['vdfmu']}}}Experiment")
     osp = _content(element, OSP_TYPE, f"{{{FOREIGN['osp']}}}Algorithm/{{{FOREIGN['osp']}}}FixedStepAlgorithm")
     step = reader.number(osp, "baseStepSize", "a time in s", above=0.0)
@@ -66,14 +65,23 @@ def read_experiment(root: Any, where: str) -> tuple[Experiment, list[str]]:
         algorithm = ours.get("algorithm")
         adaptive = reader.number(ours, "adaptive", "a relative error below 1", above=0.0, below=1.0)
         if algorithm is not None and algorithm not in ALGORITHMS:
-            reader.problems.append(
-                f"{reader.place}: expected algorithm {', '.join(ALGORITHMS)}, got {algorithm!r}"
-            )
+            reader.fault(f"expected algorithm {', '.join(ALGORITHMS)}, got {algorithm!r}")
         elif adaptive is not None and algorithm not in CONTINUOUS:
-            reader.problems.append(
-                f"{reader.place}: adaptive is for {' and '.join(CONTINUOUS)}, not for {algorithm}"
-            )
+            reader.fault(f"adaptive is for {' and '.join(CONTINUOUS)}, not for {algorithm}")
     return Experiment(start, stop, step, algorithm, adaptive), reader.problems
+
+
+def read_step(component: Any, where: str) -> tuple[float | None, list[str]]:
+    """Return the step [s] that a component has of its own, of an annotation of this project or of libcosim."""
+    reader = _Reader(component, where)
+    step = reader.number(
+        _content(component, EXPERIMENT_TYPE, f"{{{FOREIGN['vdfmu']}}}Experiment"),
+        "communicationStepSize", "a time in s", above=0.0,
+    )  # fmt: skip
+    if step is None:
+        hint = _content(component, OSP_TYPE, f"{{{FOREIGN['osp']}}}StepSizeHint")
+        step = reader.number(hint, "value", "a time in s", above=0.0)
+    return step, reader.problems
 
 
 def _content(experiment: Any, kind: str, path: str) -> Any:
@@ -87,9 +95,13 @@ def _content(experiment: Any, kind: str, path: str) -> Any:
 class _Reader:
     """Reads numbers and collects what is wrong with them."""
 
-    def __init__(self, place: str) -> None:
+    def __init__(self, element: Any, place: str) -> None:
         self.place = place
         self.problems: list[str] = []
+        self._element = element
+
+    def fault(self, text: str) -> None:
+        self.problems.append(found("SSP010", f"{self.place}: {text}", self._element))
 
     def number(
         self, element: Any, key: str, what: str, above: float = -math.inf, below: float = math.inf
@@ -104,7 +116,5 @@ class _Reader:
         if above < value < below:
             return value
         limits = "finite" if above < 0.0 else "positive finite" if below > 1.0 else "positive"
-        self.problems.append(
-            f"{self.place}: expected a {limits} {key}, got {text}; write {what} or leave it out"
-        )
+        self.fault(f"expected a {limits} {key}, got {text}; write {what} or leave it out")
         return None

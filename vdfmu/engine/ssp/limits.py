@@ -7,6 +7,7 @@ from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass
 
+from vdfmu.engine.rules import found
 from vdfmu.errors import SspError
 
 XML_LIMIT = 64 * 2**20
@@ -74,7 +75,6 @@ class Budget:
             (self.kept, MEMORY_LIMIT, "bytes of XML"),
         ):
             if spent > limit * self.scale:
-                raise SspError(
-                    f"{self.label}: has more than {limit * self.scale:.0f} {what}, those of packages inside it and of "
-                    f"what is named several times included; {_WAY}"
-                )
+                text = f"{self.label}: has more than {limit * self.scale:.0f} {what}, those of packages inside it"
+                text += f" and of what is named several times included; {_WAY}"
+                raise SspError(found("PKG004", text))

@@ -1,7 +1,8 @@
-"""Safe reading of XML, and of that of SSP 1.0 against its schemas."""
+"""Safe reading of XML, and of that of SSP 1.0 and 2.0 against its schemas."""
 
 from __future__ import annotations
 
+import importlib.util
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -9,22 +10,29 @@ from typing import Any
 import fmpy.ssp
 from lxml import etree  # pyright: ignore[reportAttributeAccessIssue]  # lxml ships no stubs
 
+from vdfmu.engine.rules import found
 from vdfmu.errors import SspError
 
-NAMESPACES = {
-    prefix: f"http://ssp-standard.org/SSP1/{name}"
-    for prefix, name in {
-        "ssc": "SystemStructureCommon",
-        "ssd": "SystemStructureDescription",
-        "ssv": "SystemStructureParameterValues",
-        "ssm": "SystemStructureParameterMapping",
-        "ssb": "SystemStructureSignalDictionary",
-    }.items()
+_FILES = {
+    "ssc": "SystemStructureCommon",
+    "ssd": "SystemStructureDescription",
+    "ssv": "SystemStructureParameterValues",
+    "ssm": "SystemStructureParameterMapping",
+    "ssb": "SystemStructureSignalDictionary",
 }
+NAMESPACES = {prefix: f"http://ssp-standard.org/SSP1/{name}" for prefix, name in _FILES.items()}
+"""Those of SSP 1.0 and 2.0 are the same."""
+_NAMED = {
+    f"{{{NAMESPACES[prefix]}}}{tag}"
+    for prefix, tag in (
+        ("ssd", "Connector"), ("ssd", "Component"), ("ssd", "SignalDictionaryReference"), ("ssv", "Parameter"),
+        ("ssb", "DictionaryEntry"),
+    )
+}  # fmt: skip
 
 
 def parse_xml(data: bytes, where: str) -> Any:
-    """Parse XML without entities, external files or network, and return its root.
+    """Parse XML without entities, external files or network, and return its root, which knows `where` as its URL.
 
     Raises
     ------
@@ -36,18 +44,18 @@ def parse_xml(data: bytes, where: str) -> Any:
         remove_comments=True, remove_pis=True,
     )  # fmt: skip
     try:
-        root = etree.fromstring(data, parser)
+        root = etree.fromstring(data, parser, base_url=where)
     except (etree.XMLSyntaxError, ValueError) as error:
         if b"<!DOCTYPE" in data:  # entities may be what the parser stumbles over
-            raise SspError(f"{where}: {_DOCTYPE}") from None
-        raise SspError(f"{where}: is not well-formed XML: {error}") from None
+            raise SspError(found("PKG009", f"{where}: {_DOCTYPE}", (where, 0))) from None
+        place = where, getattr(error, "lineno", None) or 0
+        raise SspError(found("PKG008", f"{where}: is not well-formed XML: {error}", place)) from None
     if root.getroottree().docinfo.doctype or root.getroottree().docinfo.internalDTD is not None:
-        raise SspError(f"{where}: {_DOCTYPE}")
+        raise SspError(found("PKG009", f"{where}: {_DOCTYPE}", (where, 0)))
     include = next(root.iter(f"{{{_XINCLUDE}}}*"), None)
     if include is not None:
-        raise SspError(
-            f"{where}, line {include.sourceline}: has an XInclude, which is refused; write the text in its place"
-        )
+        text = f"{where}, line {include.sourceline}: has an XInclude, which is refused; write the text in its place"
+        raise SspError(found("PKG009", text, include))
     return root
 
 
@@ -56,13 +64,19 @@ _XINCLUDE = "http://www.w3.org/2001/XInclude"
 
 
 @lru_cache
-def _schema(kind: str) -> Any:
-    name = NAMESPACES[kind].rsplit("/", 1)[1]
-    return etree.XMLSchema(file=str(Path(fmpy.ssp.__file__).parent / "schema" / f"{name}.xsd"))
+def schema_of(kind: str, version: str) -> Any:
+    """Return a schema of SSP; None for 2.0 where the package that brings them is not installed."""
+    if version == "1.0":
+        return etree.XMLSchema(file=str(Path(fmpy.ssp.__file__).parent / "schema" / f"{_FILES[kind]}.xsd"))
+    spec = importlib.util.find_spec("pyssp_standard")
+    if spec is None or not spec.submodule_search_locations:
+        return None
+    file = Path(spec.submodule_search_locations[0], "resources", "ssp2", f"{_FILES[kind]}.xsd")
+    return etree.XMLSchema(file=str(file)) if file.is_file() else None
 
 
-def validate(root: Any, kind: str, where: str) -> None:
-    """Check a tree against a schema of SSP 1.0.
+def validate(root: Any, kind: str, where: str, version: str = "1.0") -> None:
+    """Check a tree against a schema of SSP; without one, that elements have names.
 
     Parameters
     ----------
@@ -71,17 +85,33 @@ def validate(root: Any, kind: str, where: str) -> None:
         ``ssd``, ``ssv``, ``ssm`` or ``ssb``.
     where : str
         The name used in messages.
+    version : str, optional
+        Of SSP, 1.0 or 2.0.
     """
-    schema = _schema(kind)
-    if not schema.validate(root):
-        raise SspError([f"{where}, line {entry.line}: {entry.message}" for entry in schema.error_log])
+    schema = schema_of(kind, version)
+    if schema is None:
+        wrong = [
+            (item.sourceline, f"{item.tag.rsplit('}')[1]} has no name")
+            for item in root.iter(*_NAMED)
+            if item.get("name") is None
+        ]
+    else:
+        wrong = [] if schema.validate(root) else [(entry.line, entry.message) for entry in schema.error_log]
+    if wrong:
+        raise SspError([found("SSP003", f"{where}, line {n}: {text}", (where, n)) for n, text in wrong])
 
 
-def parse_ssp_xml(data: bytes, kind: str, where: str) -> Any:
-    """Parse and validate one SSP file; `kind` as in `validate`."""
+def parse_ssp_xml(data: bytes, kind: str, where: str, version: str | None = "1.0") -> Any:
+    """Parse and validate one SSP file; `kind` as in `validate`, a version None is that which the file states."""
     root = parse_xml(data, where)
     space = etree.QName(root).namespace
     if space != NAMESPACES[kind]:
-        raise SspError(f"{where}: expected namespace {NAMESPACES[kind]} (SSP 1.0), got {space}")
-    validate(root, kind, where)
+        text = f"{where}: expected namespace {NAMESPACES[kind]} (SSP {version or '1.0 and 2.0'}), got {space}"
+        raise SspError(found("SSP002", text, root))
+    validate(root, kind, where, version or version_of(root))
     return root
+
+
+def version_of(root: Any) -> str:
+    """Return the version of SSP by which a file is read: 2.0 for 2.x, else 1.0."""
+    return "2.0" if (root.get("version") or "").startswith("2") else "1.0"

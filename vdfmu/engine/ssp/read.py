@@ -2,28 +2,31 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from vdfmu.engine.rules import found, place_of
+from vdfmu.engine.ssp import parse
 from vdfmu.engine.ssp.archive import Archive
 from vdfmu.engine.ssp.bindings import Bindings
-from vdfmu.engine.ssp.elements import Node, Scope, read_units
+from vdfmu.engine.ssp.elements import Scope
 from vdfmu.engine.ssp.experiment import read_experiment
-from vdfmu.engine.ssp.parse import NAMESPACES, parse_ssp_xml, parse_xml
+from vdfmu.engine.ssp.lint import file_faults
+from vdfmu.engine.ssp.parse import NAMESPACES, version_of
 from vdfmu.engine.ssp.structure import Component, System
 from vdfmu.engine.ssp.tree import TreeReader
 from vdfmu.engine.ssp.wiring import Wiring
 from vdfmu.errors import SspError
 
-__all__ = ["DEFAULT", "load_ssp", "read_system", "refuse_version", "variants"]
+__all__ = ["DEFAULT", "load_ssp", "read_system", "variants"]
 
 DEFAULT = "SystemStructure.ssd"
 """The SSD that a package must have."""
 
 
 def load_ssp(path: str | Path, variant: str = DEFAULT) -> System:
-    """Read a system structure package (SSP 1.0) and flatten it.
+    """Read a system structure package (SSP 1.0 or 2.0) and flatten it.
 
     Nested systems, system connectors, signal dictionaries, packages inside the package and components that
     name another SSD are resolved to connections from component to component; parameter bindings of all levels
@@ -47,8 +50,8 @@ def load_ssp(path: str | Path, variant: str = DEFAULT) -> System:
     ------
     SspError
         The file cannot be understood: no zip, an entry outside the package, a missing resource, a member
-        over the size limit, XML with a document type, a violation of the schemas, SSP 2.0, an element this
-        reader does not know. All problems of these kinds that were found are listed.
+        over the size limit, XML with a document type, a violation of the schemas, an element this reader does
+        not know. All problems of these kinds that were found are listed.
     """
     system, problems = read_system(path, variant)
     if system is None or problems:
@@ -77,17 +80,31 @@ def read_system(path: str | Path, variant: str = DEFAULT) -> tuple[System | None
 
 
 def _read(archive: Archive, path: Path, variant: str) -> tuple[System, list[str]]:
-    root = _structure(archive, variant, path.name)
     scope = Scope(archive, "", "", variant, path.name)
-    scope.define(read_units(root.find("ssd:Units", NAMESPACES)))
+    try:
+        root = _structure(scope)
+        scope = replace(scope, version=version_of(root))
+        return _flattened(root, scope, path)
+    except (ValueError, TypeError, AttributeError, StopIteration) as error:
+        if scope.version == "1.0" or parse.schema_of("ssd", scope.version) is not None:
+            raise
+        text = f"{path.name}: {variant}: cannot be read, an element or attribute is missing or odd: {error}"
+        raise SspError(found("SSP003", text)) from None  # what the schema refuses, where there is none
+
+
+def _flattened(root: Any, scope: Scope, path: Path) -> tuple[System, list[str]]:
+    scope.define(root)
     reader = TreeReader(_structure)
     top = reader.system(root.find("ssd:System", NAMESPACES), scope, None)
     wiring = Wiring(top)
     bindings = Bindings(wiring)
     bindings.collect(top)
-    experiment, faults = read_experiment(root, f"{path.name}: {variant}")
+    experiment, faults = read_experiment(root, f"{path.name}: {scope.document}")
     problems = list(dict.fromkeys(reader.problems + bindings.fatal + faults))
     connections = tuple(wiring.flatten())
+    notes = [*wiring.notes, *bindings.notes]
+    if parse.schema_of("ssd", scope.version) is None:
+        notes.insert(0, found("SSP009", _NO_SCHEMA))
     system = System(
         path=path,
         name=root.get("name"),
@@ -97,18 +114,25 @@ def _read(archive: Archive, path: Path, variant: str) -> tuple[System, list[str]
                 node.source,
                 node.implementation,
                 node.connectors,
-                bindings.of(node.path),
+                *bindings.of(node.path),
+                node.step,
+                place_of(node.element),
             )
-            for node in _components(top)
+            for node in top.components()
         ),
         connections=connections,
         units=dict(scope.units),
         experiment=experiment,
         problems=(*problems, *wiring.problems),
         unmatched=tuple(bindings.unmatched),
-        notes=(*wiring.notes, *bindings.notes),
+        notes=tuple(notes),
+        faults=tuple(file_faults(scope.files.values())),
+        version=scope.version,
     )
     return system, problems
+
+
+_NO_SCHEMA = "the schemas of SSP 2.0 were not applied: pip install pyssp_standard brings them"
 
 
 def variants(archive: Archive) -> list[str]:
@@ -117,31 +141,13 @@ def variants(archive: Archive) -> list[str]:
     return [*([DEFAULT] if DEFAULT in archive.names else []), *sorted(names)]
 
 
-def refuse_version(root: Any, where: str) -> None:
-    """Raise SspError for an SSD of another version than 1.x."""
-    version = root.get("version") or ""
-    if root.tag == f"{{{NAMESPACES['ssd']}}}SystemStructureDescription" and version.startswith("2"):
-        raise SspError(
-            f"{where}: is SSP {version}; expected SSP 1.0, which the master reads. "
-            "'vdfmu check' checks SSP 2.0; export the system as SSP 1.0 to run it"
-        )
-
-
-def _structure(archive: Archive, member: str, label: str) -> Any:
-    """Return the root of an SSD of a package."""
-    if member not in archive:
-        others = variants(archive)
+def _structure(scope: Scope) -> Any:
+    """Return the root of the SSD of a scope."""
+    if scope.document not in scope.archive:
+        others = variants(scope.archive)
         has = f"; it has {', '.join(others)}" if others else ""
-        raise SspError(f"{label}: the package has no {member!r}{has}")
-    where = f"{label}: {member}"
-    data = archive.read(member)
-    refuse_version(parse_xml(data, where), where)
-    return parse_ssp_xml(data, "ssd", where)
-
-
-def _components(node: Node) -> Iterator[Node]:
-    for child in node.children.values():
-        if child.kind == "component":
-            yield child
-        else:
-            yield from _components(child)
+        raise SspError(found("SSP001", f"{scope.label}: the package has no {scope.document!r}{has}"))
+    root = scope.read(scope.document, "ssd")
+    if root.find("ssd:System", NAMESPACES) is None:  # as it can be without a schema
+        raise SspError(found("SSP003", f"{scope.label}: {scope.document}: has no system", root))
+    return root

@@ -10,10 +10,13 @@ from typing import Any
 
 import numpy as np
 
+from vdfmu.engine.rules import Finding, Place
 from vdfmu.engine.ssp.experiment import Experiment
 
 _DIGITS = 1e-6
 """Relative difference of units that are the same; the feet of survey and of engineering differ by 2e-6."""
+Shape = tuple[int | None, ...]
+"""Sizes of an array, none for a scalar; None for a size that is open."""
 BASE_UNITS = ("kg", "m", "s", "A", "K", "mol", "cd", "rad")
 
 
@@ -45,6 +48,11 @@ class Unit:
         )
 
     @property
+    def usable(self) -> bool:
+        """Whether it can be converted to and from."""
+        return math.isfinite(self.factor) and math.isfinite(self.offset) and self.factor != 0.0
+
+    @property
     def dimension(self) -> str:
         """The base units in words, such as ``kg.m2/s2``."""
         if self.exponents is None:
@@ -74,14 +82,14 @@ def spread(value: Any, names: Sequence[str]) -> list[Any]:
 
 @dataclass(frozen=True)
 class Connector:
-    """A connector of a component as the SSD declares it; `type` is None when it does not say."""
+    """A connector of an element as the SSD declares it; `type` is None when it does not say."""
 
     name: str
     kind: str
     type: str | None = None
     unit: str | None = None
-    dimensions: tuple[int | None, ...] = ()
-    """Sizes of an array (SSP 2.0); None for a size that the SSD leaves open."""
+    dimensions: Shape = ()
+    place: Place = field(default=("", 0), compare=False)
 
 
 @dataclass(frozen=True)
@@ -111,24 +119,37 @@ class Hop:
     suppress_unit_conversion : bool
     unit, type : str or None
         What the connector at the end of the hop declares.
+    place : Place
     """
 
     transformation: Transformation | None = None
     suppress_unit_conversion: bool = False
     unit: str | None = None
     type: str | None = None
+    place: Place = field(default=("", 0), compare=False)
+
+
+Index = tuple[int, ...]
+"""Of an element or a part of an array, the first 1; empty for the whole."""
 
 
 @dataclass(frozen=True)
 class Connection:
-    """A connection from a component's connector to another component's, with the hops between them."""
+    """A connection from a component's connector to another component's, with the hops between them.
+
+    `indices` choose the parts of arrays at its start and its end (SSP 2.0).
+    """
 
     start: tuple[str, str]
     end: tuple[str, str]
     hops: tuple[Hop, ...]
+    indices: tuple[Index, Index] = ((), ())
 
     def __str__(self) -> str:
         return f"{'.'.join(self.start)} -> {'.'.join(self.end)}"
+
+
+Value = float | int | bool | str
 
 
 @dataclass(frozen=True)
@@ -138,15 +159,18 @@ class Parameter:
     Attributes
     ----------
     component, name : str
-    value : float, int, bool or str
+    value : float, int, bool, str, or tuple of them
     type : str
-        ``Real``, ``Integer``, ``Boolean``, ``String`` or ``Enumeration``.
+        As the parameter set has it: ``Real``, ``Integer``, ``Boolean``, ``String``, ``Enumeration``, ``Float64`` ...
     unit : Unit or None
         The unit of the value.
     hops : tuple of Hop
         Mapping and connections the value passes; units are converted at each.
     origin : str
         The parameter set and the name in it, for messages.
+    place : Place
+    dimensions : Shape
+        Sizes of an array.
     elsewhere : tuple of (str, str)
         Other components with variables, or systems with connectors, that the same name of a system's parameter set
         means, since dots may be part of names. It is enough that one of all exists.
@@ -154,11 +178,13 @@ class Parameter:
 
     component: str
     name: str
-    value: float | int | bool | str
+    value: Value | tuple[Value, ...]
     type: str
     unit: Unit | None
     hops: tuple[Hop, ...]
     origin: str
+    place: Place = field(default=("", 0), compare=False)
+    dimensions: Shape = ()
     elsewhere: tuple[tuple[str, str], ...] = ()
 
 
@@ -166,6 +192,8 @@ class Parameter:
 class Component:
     """A component; nested ones are named ``system.component``, and ``system.component#2`` where that is taken.
 
+    `step` [s] is a multiple of the communication step in which it is stepped, None for that itself.
+    `overruled` are values in the place of which others are in `parameters`.
     `source` is the member of the package, ``inner.ssp!/member`` where a package inside it holds the FMU; empty
     where there is no FMU, which the system's `problems` then tell.
     """
@@ -175,6 +203,9 @@ class Component:
     implementation: str
     connectors: Mapping[str, Connector]
     parameters: tuple[Parameter, ...] = ()
+    overruled: tuple[Parameter, ...] = ()
+    step: float | None = None
+    place: Place = field(default=("", 0), compare=False)
 
 
 @dataclass(frozen=True)
@@ -197,10 +228,14 @@ class System:
     problems : tuple of str
         Faults of the wiring, and with `vdfmu.engine.ssp.read.read_system` those of the reading.
         `vdfmu.engine.cosim.check` reports them together with those of the FMUs.
-    unmatched : tuple of str
+    unmatched : tuple of Finding
         Parameters of system-level bindings that name no element or connector.
     notes : tuple of str
         Notes, not errors: parameters without effect, components with one dotted name.
+    faults : tuple of str
+        Breaches of rules that do not keep it from being run.
+    version : str
+        Of SSP: 1.0 or 2.0.
     """
 
     path: Path
@@ -210,8 +245,10 @@ class System:
     units: Mapping[str, Unit]
     experiment: Experiment = field(default_factory=Experiment)
     problems: tuple[str, ...] = ()
-    unmatched: tuple[str, ...] = ()
+    unmatched: tuple[Finding, ...] = ()
     notes: tuple[str, ...] = ()
+    faults: tuple[str, ...] = ()
+    version: str = "1.0"
 
     def component(self, name: str) -> Component:
         """Return a component by its name."""

@@ -8,11 +8,11 @@ from contextlib import contextmanager
 from dataclasses import replace
 from typing import Any
 
+from vdfmu.engine.rules import found
 from vdfmu.engine.ssp import limits
-from vdfmu.engine.ssp.archive import Archive
-from vdfmu.engine.ssp.elements import Node, Scope, read_connectors, read_units
-from vdfmu.engine.ssp.parse import NAMESPACES, parse_ssp_xml
-from vdfmu.engine.ssp.structure import Connector
+from vdfmu.engine.ssp.elements import Node, Scope, read_connector, read_connectors
+from vdfmu.engine.ssp.experiment import read_step
+from vdfmu.engine.ssp.parse import NAMESPACES, version_of
 from vdfmu.errors import SspError
 
 FMU_TYPE = "application/x-fmu-sharedlibrary"
@@ -34,39 +34,39 @@ class TreeReader:
     Parameters
     ----------
     structure : callable
-        Returns the root of an SSD, given the package, the member and the label of the package.
+        Returns the root of the SSD of a scope.
     """
 
-    def __init__(self, structure: Callable[[Archive, str, str], Any]) -> None:
+    def __init__(self, structure: Callable[[Scope], Any]) -> None:
         self.problems: list[str] = []
         self._structure = structure
         self._open: list[str] = []
         """The systems that are being read from files or by reference, to find circles."""
-        self._roots: dict[str, Any] = {}
-        """The SSDs that components name; each is parsed once."""
         self._count = 0
 
     def system(self, element: Any, scope: Scope, parent: Node | None, name: str = "") -> Node:
         """Read a system with everything below it."""
         path = () if parent is None else (*parent.path, name)
         if len(path) > limits.DEPTH_LIMIT:
+            text = f"{scope.label}: {'.'.join(path[:3])}...: more than {limits.DEPTH_LIMIT} systems inside each other; "
             raise LimitError(
-                f"{scope.label}: {'.'.join(path[:3])}...: more than {limits.DEPTH_LIMIT} systems inside each other; "
-                "that is the limit (DEPTH_LIMIT). Join some of them"
+                found("SSP016", f"{text}that is the limit (DEPTH_LIMIT). Join some of them", element)
             )
         node = Node(path, "system", read_connectors(element, scope), element, scope)
         self._dictionaries(node, element, parent)
         for child in element.iterfind("ssd:Elements/*", NAMESPACES):
             self._count += 1
             if self._count > limits.ELEMENT_LIMIT:
-                raise LimitError(
+                text = (
                     f"{scope.label}: the system has more than {limits.ELEMENT_LIMIT} elements, those of systems "
                     "that components refer to included; that is the limit (ELEMENT_LIMIT). Look for systems that "
                     "refer to one another many times, or split the system"
                 )
+                raise LimitError(found("SSP016", text, child))
             child_name = child.get("name")
             if child_name in node.children:
-                self.problems.append(f"{scope.label}: two elements are named {node.dotted(child_name)!r}")
+                text = f"{scope.label}: two elements are named {node.dotted(child_name)!r}"
+                self.problems.append(found("SSP017", text, child))
             tag = child.tag.rsplit("}", 1)[1]
             if tag == "System":
                 node.children[child_name] = self.system(child, scope, node, child_name)
@@ -84,7 +84,8 @@ class TreeReader:
         source = element.get("source") or ""
         kind = element.get("type", FMU_TYPE)
         if not source:
-            self.problems.append(f"{where}: has no source, so that there is nothing to run; name an FMU")
+            text = f"{where}: has no source, so that there is nothing to run; name an FMU"
+            self.problems.append(found("SSP013", text, element))
             return node
         try:
             if source.startswith("#"):
@@ -92,16 +93,16 @@ class TreeReader:
             if kind in (PACKAGE_TYPE, DEFINITION_TYPE):
                 return self._from_file(node, kind, source, where)
             if kind != FMU_TYPE:
-                self.problems.append(
-                    f"{where}: type {kind!r} is not supported; "
-                    f"expected {FMU_TYPE}, {PACKAGE_TYPE} or {DEFINITION_TYPE}"
-                )
+                text = f"{where}: type {kind!r} is not supported; "
+                text += f"expected {FMU_TYPE}, {PACKAGE_TYPE} or {DEFINITION_TYPE}"
+                self.problems.append(found("SSP014", text, element))
                 return node
-            member = scope.member(source, where)
+            member = scope.member(source, where, element)
             if member not in scope.archive:
-                self.problems.append(f"{where}: the package has no {member!r}")
+                self.problems.append(found("SSP011", f"{where}: the package has no {member!r}", element))
             elif (other := _SUFFIXES.get(posixpath.splitext(member)[1].lower())) is not None:
-                self.problems.append(f"{where}: {member!r} is no FMU; set the component's type to {other!r}")
+                text = f"{where}: {member!r} is no FMU; set the component's type to {other!r}"
+                self.problems.append(found("SSP014", text, element))
             else:
                 node.source = scope.prefix + member
         except LimitError:
@@ -109,48 +110,53 @@ class TreeReader:
         except SspError as error:
             self.problems += error.problems
         node.implementation = element.get("implementation", "any")
+        node.step, faults = read_step(element, where)
+        self.problems += faults
         return node
 
     def _from_file(self, node: Node, kind: str, source: str, where: str) -> Node:
         """Read the system of an SSD, or of a package inside the package."""
-        outer = node.scope
+        outer, element = node.scope, node.element
         file, _, fragment = source.partition("#")
-        member = outer.member(file, where)
+        member = outer.member(file, where, element)
         if member not in outer.archive:
-            raise SspError(f"{where}: the package has no {member!r}")
+            raise SspError(found("SSP011", f"{where}: the package has no {member!r}", element))
+        scope = replace(outer, aliases={})
         if kind == PACKAGE_TYPE:
             archive, prefix = outer.inside(member)
-            document = fragment or "SystemStructure.ssd"
-            label = f"{outer.label}: {member}"
-            scope = Scope(archive, prefix, "", document, label, units=outer.units)
+            scope = replace(
+                scope, archive=archive, prefix=prefix, base="", document=fragment or "SystemStructure.ssd",
+                label=f"{outer.label}: {member}",
+            )  # fmt: skip
         elif fragment:
-            raise SspError(f"{where}: a fragment, '#{fragment}', can follow the name of a package only")
+            text = f"{where}: a fragment, '#{fragment}', can follow the name of a package only"
+            raise SspError(found("SSP012", text, element))
         else:
-            base = posixpath.dirname(member)
-            scope = Scope(outer.archive, outer.prefix, base, member, outer.label, units=outer.units)
-        key = scope.prefix + scope.document
-        with self._opened(key, where):
-            if key not in self._roots:
-                self._roots[key] = self._structure(scope.archive, scope.document, scope.label)
-            root = self._roots[key]
-            scope.define(read_units(root.find("ssd:Units", NAMESPACES)))
+            scope = replace(scope, base=posixpath.dirname(member), document=member)
+        with self._opened(scope.prefix + scope.document, where, element):
+            root = self._structure(scope)
+            scope = replace(scope, version=version_of(root))
+            scope.define(root)
             return self._stand_in(node, root.find("ssd:System", NAMESPACES), scope, where)
 
     def _by_reference(self, node: Node, source: str, where: str) -> Node:
         """Read a system of the same SSD once more, in the place of a component."""
         tree = node.element.getroottree()
-        found = [s for s in tree.getroot().iterfind(".//ssd:System", NAMESPACES) if s.get("id") == source[1:]]
-        if not found:
-            raise SspError(f"{where}: source {source!r}: the SSD has no system with that id")
-        with self._opened(node.scope.prefix + node.scope.document + source, where):
-            if any(found[0] is above for above in node.element.iterancestors()):
-                raise SspError(f"{where}: source {source!r} is a system that holds the component itself")
-            return self._stand_in(node, found[0], node.scope, where)
+        named = [s for s in tree.getroot().iterfind(".//ssd:System", NAMESPACES) if s.get("id") == source[1:]]
+        if not named:
+            text = f"{where}: source {source!r}: the SSD has no system with that id"
+            raise SspError(found("SSP015", text, node.element))
+        with self._opened(node.scope.prefix + node.scope.document + source, where, node.element):
+            if any(named[0] is above for above in node.element.iterancestors()):
+                text = f"{where}: source {source!r} is a system that holds the component itself"
+                raise SspError(found("SSP015", text, node.element))
+            return self._stand_in(node, named[0], node.scope, where)
 
     @contextmanager
-    def _opened(self, key: str, where: str) -> Generator[None]:
+    def _opened(self, key: str, where: str, at: Any) -> Generator[None]:
         if key in self._open:
-            raise SspError(f"{where}: its system holds itself: {' -> '.join([*self._open, key])}")
+            circle = " -> ".join([*self._open, key])
+            raise SspError(found("SSP015", f"{where}: its system holds itself: {circle}", at))
         self._open.append(key)
         try:
             yield
@@ -166,11 +172,13 @@ class TreeReader:
             other = inner.connectors.get(name)
             if other is None:
                 known = ", ".join(inner.connectors) or "none"
-                self.problems.append(f"{where}: its system has no connector {name!r}; it has {known}")
+                text = f"{where}: its system has no connector {name!r}; it has {known}"
+                self.problems.append(found("SSP019", text, connector.place))
             elif connector.kind != other.kind:
-                self.problems.append(
+                text = (
                     f"{where}: connector {name!r} is of kind {connector.kind}, its system says {other.kind}"
                 )
+                self.problems.append(found("SSP019", text, connector.place))
             else:  # what the system leaves open, the component may say
                 inner.connectors[name] = replace(
                     other, type=other.type or connector.type, unit=other.unit or connector.unit
@@ -185,44 +193,39 @@ class TreeReader:
             try:
                 source = item.get("source")
                 if source:
-                    member = scope.member(source, where)
-                    root = parse_ssp_xml(scope.archive.read(member), "ssb", f"{scope.label}: {member}")
+                    root = scope.read(scope.member(source, where, item), "ssb")
                 else:
                     root = item.find("ssb:SignalDictionary", NAMESPACES)
                     if root is None:
-                        raise SspError(f"{where}: has neither a source nor an inline dictionary")
+                        text = f"{where}: has neither a source nor an inline dictionary"
+                        raise SspError(found("SSP020", text, item))
             except SspError as error:
                 self.problems += error.problems
                 continue
-            entries: dict[str, Connector] = {}
-            for entry in root.iterfind("ssb:DictionaryEntry", NAMESPACES):
-                kind = next((c for c in entry if c.tag.startswith(f"{{{NAMESPACES['ssc']}}}")), None)
-                entries[entry.get("name")] = Connector(
-                    entry.get("name"), "inout", None if kind is None else kind.tag.rsplit("}", 1)[1],
-                    None if kind is None else scope.unit(kind.get("unit")),
-                )  # fmt: skip
-            node.dictionaries[item.get("name")] = ((*node.path, item.get("name")), entries)
+            entries = (
+                read_connector(entry, "inout", scope)
+                for entry in root.iterfind("ssb:DictionaryEntry", NAMESPACES)
+            )
+            known = {entry.name: entry for entry in entries}
+            node.dictionaries[item.get("name")] = ((*node.path, item.get("name")), known)
 
     def dictionary_reference(self, element: Any, parent: Node, name: str) -> Node:
         """Read a reference to a signal dictionary."""
         scope = parent.scope
         path = (*parent.path, name)
         node = Node(path, "dictionary", read_connectors(element, scope), element, scope)
-        found = parent.dictionaries.get(element.get("dictionary"))
-        if found is None:
-            self.problems.append(
-                f"{scope.label}: {node.label!r} refers to signal dictionary "
-                f"{element.get('dictionary')!r}, which does not exist"
-            )
+        named = parent.dictionaries.get(element.get("dictionary"))
+        if named is None:
+            text = f"{scope.label}: {node.label!r} refers to signal dictionary {element.get('dictionary')!r}"
+            self.problems.append(found("SSP020", f"{text}, which does not exist", element))
             return node
-        node.path, entries = ("signal dictionary", *found[0]), found[1]
-        for connector in node.connectors:
-            if connector not in entries:
-                self.problems.append(
-                    f"{scope.label}: signal dictionary of {name!r} has no entry {connector!r}"
-                )
+        node.path, entries = ("signal dictionary", *named[0]), named[1]
+        for name_, connector in node.connectors.items():
+            if name_ not in entries:
+                text = f"{scope.label}: signal dictionary of {name!r} has no entry {name_!r}"
+                self.problems.append(found("SSP020", text, connector.place))
         node.connectors = {
-            c.name: Connector(c.name, c.kind, entries[c.name].type, entries[c.name].unit)
+            c.name: replace(entries[c.name], kind=c.kind)
             for c in node.connectors.values()
             if c.name in entries
         }

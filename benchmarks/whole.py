@@ -1,0 +1,121 @@
+"""What whole commands and calls take, against the co-simulation inside them."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import numpy as np
+
+import vdfmu
+from benchmarks.report import Report, Table
+from benchmarks.system import packed
+from benchmarks.timing import Case, measure
+from vdfmu.scenario import load_scenario
+
+__all__ = ["command", "run"]
+
+TITLE = "Whole commands and calls"
+_LARGE = 60_000
+
+
+def run(report: Report, quick: bool = False) -> None:
+    """Measure and tabulate."""
+    with tempfile.TemporaryDirectory(prefix="vdfmu-bench-") as folder:
+        _commands(report, Path(folder), "planar_tracking" if quick else "tracking", 1 if quick else 3)
+    _simulator(report, "planar_tracking" if quick else "tracking", 0.2 if quick else 10.0, 3 if quick else 9)
+    _dynamics(report, 5 if quick else 50)
+
+
+def command(*arguments: str) -> float:
+    """Run a command and return the processor time [s] of it and of what it starts."""
+    before = os.times()
+    code = "import vdfmu.cli; vdfmu.cli.main()"
+    subprocess.run([sys.executable, "-c", code, *arguments], check=False, capture_output=True, timeout=900)
+    after = os.times()
+    return after.children_user + after.children_system - before.children_user - before.children_system
+
+
+def _commands(report: Report, folder: Path, scenario: str, rounds: int) -> None:
+    """Processor time of commands whose FMUs are built."""
+    command("build", scenario, "--out", str(folder / "fmus"))
+    command("run", scenario, "--out", str(folder / "run"))
+
+    def new() -> list[str]:
+        return ["--set", f"controller.K_p[1]={1000.0 + time.time() % 1000.0!r}"]  # no solution of it is kept
+
+    commands: dict[str, list[str]] = {
+        "vdfmu run, without references": ["run", scenario, "--no-reference"],
+        "vdfmu run, references kept": ["run", scenario],
+        "vdfmu run, references solved": ["run", scenario, "new"],
+        "vdfmu --help": ["--help"],
+        "vdfmu run trackng": ["run", "trackng"],
+        "vdfmu check Plant.fmu": ["check", str(folder / "fmus" / "Plant.fmu")],
+    }
+    best = dict.fromkeys(commands, float("inf"))
+    for _ in range(rounds):
+        for name, arguments in commands.items():
+            given = [*arguments[:-1], *new()] if arguments[-1] == "new" else arguments
+            out = ["--out", str(folder / "out")] if len(given) > 1 and given[1] == scenario else []
+            best[name] = min(best[name], command(*given, *out))
+    table = Table(
+        "commands", f"Processor time of commands, {scenario}", [("command", ""), ("time [s]", ".2f")]
+    )
+    for name, seconds in best.items():
+        table.add(name, seconds)
+    size = (folder / "out" / "results.csv").stat().st_size / 1e6
+    table.notes.append(f"results.csv has {size:.1f} MB")
+    report.show(table)
+    report.facts["commands_s"] = best
+    report.facts["csv_mb"] = size
+
+
+def _simulator(report: Report, name: str, stop: float, rounds: int) -> None:
+    """Compare runs that load their components with runs of components that stay loaded."""
+    with packed(load_scenario(name), "native") as package, vdfmu.Simulator(package) as simulator:
+        simulator.run(stop=stop, step=1e-3)
+        spent: dict[str, list[tuple[float, float]]] = {"vdfmu.simulate": [], "vdfmu.Simulator": []}
+        for _ in range(rounds):
+            for which, runs in spent.items():
+                began = time.perf_counter()
+                if which == "vdfmu.simulate":
+                    results = vdfmu.simulate(package, stop=stop, step=1e-3)
+                else:
+                    results = simulator.run(stop=stop, step=1e-3)
+                runs.append((time.perf_counter() - began, results.summary["wall_s"]))
+    table = Table(
+        "simulate",
+        f"A run of {stop:g} s from Python, {name}",
+        [("call", ""), ("all [s]", ".3f"), ("steps [s]", ".3f"), ("rest [ms]", ".1f"), ("rest [%]", ".1f")],
+    )
+    for which, runs in spent.items():
+        whole, steps = min(runs, key=lambda pair: pair[0] - pair[1])
+        table.add(which, whole, steps, 1e3 * (whole - steps), 100.0 * (whole / steps - 1.0))
+        report.facts[f"{which}_rest_s"] = whole - steps
+    report.show(table)
+
+
+def _dynamics(report: Report, rounds: int) -> None:
+    """Time inverse dynamics of one state and of a batch."""
+    robot = vdfmu.load_robot("manipulator_6dof")
+    many = np.random.default_rng(3).standard_normal((3, _LARGE, robot.n))
+    one, few = [array[0] for array in many], [array[: _LARGE // 100] for array in many]
+    vdfmu.inverse_dynamics(robot, *many)  # compiles
+    plain = robot.with_parameters(gravity=robot.gravity)  # of which no batch is large
+    cases = [
+        Case("one state", lambda: vdfmu.inverse_dynamics(robot, *one)),
+        Case("a state of a batch, compiled", lambda: vdfmu.inverse_dynamics(robot, *many)),
+        Case("a state of a small batch", lambda: vdfmu.inverse_dynamics(plain, *few)),
+    ]
+    measure(cases, rounds)
+    table = Table(
+        "dynamics", "vdfmu.inverse_dynamics, six joints", [("call", ""), ("time a state [us]", ".2f")]
+    )
+    for case, states in zip(cases, (1, _LARGE, _LARGE // 100), strict=True):
+        table.add(case.name, 1e6 * case.best / states)
+        report.facts[case.name] = case.best / states
+    report.show(table)

@@ -1,0 +1,224 @@
+"""`Simulator`: one system, loaded once and run as often as wanted."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from types import TracebackType
+
+import numpy as np
+
+from vdfmu.engine.algorithms import ALGORITHMS, CONTINUOUS, MOST_STEPS
+from vdfmu.engine.cosim.check import Value, check_system, with_parameters
+from vdfmu.engine.cosim.checked import Checked
+from vdfmu.engine.cosim.components import CONVERGENCE
+from vdfmu.engine.cosim.inputs import Inputs, outside, read_inputs
+from vdfmu.engine.cosim.isolated import Limits
+from vdfmu.engine.cosim.messages import LogMessage
+from vdfmu.engine.cosim.multirate import with_steps
+from vdfmu.engine.cosim.results import Results
+from vdfmu.engine.cosim.run import Run
+from vdfmu.engine.cosim.schedule import DEFAULT
+from vdfmu.engine.ssp.read import load_ssp
+from vdfmu.engine.ssp.structure import System
+from vdfmu.errors import UsageError
+
+__all__ = ["Simulator", "check_coupling"]
+
+
+class Simulator:
+    """A system whose components are loaded once for many runs, and reset between them.
+
+    A run costs its steps then, and next to nothing else. Isolated components are loaded anew for each, as are those of
+    a run that failed.
+
+    Parameters
+    ----------
+    system, algorithm, adaptive, convergence, tolerance, parameters, inputs, input_hold, log, strict, ignore_unmatched,
+    isolate, time_limit, memory_limit
+        As of :func:`vdfmu.simulate`.
+
+    Raises
+    ------
+    SspError, UsageError
+        As of :func:`vdfmu.simulate`, here and at the begin of the block.
+
+    Examples
+    --------
+    >>> with vdfmu.Simulator("tracking.ssp") as simulator:
+    ...     for mass in (0.5, 1.0, 1.5):
+    ...         results = simulator.run(parameters={"plant.payload_mass": mass})
+    """
+
+    def __init__(
+        self,
+        system: System | str | Path,
+        *,
+        algorithm: str | None = None,
+        adaptive: float | None = None,
+        convergence: float | None = None,
+        tolerance: float | None = None,
+        parameters: Mapping[str, Value] | None = None,
+        inputs: Inputs = None,
+        input_hold: bool = False,
+        log: Callable[[LogMessage], None] | None = None,
+        strict: bool = False,
+        ignore_unmatched: bool = False,
+        isolate: bool | None = None,
+        time_limit: float | None = None,
+        memory_limit: float | None = None,
+    ) -> None:
+        self._system = system if isinstance(system, System) else load_ssp(system)
+        experiment = self._system.experiment
+        if algorithm is None:
+            algorithm = experiment.algorithm
+            adaptive = experiment.adaptive if adaptive is None else adaptive
+        if tolerance is not None and not 0.0 < tolerance < np.inf:
+            raise UsageError(f"tolerance must be positive and finite, got {tolerance}")
+        check_coupling(algorithm or DEFAULT, adaptive, convergence)
+        self._algorithm, self._adaptive, self._convergence = algorithm, adaptive, convergence
+        self._tolerance, self._parameters = tolerance, parameters
+        self._inputs, self._input_hold = inputs, input_hold
+        self._log, self._isolate, self._limits = log, isolate, Limits(time_limit, memory_limit)
+        self._strict, self._ignore_unmatched = strict, ignore_unmatched
+        self._checked: Checked | None = None
+        self._run: Run | None = None
+
+    def __enter__(self) -> Simulator:
+        self._tables = read_inputs(self._inputs, self._input_hold)
+        self._checked = check_system(
+            self._system, self._parameters, inputs=self._tables, algorithm=self._algorithm,
+            repeats=self._adaptive is not None, strict=self._strict, ignore_unmatched=self._ignore_unmatched,
+        )  # fmt: skip
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        run, self._run, self._checked = self._run, None, None
+        if run is not None:
+            run.__exit__(kind, error, trace)
+
+    def run(
+        self,
+        *,
+        start: float | None = None,
+        stop: float | None = None,
+        step: float | None = None,
+        parameters: Mapping[str, Value] | None = None,
+        record: Sequence[str] | None = None,
+        progress: Callable[[int, int], None] | None = None,
+        stream: Path | None = None,
+    ) -> Results:
+        """Run the system, from its start.
+
+        Parameters
+        ----------
+        parameters : mapping of str to value, optional
+            For this run, before those of the simulator.
+        start, stop, step, record, progress, stream
+            As of :func:`vdfmu.simulate`.
+
+        Raises
+        ------
+        UsageError, CosimError, Interrupted, VdfmuError
+            As of :func:`vdfmu.simulate`; UsageError outside the block, too.
+        """
+        begin, end, step, n = self.grid(start, stop, step)
+        if self._checked is None:
+            raise UsageError(
+                "Simulator: its runs are made in a block, 'with vdfmu.Simulator(...) as simulator:'."
+            )
+        checked = with_steps(with_parameters(self._checked, parameters or {}), step)
+        if changed := _sizes(checked).items() - _sizes(self._checked).items():
+            names = ", ".join(sorted(name for name, _ in changed))
+            raise UsageError(
+                f"parameters: {names}: sizes of arrays are the same in all runs; give them to the Simulator."
+            )
+        reach = outside(self._tables, begin, end)
+        try:
+            run = self._ready(checked)
+            run.box.pending += [LogMessage("", begin, "note", "", note) for note in reach]
+            run.components.initialize(begin, end, self._tolerance, self._convergence or CONVERGENCE)
+            run.summary |= {
+                "system": self._system.name, "algorithm": checked.algorithm, "adaptive": self._adaptive,
+                "order": list(checked.schedule.units), "start": begin, "stop": end, "step": step, "steps": n,
+                "isolated": run.isolated, "notes": [*checked.notes, *reach],
+            }  # fmt: skip
+            run.stepper = run.components.couple(self._adaptive, self._convergence, end - begin, record)
+            run.results = run.steps(begin, end, step, n, record, progress, stream)
+        except BaseException as error:
+            failed, self._run = self._run, None
+            if failed is not None:
+                failed.__exit__(type(error), error)
+            raise
+        return run.results
+
+    def _ready(self, checked: Checked) -> Run:
+        """Return the components as they are after loading."""
+        run = self._run
+        if run is not None and run.isolated:
+            self._run = None
+            run.__exit__(None, None)
+            run = None
+        if run is None:
+            self._run = run = Run(checked, self._log, self._isolate, self._limits).__enter__()
+        else:
+            run.reset(checked)
+        return run
+
+    def grid(
+        self, start: float | None, stop: float | None, step: float | None
+    ) -> tuple[float, float, float, int]:
+        """Return start, stop, step and number of steps; UsageError when they do not fit."""
+        experiment = self._system.experiment
+        begin = start if start is not None else experiment.start or 0.0
+        end = stop if stop is not None else experiment.stop
+        step = step if step is not None else experiment.step
+        if end is None:
+            raise UsageError("no stop time: the system's default experiment has none, give stop")
+        if step is None:
+            raise UsageError("no communication step: the system's default experiment has none, give step")
+        for name, value in (("start", begin), ("stop", end), ("step", step)):
+            if not np.isfinite(value):
+                raise UsageError(f"{name} must be finite, got {value}")
+        if step <= 0.0:
+            raise UsageError(f"step must be positive, got {step} s")
+        if end <= begin:
+            raise UsageError(f"stop must be after start, got {begin} s to {end} s")
+        ratio = (end - begin) / step
+        if ratio > MOST_STEPS:
+            raise UsageError(f"expected at most {MOST_STEPS:g} steps of {step:g} s, got a stop of {end:g} s")
+        n = max(1, round(ratio))
+        if abs(ratio - n) > 1e-9 * ratio:
+            raise UsageError(
+                f"stop - start = {end - begin:.12g} s is no multiple of the step {step:.12g} s; "
+                f"the nearest stop is {begin + n * step:.12g} s"
+            )
+        return float(begin), float(end), float(step), n
+
+
+def _sizes(checked: Checked) -> dict[str, Value]:
+    """Return the structural parameters that are set, and their values."""
+    return {
+        f"{name}.{variable.name}": value
+        for name, each in checked.starts.items()
+        for variable, value in each
+        if variable.causality == "structuralParameter"
+    }
+
+
+def check_coupling(algorithm: str, adaptive: float | None, convergence: float | None = None) -> None:
+    """Raise UsageError for options of the coupling that do not fit together."""
+    if adaptive is not None:
+        if algorithm in ALGORITHMS and algorithm not in CONTINUOUS:
+            raise UsageError(
+                f"adaptive: {algorithm} samples the signals with the step, so the step is a property of the system; "
+                f"use {' or '.join(CONTINUOUS)}"
+            )
+        if not 0.0 < adaptive < 1.0:
+            raise UsageError(f"adaptive: expected a relative error between 0 and 1, got {adaptive:g}")
+    if convergence is not None and algorithm in ALGORITHMS and algorithm != "iterative":
+        raise UsageError(f"convergence: {algorithm} repeats nothing; it is for iterative")
+    if convergence is not None and not 0.0 < convergence < 1.0:
+        raise UsageError(f"convergence: expected a relative change between 0 and 1, got {convergence:g}")

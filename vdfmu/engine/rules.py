@@ -1,0 +1,194 @@
+"""The rules that files are checked by, and what breaks them: one list for reader, master and checker."""
+
+from __future__ import annotations
+
+import re
+from typing import Any, NamedTuple
+
+__all__ = ["RULES", "Finding", "Place", "Rule", "found", "place_of", "rules_table", "within"]
+
+Place = tuple[str, int]
+"""XML file, with the package before it, and line; empty and 0 where there is none."""
+
+
+class Rule(NamedTuple):
+    """A rule: what holds for a file that keeps it, and what to do about one that does not."""
+
+    number: str
+    title: str
+    way: str
+    severity: str = "problem"
+
+
+class Finding(str):
+    """A sentence on what breaks a rule, with its place; a text like any other, so errors carry it.
+
+    Attributes
+    ----------
+    rule : Rule
+    file : str
+        The XML file in which it lies, with the package before it; empty where it is in none.
+    line : int
+        Of that file; 0 where it is in none.
+    """
+
+    rule: Rule
+    file: str
+    line: int
+
+    def __new__(cls, text: str, rule: Rule, file: str = "", line: int = 0) -> Finding:
+        """Make a finding of a text."""
+        made = super().__new__(cls, text)
+        made.rule, made.file, made.line = rule, file, line
+        return made
+
+    def __getnewargs__(self) -> tuple[str, Rule, str, int]:  # pyright: ignore[reportIncompatibleMethodOverride]
+        return str(self), self.rule, self.file, self.line
+
+    def said(self, text: str) -> Finding:
+        """Return the finding in other words."""
+        return Finding(text, self.rule, self.file, self.line)
+
+
+def place_of(element: Any) -> Place:
+    """Return file and line of an element."""
+    return str(element.getroottree().docinfo.URL or ""), element.sourceline or 0
+
+
+def found(number: str, text: str, at: Any = ("", 0)) -> Finding:
+    """Return what breaks a rule; `at` is its place, or the element of XML."""
+    file, line = at if isinstance(at, tuple) else place_of(at)
+    return Finding(text, RULES[number], str(file), int(line))
+
+
+def within(place: str, text: str) -> str:
+    """Return a text with its place before it; what is a finding stays one."""
+    text, said = f"{place}: {text}" if place else text, text
+    return said.said(text) if isinstance(said, Finding) else text
+
+
+def fmpy_found(text: str, said: str = "") -> Finding:
+    """Return what fmpy says of a model description as a finding; `said` in other words."""
+    number = next((number for number, word in _FMPY if word in text), "FMI013")
+    line = re.search(r"\(line (\d+)\)", text)
+    return found(number, said or text, ("modelDescription.xml", int(line[1]) if line else 0))
+
+
+_FMPY = (
+    ("FMI003", "XML"), ("FMI003", "Failed to"), ("FMI003", "Element '"), ("FMI005", "unit"),
+    ("FMI012", "unique"), ("FMI012", "name"), ("FMI011", "same value reference"),
+)  # fmt: skip
+"""Rules, and words by which fmpy's messages show which they are about."""
+
+
+def rules_table() -> str:
+    """Return the rules as a table of Markdown."""
+    rows = [f"| {r.number} | {r.severity} | {r.title} | {r.way} |" for r in RULES.values()]
+    return "\n".join(["| rule | severity | what holds | way out |", "| --- | --- | --- | --- |", *rows])
+
+
+_TABLE = """
+PKG001 | The file is a zip file that can be read, and all of its entries unpack | export or copy it again
+PKG002 | Entries lie inside the package | pack them by relative paths with `/` between folders
+PKG003 | Entries are files, not symbolic links | pack the file itself
+PKG004 | Sizes and counts of entries are within the limits | pack less, or raise `--unpack-limit`
+PKG005 | Entries are stored or deflated, without a password | pack them so
+PKG006 | Each name occurs once, also where case does not count, and is no folder of another | rename one
+PKG007 note | No entry is packed twice | pack it once
+PKG008 | XML is well-formed | export it again
+PKG009 | XML has no document type and no XInclude | write the text in its place
+SSP001 | The package has a `SystemStructure.ssd`, or the SSD that is asked for | name one of those it has
+SSP002 | A file has the root of its kind | export it as SSP 1.0 or 2.0
+SSP003 | A file keeps the schema of its version | correct what the line says
+SSP004 | A file is encoded in UTF-8 | export it in UTF-8
+SSP005 note | The version is 1.0 or 2.0 | state one of them
+SSP006 note | The SSDs of a package have names of their own | rename one
+SSP007 | Documentation has a `documentation/index.html` | add the page where readers start
+SSP008 note | Icons are in the package | add the icon
+SSP009 note | The schemas of the version are at hand | `pip install pyssp_standard`
+SSP010 | The default experiment, steps and the master that annotations name make sense | correct the value
+SSP011 | Files that are named are in the package | add the file, or name another
+SSP012 | Sources are relative paths inside the package | put the file into it and name it by its path
+SSP013 | A component has a source | name an FMU, a package or a system
+SSP014 | A component is an FMU, a package or an SSD, as its type says | set the type
+SSP015 | A reference to a system leads to one, not in a circle | name the id of another system
+SSP016 | A system keeps the limits of size and depth | split or join systems
+SSP017 | Elements of a system have names of their own | rename one
+SSP018 | Connectors of an element have names of their own | rename one
+SSP019 | A component and the system for which it stands have the same connectors | correct either
+SSP020 | Signal dictionaries exist and have the entries that are named | add the entry
+SSP021 note | Dotted names tell components and variables apart | rename a component
+SSP022 | Units are defined in the file that names them, by finite numbers | define the unit in `Units`
+SSP023 | The system has components | add one
+SSP030 | A connection joins elements and connectors that exist | correct the name
+SSP031 | A connection leads from a source to a sink: table *Allowed connections* | swap or correct its ends
+SSP032 | A connector has one source | remove the other connection
+SSP033 | The ends of a connection have the same type | convert it in a component
+SSP034 | The units of a connection convert into each other | correct the unit, or suppress the conversion
+SSP035 | The ends of a connection have the same size, and indices lie in the arrays | correct size or index
+SSP036 | A transformation fits the type and has one entry for each value | correct the transformation
+SSP037 | Connections through systems do not end where they begin | remove one
+SSP038 note | An input has a connection or a value | connect it
+SSP039 | Signals pass without an algebraic loop | master `jacobi`, or `iterative`
+SSP040 | A connector is a variable of the FMU | correct the name
+SSP041 | A connector has the kind of the variable: its causality | correct the kind
+SSP042 | A connector has the type of the variable | correct the type
+SSP043 | A connector has the unit of the variable | correct the unit
+SSP044 | A connector has the size of the variable | correct the dimensions
+SSP045 | The FMU has the implementation that is asked for | ask for one that it has
+SSP046 | An FMU that can be instantiated only once per process is there once | make a copy of the FMU
+SSP050 | A parameter binding has values, a mapping has entries, of a type of SSP | name the file, or write them there
+SSP051 | A name occurs once in a parameter set, and once as a target of a mapping | keep one
+SSP052 note | A value is for a variable or connector that exists | correct the name, or `--ignore-unmatched`
+SSP053 | A value is for a variable that can be set | set another
+SSP054 | A value has the type and size of the variable | correct type or dimensions
+SSP055 | The unit of a value converts into that of the variable | correct the unit
+SSP056 | A value lies within the limits of the variable | choose another
+SSP057 note | A value has an effect | remove it
+FMI001 | An FMU is a zip file with a `modelDescription.xml` | export it again
+FMI002 | `fmiVersion` is 1.0, 2.0 or 3.0 | state the version
+FMI003 | XML keeps the schema of its version | correct what the line says
+FMI004 | Types are defined | define it in `TypeDefinitions`
+FMI005 | Units and display units are defined | define the unit in `UnitDefinitions`
+FMI006 | Causality, variability and type go together | state an allowed pair
+FMI007 | Indices and value references are those of variables | correct the number
+FMI008 | A dimension is the start value of a variable that is a size | give it a start value
+FMI009 | min <= start <= max | correct the value
+FMI010 | Start values and `initial` are stated where they must be, and only there | add or remove it
+FMI011 | Variables that share a value reference have the same unit, and one start value | correct the others
+FMI012 | Names of variables are unique and of the naming convention | rename one
+FMI013 | The model structure is complete | add the entries that are missing
+FMI014 | Source files that are listed are there | add them to `sources/`
+FMI015 | Terminals name variables | correct the name
+FMI016 | The times of the default experiment make sense | correct the value
+FMI017 | There is a library for this platform, under the model identifier | build the FMU for it
+FMI018 | A library is one of its platform and processor | build the FMU for it
+FMI019 note | An FMU has co-simulation | export it for co-simulation
+OSP001 | The file is an `OspSystemStructure` of version 0.1, of elements and attributes of that | correct it
+OSP002 | Numbers and the algorithm are those that libcosim takes | correct the value
+OSP003 | Simulators have names of their own, and FMUs beside the file | rename one, or add the FMU
+OSP004 | An initial value is for a variable that can be set, of its type and within its limits | correct it
+OSP005 | A connection joins an output and an input of one type that exist | correct its ends
+OSP006 | An input has one source | remove the other connection
+RUN001 | Ten steps do not fail | see what the component says
+RUN002 | A component neither ends its process nor takes too long | see what the component does
+RUN003 | Reference results can be read, and the unit gives them | correct the table, or the unit
+RUN004 note | All reference results are compared | see why not
+RUN005 note | All signals are finite | do not read or record it
+RUN006 note | The file is run | mend its problems; leave out `--no-run`
+RUN008 note | An FMU is of FMI 2.0 or 3.0, which the master runs | export it for one of them
+RUN007 | The master can step the system | another master, or another FMU
+"""
+"""Number, and "note" where that is all it is; what holds; the way out."""
+
+
+def _rules() -> dict[str, Rule]:
+    rules: dict[str, Rule] = {}
+    for row in _TABLE.strip().splitlines():
+        head, title, way = row.split(" | ")
+        number, _, severity = head.partition(" ")
+        rules[number] = Rule(number, title, way, severity or "problem")
+    return rules
+
+
+RULES = _rules()
