@@ -16,7 +16,7 @@ from rich.console import Console
 from benchmarks.report import Report, machine, write_summary
 
 NAMES = (
-    "growth", "master_step", "order", "coupling", "rigid", "c_loops", "native", "importers", "interop",
+    "growth", "fmu_growth", "master_step", "order", "coupling", "rigid", "c_loops", "native", "importers", "interop",
     "work_precision", "whole",
 )  # fmt: skip
 

@@ -16,6 +16,7 @@ from rich.console import Console
 from benchmarks import (
     c_loops,
     coupling,
+    fmu_growth,
     growth,
     importers,
     master_step,
@@ -202,6 +203,14 @@ def test_growth(report: Report) -> None:
     assert {name: fact["degree"] for name, fact in multiplications.items()} == {
         "VD": 1, "Newton-Euler": 1, "Lagrange": 4,
     }  # fmt: skip
+
+
+def test_growth_of_the_fmus(report: Report, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(fmu_growth, "_JOINTS", (1, 2, 7))
+    fmu_growth.run(report, quick=True)
+    (table,) = report.tables
+    assert [row[0] for row in table.rows] == [1, 2]
+    assert all(low < high for low, high in zip(*(row[2:5] for row in table.rows), strict=True))
 
 
 def test_master_step(report: Report) -> None:

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from vdfmu.errors import KernelError, ModelError
 from vdfmu.kernel import c_code
 from vdfmu.kernel.c_code import c_function, c_prototype
+from vdfmu.kernel.c_table import c_table
 from vdfmu.kernel.requirements import margins, requirements
 from vdfmu.kernel.structure import parameters, set_parameters, values
 from vdfmu.model import check_robot
@@ -79,7 +80,7 @@ def test_reverse_is_the_transpose_of_forward(robot, functions_of, name):
     assert left.sum() == pytest.approx(right.sum(), abs=1e-12 * (np.abs(left).sum() + np.abs(right).sum()))
 
 
-@pytest.mark.parametrize("part", [None, 37], ids=["whole", "in parts"])
+@pytest.mark.parametrize("form", ["whole", "in parts", "table"])
 @pytest.mark.parametrize(
     "name",
     [
@@ -91,15 +92,16 @@ def test_reverse_is_the_transpose_of_forward(robot, functions_of, name):
     ],
 )
 def test_c_text_computes_what_the_trace_computes(
-    robot, kernel_of, functions_of, name, part, tmp_path, monkeypatch
+    robot, kernel_of, functions_of, name, form, tmp_path, monkeypatch
 ):
-    if part is not None:
-        monkeypatch.setattr(c_code, "_WHOLE", part)
-        monkeypatch.setattr(c_code, "_PART", part)
+    if form == "in parts":
+        monkeypatch.setattr(c_code, "_WHOLE", 37)
+        monkeypatch.setattr(c_code, "_PART", 37)
+    text = c_table if form == "table" else c_function
     functions, rng = owner(name, robot, kernel_of, functions_of), np.random.default_rng(77)
     function = functions.casadi_function(name)
     source, library = tmp_path / "kernel.c", tmp_path / "kernel.so"
-    source.write_text(f"#include <math.h>\n{c_prototype(function)};\n{c_function(function)}")
+    source.write_text(f"#include <math.h>\n#include <stdint.h>\n{c_prototype(function)};\n{text(function)}")
     warnings = ["-std=c11", "-Wall", "-Wextra", "-Wpedantic", "-Werror"]
     subprocess.run(["cc", *warnings, "-O1", "-shared", "-fPIC", "-o", library, source, "-lm"], check=True)
     arguments = [np.ascontiguousarray(a) for a in nominal(function, values(robot), rng)]
@@ -115,6 +117,8 @@ def test_an_operation_without_c_text_is_refused():
     x = ca.SX.sym("x")
     with pytest.raises(KernelError, match="erf: operation"):
         c_function(ca.Function("erf", [x], [ca.erf(x)]))
+    with pytest.raises(KernelError, match="erf: operation"):
+        c_table(ca.Function("erf", [x], [ca.erf(x)]))
 
 
 @settings(max_examples=200, deadline=None)

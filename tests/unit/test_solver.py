@@ -1,9 +1,13 @@
 """The solver's step of any unit, its Jacobian, and sampled states: against closed forms and differences."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
+from benchmarks.chains import repeated_link
 from vdfmu.kernel.rodas import ORDER
+from vdfmu.kernel.structure import values
 from vdfmu.model import load_robot
 from vdfmu.unit import (
     JOINTS,
@@ -209,6 +213,57 @@ def test_the_jacobian_from_the_balance_is_that_of_the_derivatives():
     (balanced, _), (direct, _) = jacobian_of(Plant, robot), jacobian_of(Direct, robot)
     # Two elimination orders of one matrix: 1e4 roundings of its largest entries.
     np.testing.assert_allclose(balanced, direct, rtol=0, atol=1e4 * EPS * np.abs(direct).max())
+
+
+class AlongChain(Plant):
+    """The plant with the elimination of long chains."""
+
+    chain = 1
+
+
+class DenseBlock(Plant):
+    """The plant with the elimination of short chains."""
+
+    chain = None
+
+
+def step_of(unit, robot):
+    interface = Interface(unit, robot)
+    return interface.functions.casadi_function(interface.program.step[0].function)
+
+
+@pytest.mark.parametrize("name", ["manipulator_6dof", "planar_2dof", "slider_3dof"])
+@pytest.mark.parametrize("coupling", [False, True])
+def test_elimination_along_the_chain_gives_the_step_of_the_dense_block(name, coupling):
+    robot = dataclasses.replace(load_robot(name), rotor_coupling=coupling)
+    along, dense = step_of(AlongChain, robot), step_of(DenseBlock, robot)
+    random = np.random.default_rng(5)
+    for h in (1e-6, 1e-3):
+        given = {one: random.uniform(-0.5, 0.5, dense.numel_in(one)) for one in dense.name_in()}
+        given |= {"p": values(robot), "h": h, "tolerance": 1e-7}
+        one, other = (f.call([given[k] for k in f.name_in()])[0].full() for f in (along, dense))
+        # Two elimination orders of one matrix, pivots of both as in docs/solver.md: 1e4 roundings.
+        np.testing.assert_allclose(one, other, rtol=0, atol=1e4 * EPS * np.abs(other).max())
+
+
+def test_a_long_chain_moves_as_scipy_moves_it():
+    robot = repeated_link(12)
+    solver = solver_of(Plant, robot=robot)
+    assert solver.unit.x.size == 48
+    solver.unit.group("tau")[:] = 0.05 * (-1.0) ** np.arange(12)
+    other = Traced(solver.unit.interface)
+    other.memory[:] = solver.unit.memory
+    solver.advance(0.0, 0.02)
+    Motion(other).move(0.0, 0.02)
+    assert np.abs(other.x).max() > 0.1
+    # Steps of a tolerance of 1e-9 against LSODA at 1e-12: 100 of them, and spring torques of up to 100 N.m.
+    np.testing.assert_allclose(solver.unit.x, other.x, rtol=1e-7, atol=1e-7)
+
+
+def test_operations_of_a_step_along_the_chain_grow_linearly():
+    counts = [step_of(Plant, repeated_link(n)).n_instructions() for n in (9, 12, 15)]
+    # Every joint adds the same operations; the first links and CasADi's choice of temporaries make up for 1 %.
+    assert counts[2] - counts[1] == pytest.approx(counts[1] - counts[0], rel=0.01)
 
 
 # --------------------------------------------------------------------------------------------------- sampled states

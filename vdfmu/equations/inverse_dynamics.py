@@ -6,6 +6,7 @@ Pass 1 goes from the base to the end effector and pass 2 back; the functions sta
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -15,7 +16,16 @@ from vdfmu.equations.kinematics import joint_transforms, tool_transform
 from vdfmu.equations.rigid_body import link_body, net_force
 from vdfmu.equations.spatial import cross_motion, joint_axis
 
-__all__ = ["Motion", "gravity_in_links", "inverse_dynamics", "joint_torques", "link_forces", "link_motion"]
+__all__ = [
+    "Cut",
+    "Motion",
+    "whole",
+    "gravity_in_links",
+    "inverse_dynamics",
+    "joint_torques",
+    "link_forces",
+    "link_motion",
+]
 
 
 # pass 1, base to end effector: velocities, accelerations and gravity
@@ -29,7 +39,16 @@ class Motion(NamedTuple):
     V_B_dot: list[np.ndarray]
 
 
-def link_motion(robot: Any, q: np.ndarray, q_dot: np.ndarray, q_ddot: np.ndarray) -> Motion:
+Cut = Callable[[int, Any], Any]
+"""Takes a joint and a quantity of its link; returns the quantity, or symbols for it where the solver cuts the chain."""
+
+
+def whole(_: int, value: Any) -> Any:
+    """Cut nothing."""
+    return value
+
+
+def link_motion(robot: Any, q: np.ndarray, q_dot: np.ndarray, q_ddot: np.ndarray, cut: Cut = whole) -> Motion:
     """Velocities of all links by Eq. (29)-(31), and their derivatives.
 
     Deviation: (30)-(31) are printed for i = 2..5; they run to i = n. The derivative of (31),
@@ -38,6 +57,7 @@ def link_motion(robot: Any, q: np.ndarray, q_dot: np.ndarray, q_ddot: np.ndarray
     Parameters
     ----------
     q, q_dot, q_ddot : (n,) [rad or m, and per s, s2]
+    cut : see :data:`Cut`
     """
     U_AB = joint_transforms(robot, q)
     V_B: list[np.ndarray] = []
@@ -45,20 +65,21 @@ def link_motion(robot: Any, q: np.ndarray, q_dot: np.ndarray, q_ddot: np.ndarray
     for i in range(robot.n):
         z = joint_axis(robot.joint_types[i])
         if i == 0:
-            V_B.append(z * q_dot[0])
-            V_B_dot.append(z * q_ddot[0])
+            V_B.append(cut(i, z * q_dot[0]))
+            V_B_dot.append(cut(i, z * q_ddot[0]))
         else:
-            V_B.append(z * q_dot[i] + U_AB[i].T @ V_B[i - 1])
-            V_B_dot.append(z * q_ddot[i] + U_AB[i].T @ V_B_dot[i - 1] + cross_motion(V_B[i]) @ (z * q_dot[i]))
+            V_B.append(cut(i, z * q_dot[i] + U_AB[i].T @ V_B[i - 1]))
+            turned = z * q_ddot[i] + U_AB[i].T @ V_B_dot[i - 1] + cross_motion(V_B[i]) @ (z * q_dot[i])
+            V_B_dot.append(cut(i, turned))
     return Motion(U_AB, V_B, V_B_dot)
 
 
-def gravity_in_links(robot: Any, U_AB: list[np.ndarray]) -> list[np.ndarray]:
+def gravity_in_links(robot: Any, U_AB: list[np.ndarray], cut: Cut = whole) -> list[np.ndarray]:
     """Vector g of (62) in every link frame, ``R_BI @ g`` : n times (3,) [m/s2]."""
     g_B = []
     g = robot.gravity
-    for U in U_AB:
-        g = U[:3, :3].T @ g
+    for i, U in enumerate(U_AB):
+        g = cut(i, U[:3, :3].T @ g)
         g_B.append(g)
     return g_B
 
@@ -67,7 +88,11 @@ def gravity_in_links(robot: Any, U_AB: list[np.ndarray]) -> list[np.ndarray]:
 
 
 def link_forces(
-    robot: Any, motion: Motion, F_e: np.ndarray | None = None, F_Dk: list[np.ndarray] | None = None
+    robot: Any,
+    motion: Motion,
+    F_e: np.ndarray | None = None,
+    F_Dk: list[np.ndarray] | None = None,
+    cut: Cut = whole,
 ) -> list[np.ndarray]:
     """Force and torque on every driven cutting point, Eq. (44)-(47).
 
@@ -77,13 +102,14 @@ def link_forces(
     ----------
     F_e : (6,) [N, N m] wrench of the arm on its surroundings, in {O} ({B_6} in the paper); None is 0.
     F_Dk : n times (6,) [N, N m] force from the base to every rotor, in {D_i}; None is 0.
+    cut : see :data:`Cut`
 
     Returns
     -------
     F_B : n times (6,) [N, N m] in {B_i}
     """
     n = robot.n
-    g_B = gravity_in_links(robot, motion.U_AB)
+    g_B = gravity_in_links(robot, motion.U_AB, cut)
     F_B: list[np.ndarray] = [np.zeros(6)] * n
     for i in reversed(range(n)):
         F_B[i] = net_force(*link_body(robot, i), g_B[i], motion.V_B[i], motion.V_B_dot[i])
@@ -94,6 +120,7 @@ def link_forces(
             F_B[i] = F_B[i] + motion.U_AB[i + 1] @ F_B[i + 1]  # (46)
             if F_Dk is not None:
                 F_B[i] = F_B[i] + rotor_transform(robot, i + 1) @ F_Dk[i + 1]  # (11)
+        F_B[i] = cut(i, F_B[i])
     return F_B
 
 

@@ -17,7 +17,14 @@ from vdfmu.equations.flexible_joint import (
 from vdfmu.equations.forward_dynamics import Rotors, forward_dynamics
 from vdfmu.equations.friction import joint_friction
 from vdfmu.equations.harmonic_drive import spring_energy
-from vdfmu.equations.inverse_dynamics import inverse_dynamics, joint_torques, link_forces, link_motion
+from vdfmu.equations.inverse_dynamics import (
+    Cut,
+    inverse_dynamics,
+    joint_torques,
+    link_forces,
+    link_motion,
+    whole,
+)
 from vdfmu.equations.kinematics import end_effector_pose, joint_placements
 from vdfmu.equations.limits import motor_torque, stop_energy, stop_torque
 from vdfmu.equations.rigid_body import link_body, mass_matrix
@@ -95,7 +102,7 @@ def plant_derivative(robot: Any, x: np.ndarray, tau: np.ndarray, F_e: np.ndarray
 
 
 def balance(
-    robot: Any, x: np.ndarray, q_ddot: np.ndarray, tau: np.ndarray, F_e: np.ndarray
+    robot: Any, x: np.ndarray, q_ddot: np.ndarray, tau: np.ndarray, F_e: np.ndarray, cut: Cut = whole
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the plant's equations of motion in implicit form, which are short to differentiate.
 
@@ -103,6 +110,7 @@ def balance(
     ----------
     x, tau, F_e : as in :func:`plant_derivative`
     q_ddot : (n,) [rad/s2 or m/s2]
+    cut : see :data:`~vdfmu.equations.inverse_dynamics.Cut`
 
     Returns
     -------
@@ -111,12 +119,12 @@ def balance(
     """
     state = split_state(x)
     tau_l, tau_k = _torques(robot, state, tau)
-    motion = link_motion(robot, state.q, state.q_dot, q_ddot)
+    motion = link_motion(robot, state.q, state.q_dot, q_ddot, cut)
     F_Dk = None
     if robot.rotor_coupling:
         V_D = rotor_velocities(robot, motion.V_B, state.kappa_dot)
         F_Dk = [rotor_force(robot, i, V_D[i], tau_k[i]) for i in range(robot.n)]
-    torques = joint_torques(robot, link_forces(robot, motion, F_e, F_Dk))
+    torques = joint_torques(robot, link_forces(robot, motion, F_e, F_Dk, cut))
     return tau_l - torques, rotor_acceleration(robot, tau_k, motion if robot.rotor_coupling else None)
 
 

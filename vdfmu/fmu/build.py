@@ -20,14 +20,14 @@ from vdfmu.units import find_unit, shipped_units
 
 __all__ = ["build_fmus", "build_notes", "choose_backend"]
 
-_MOST_JOINTS = 30
+_MOST_JOINTS = 64
 _SLOW_JOINTS = 9
 """Joints from which on a first build is announced."""
 
 
 def _build_seconds(n: int) -> float:
-    """Processor time of a first native build of all units for `n` joints [s], as measured for 6 to 30."""
-    return 35.0 * (n / 6.0) ** 1.6
+    """Processor time of a first native build of all units for `n` joints [s], as measured for 6 to 64."""
+    return 27.0 * n / 6.0
 
 
 def build_notes(robot: Robot, backend: str | None = None) -> list[str]:

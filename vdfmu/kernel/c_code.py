@@ -14,10 +14,9 @@ import casadi as ca
 
 from vdfmu.errors import KernelError
 
-__all__ = ["c_function", "c_prototype"]
+__all__ = ["EXPRESSIONS", "c_constant", "c_function", "c_prototype", "c_texts", "is_long"]
 
-# Operation: C expression of its operands {0} and {1}.
-_EXPRESSIONS = {
+EXPRESSIONS = {
     ca.OP_ASSIGN: "{0}",
     ca.OP_NEG: "-{0}",
     ca.OP_ADD: "{0} + {1}",
@@ -61,6 +60,7 @@ _EXPRESSIONS = {
     ca.OP_OR: "(double)({0} != 0.0 || {1} != 0.0)",
     ca.OP_IF_ELSE_ZERO: "{0} != 0.0 ? {1} : 0.0",
 }
+"""Operation: C expression of its operands {0} and {1}."""
 
 
 def c_prototype(function: ca.Function) -> str:
@@ -70,14 +70,20 @@ def c_prototype(function: ca.Function) -> str:
     return f"void {function.name()}({', '.join([*arguments, *results])})"
 
 
-def c_function(function: ca.Function) -> str:
-    """Return a C11 function of a trace.
+def c_function(function: ca.Function, whole: int | None = None) -> str:
+    """Return a C11 function of a trace, see :func:`c_texts`, in one text."""
+    return "\n".join(c_texts(function, whole))
+
+
+def c_texts(function: ca.Function, whole: int | None = None) -> list[str]:
+    """Return a C11 function of a trace, as texts that can be compiled side by side; the last has the function itself.
 
     ``void name(const double *restrict argument, .., double *restrict result_out, ..)``, with a pointer for
     scalars too, matrices as in :class:`~vdfmu.kernel.functions.KernelFunction`. It needs ``<math.h>``.
 
-    A trace of more than :data:`_WHOLE` operations becomes a chain of functions ``name_part_1``, ..: the time in which
-    compilers place variables in registers grows with the square of a function's length. The values are the same bits.
+    A trace of more than `whole` operations, by default :data:`_WHOLE`, becomes a chain of functions
+    ``name_part_1``, ..: the time in which compilers place variables in registers grows with the square of a function's
+    length. The values are the same bits.
 
     Raises
     ------
@@ -85,10 +91,10 @@ def c_function(function: ca.Function) -> str:
         If the trace has an operation that this module does not know.
     """
     operations = _operations(function)
-    if len(operations) <= _WHOLE:
+    if len(operations) <= (_WHOLE if whole is None else whole):
         read = {name for operation in operations for name in operation.arguments}
         head = [f"(void){name};" for name in function.name_in() if name not in read]
-        return _definition(c_prototype(function), operations, head, [])
+        return [_definition(c_prototype(function), operations, head, [])]
     parts = [operations[i : i + _PART] for i in range(0, len(operations), _PART)]
     live: set[int] = set()  # values that later parts read
     texts: list[str] = []
@@ -110,14 +116,25 @@ def c_function(function: ca.Function) -> str:
     size = 1 + max(i for operation in operations for i in operation.writes)
     call = ", ".join((*function.name_in(), *(f"{name}_out" for name in function.name_out()), "w"))
     calls = "".join(f"    {function.name()}_part_{k}({call});\n" for k in range(1, len(parts) + 1))
-    texts.insert(0, f"{c_prototype(function)}\n{{\n    double w[{size}];\n{calls}}}\n")
-    return "\n".join(reversed(texts))
+    declared = "".join(f"{_part_prototype(function, k)};\n" for k in range(1, len(parts) + 1))
+    texts.reverse()
+    return [
+        *("\n".join(texts[i : i + _TOGETHER]) for i in range(0, len(texts), _TOGETHER)),
+        f"{declared}\n{c_prototype(function)}\n{{\n    double w[{size}];\n{calls}}}\n",
+    ]
 
 
-_WHOLE = 40_000
-"""Operations that go into one C function; an arm of ten joints has no longer trace."""
-_PART = 2_000
+_WHOLE = 18_000
+"""Operations that go into one C function; the shipped arms have no longer trace."""
+_PART = 1_000
 """Operations of one part of a longer trace."""
+_TOGETHER = 30
+"""Parts that one compiler gets, which takes some 200 MB for them."""
+
+
+def is_long(function: ca.Function) -> bool:
+    """Whether a trace is too long for one C function."""
+    return function.n_instructions() > _WHOLE
 
 
 class _Operation(NamedTuple):
@@ -140,13 +157,13 @@ def _operations(function: ca.Function) -> list[_Operation]:
             name = f"{results[target[0]]}_out"
             found.append(_Operation(f"{name}[{target[1]}] = w{source[0]};", source[:1], results=(name,)))
         elif operation == ca.OP_CONST:
-            value = _constant(function.instruction_constant(k))
+            value = c_constant(function.instruction_constant(k))
             found.append(_Operation(f"w{target[0]} = {value};", (), target))
         elif operation == ca.OP_INPUT:
             name = arguments[source[0]]
             found.append(_Operation(f"w{target[0]} = {name}[{source[1]}];", (), target, arguments=(name,)))
         else:
-            pattern = _EXPRESSIONS.get(operation)
+            pattern = EXPRESSIONS.get(operation)
             if pattern is None:
                 raise KernelError(f"{function.name()}: operation {operation} of the trace has no C text.")
             value = pattern.format(*[f"w{i}" for i in source])
@@ -168,7 +185,8 @@ def _part_prototype(function: ca.Function, number: int) -> str:
     return f"{head}_part_{number}({arguments.removesuffix(')')}, double *restrict w)"
 
 
-def _constant(value: float) -> str:
+def c_constant(value: float) -> str:
+    """Return a number as C text."""
     if math.isnan(value):
         return "NAN"
     return repr(float(value)) if math.isfinite(value) else f"({'-' if value < 0 else ''}INFINITY)"

@@ -12,7 +12,7 @@ import casadi as ca
 import numpy as np
 import numpy.typing as npt
 
-from vdfmu.scalar.elimination import factorize, solve
+from vdfmu.scalar.elimination import factorize, pattern, solve
 from vdfmu.scalar.symbol import from_sx, to_sx
 
 __all__ = ["ORDER", "rodas_step"]
@@ -59,9 +59,9 @@ def rodas_step(
     h : (1, 1) step [s]
     E, EJ : (m, m) an invertible matrix and its product with the Jacobian ``J = df/dx``. The stage
         equations are multiplied by E; where E holds a mass matrix, ``E J`` is cheaper than J and needs no
-        inverse.
-    Ef_t : (m, 1) product of E with the partial derivative of f with respect to time
-    order : elimination order of the m unknowns; it decides the fill-in, not the result
+        inverse. With k more rows and columns, of algebraic equations and unknowns, the columns of E are 0 there.
+    Ef_t : (m + k, 1) product of E with the partial derivative of f with respect to time
+    order : elimination order of the m + k unknowns; it decides the fill-in, not the result
 
     Returns
     -------
@@ -69,16 +69,19 @@ def rodas_step(
     error : (m, 1) difference to the embedded solution of order 3
     """
     zero = ca.SX(*x.shape)
-    W = from_sx(ca.densify(E / (h * GAMMA) - EJ)).reshape(EJ.shape)
+    algebraic = ca.SX(EJ.shape[0] - x.shape[0], 1)
+    W = from_sx(E / (h * GAMMA) - EJ).reshape(EJ.shape)
     LU = factorize(W[np.ix_(order, order)])
+    filled = pattern(LU)
 
     u: list[ca.SX] = []
     x_i = x
     for a_i, c_i, alpha, gamma in zip(A, C, ALPHA, GAMMA_I, strict=True):
         x_i = x + sum((a * u_j for a, u_j in zip(a_i, u, strict=True)), start=zero)
         rhs = f(x_i, alpha * h) + sum((c * u_j for c, u_j in zip(c_i, u, strict=True)), start=zero) / h
-        solution = np.empty(x.shape[0], dtype=object)
-        solution[order] = solve(LU, from_sx(ca.densify(E @ rhs + gamma * h * Ef_t))[order])
-        u.append(to_sx(solution))
+        solution = np.empty(len(order), dtype=object)
+        scaled = E @ ca.vertcat(rhs, algebraic)
+        solution[order] = solve(LU, from_sx(scaled + gamma * h * Ef_t)[order], filled)
+        u.append(to_sx(solution[: x.shape[0]]))
     # stiffly accurate: the last stage is the embedded solution of order 3, and its increment the error
     return x_i + u[5], u[5]

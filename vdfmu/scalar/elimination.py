@@ -13,12 +13,17 @@ from typing import Any
 
 import numpy as np
 
-__all__ = ["factorize", "solve"]
+__all__ = ["factorize", "pattern", "solve"]
 
 
 def _is_zero(x: Any) -> bool:
     known = getattr(x, "is_zero", None)
     return known() if known is not None else bool(x == 0.0)
+
+
+def pattern(A: np.ndarray) -> np.ndarray:
+    """Where a matrix is not a structural zero, (n, n)."""
+    return np.array([[not _is_zero(x) for x in row] for row in A], dtype=bool).reshape(A.shape)
 
 
 def factorize(A: np.ndarray) -> np.ndarray:
@@ -29,35 +34,35 @@ def factorize(A: np.ndarray) -> np.ndarray:
     A : (n, n); not changed
     """
     LU = np.array(A)
-    n = len(LU)
-    for k in range(n):
-        columns = [j for j in range(k + 1, n) if not _is_zero(LU[k, j])]
-        for i in range(k + 1, n):
-            if _is_zero(LU[i, k]):
-                continue
+    filled = pattern(LU)
+    for k in range(len(LU)):
+        columns = k + 1 + np.flatnonzero(filled[k, k + 1 :])
+        for i in k + 1 + np.flatnonzero(filled[k + 1 :, k]):
             LU[i, k] = LU[i, k] / LU[k, k]
             for j in columns:
                 LU[i, j] = LU[i, j] - LU[i, k] * LU[k, j]
+                filled[i, j] = not _is_zero(LU[i, j])
     return LU
 
 
-def solve(LU: np.ndarray, b: np.ndarray) -> np.ndarray:
+def solve(LU: np.ndarray, b: np.ndarray, filled: np.ndarray | None = None) -> np.ndarray:
     """Solve ``A x = b`` with the factors of :func:`factorize`.
 
     Parameters
     ----------
     LU : (n, n)
     b : (n,)
+    filled : (n, n), optional
+        :func:`pattern` of `LU`, which takes longer to find than a sparse system to solve.
     """
     n = len(LU)
     x = np.array(b, dtype=object if object in (LU.dtype, np.asarray(b).dtype) else float)
+    filled = pattern(LU) if filled is None else filled
     for i in range(n):
-        for j in range(i):
-            if not _is_zero(LU[i, j]):
-                x[i] = x[i] - LU[i, j] * x[j]
+        for j in np.flatnonzero(filled[i, :i]):
+            x[i] = x[i] - LU[i, j] * x[j]
     for i in reversed(range(n)):
-        for j in range(i + 1, n):
-            if not _is_zero(LU[i, j]):
-                x[i] = x[i] - LU[i, j] * x[j]
+        for j in i + 1 + np.flatnonzero(filled[i, i + 1 :]):
+            x[i] = x[i] - LU[i, j] * x[j]
         x[i] = x[i] / LU[i, i]
     return x

@@ -269,12 +269,11 @@ def _foreign(other: Any) -> bool:
 
 
 def from_sx(expression: ca.SX) -> np.ndarray:
-    """Object array of symbols from a column (m,) or a matrix (m, k) expression."""
+    """Object array of symbols from a column (m,) or a matrix (m, k) expression; structural zeros are one symbol."""
     rows, columns = expression.shape
-    array = np.empty((rows, columns), dtype=object)
-    for i in range(rows):
-        for j in range(columns):
-            array[i, j] = Symbol(expression[i, j])
+    array = np.full((rows, columns), Symbol(0.0), dtype=object)
+    for i, j, value in zip(*expression.sparsity().get_triplet(), expression.nonzeros(), strict=True):
+        array[i, j] = Symbol(value)
     return array[:, 0] if columns == 1 else array
 
 

@@ -55,6 +55,10 @@ class Watch(Protocol):
         """Robot with what a unit declares of it."""
         ...
 
+    def cut(self, joint: int, value: Any) -> Any:
+        """See :meth:`Unit.cut`."""
+        ...
+
 
 class Unit:
     """Base of all units. A subclass declares variables and overrides some of the four methods.
@@ -83,6 +87,8 @@ class Unit:
     terminals: ClassVar[tuple[Terminal, ...]] = ()
     elimination: ClassVar[tuple[str, ...]] = ()
     """States in the order in which the solver eliminates them; it decides the cost, not the result."""
+    chain: ClassVar[int | None] = None
+    """Joints from which on :meth:`balance` is linearised with what it hands to :meth:`cut` as unknowns of their own."""
     experiment_stop: ClassVar[float] = 1.0
     """End of the experiment of the FMU's reference results [s]."""
     declared: ClassVar[Mapping[str, Declared]] = {}
@@ -168,6 +174,14 @@ class Unit:
         ``derivatives``: those of a balance of forces need no inverse of a mass matrix.
         """
         raise NotImplementedError
+
+    def cut(self, joint: int, value: Any) -> Any:
+        """Return `value`; in the linearisation of a long chain, symbols that stand for it.
+
+        What links hand on to each other is cut there, so that the system of the solver is sparse, and its elimination
+        joint by joint, from the end effector to the base, takes O(n) operations.
+        """
+        return value if self._watch is None else self._watch.cut(joint, value)
 
     def experiment(self) -> None:
         """Set the inputs for the time ``self.t`` of the experiment of the FMU's reference results."""

@@ -15,6 +15,7 @@ from pathlib import Path
 
 import casadi as ca
 import numpy as np
+import numpy.typing as npt
 
 from vdfmu.errors import UnitError
 from vdfmu.kernel.functions import Functions
@@ -23,7 +24,7 @@ from vdfmu.kernel.structure import SOURCES as KERNEL_SOURCES
 from vdfmu.kernel.structure import source_digest, structure_key
 from vdfmu.kernel.trace import traced_function
 from vdfmu.model import Robot
-from vdfmu.scalar.elimination import factorize, solve
+from vdfmu.scalar.elimination import factorize, pattern, solve
 from vdfmu.scalar.symbol import from_sx, to_sx
 from vdfmu.unit.base import Unit, unit_name
 from vdfmu.unit.declaration import PHASES
@@ -187,7 +188,7 @@ class UnitFunctions(Functions):
             return traced_function(name, watch.symbols, watch.expressions())
         kind = "step" if name.startswith(f"{self.name}_step") else "jacobian"
         derivatives = f"{self.name}_derivatives{name.removeprefix(f'{self.name}_{kind}')}"
-        stiff = _Stiff(self._traced(self._leaves[derivatives]))
+        stiff = _Stiff(self._traced(self._leaves[derivatives]), cut=kind == "step")
         return stiff.step(name) if kind == "step" else stiff.jacobian(name)
 
     def _traced(self, leaf: Leaf) -> SymbolicWatch:
@@ -208,9 +209,11 @@ class _Stiff:
 
     ``E`` and ``EJ`` are the derivatives of the balance with respect to derivatives and states, where the unit has one:
     the identity and the Jacobian else. `Ef_t` is E times the derivative along inputs that change at `rates`, and time.
+    With `cut` and a long chain, rows and columns of what the balance cuts come after those of the states: E is 0 in
+    these columns. `order` is that of the elimination.
     """
 
-    def __init__(self, watch: SymbolicWatch) -> None:
+    def __init__(self, watch: SymbolicWatch, cut: bool = False) -> None:
         unit = watch.unit
         n_x = state_slices(unit)[""].stop
         self.inputs = watch.symbols
@@ -224,26 +227,37 @@ class _Stiff:
         if "t" in self.inputs:
             changing.append(self.inputs["t"])
             changes.append(ca.SX(1))
+        where = state_slices(unit)
+        names = [
+            *type(unit).elimination,
+            *(name for name in where if name not in ("", *type(unit).elimination)),
+        ]
+        self.order = np.concatenate([np.arange(where[name].start, where[name].stop) for name in names])
         if type(unit).balance is Unit.balance:
             self.E, self.EJ = ca.SX.eye(n_x), ca.jacobian(self.x_dot, x)
             along = _along(self.x_dot, changing, changes)
         else:
             balance = SymbolicWatch(unit, "balance", watch.fixed, watch)
             x_dot = balance.symbol("x_dot", n_x)
+            cuts = balance.cuts = [] if cut and unit.chain is not None and unit.n >= unit.chain else None
             residual = to_sx(run(unit, "balance", balance))
+            unknown = x
+            if cuts:
+                residual = ca.vertcat(residual, *[value - symbols for _, symbols, value in cuts])
+                unknown = ca.vertcat(x, *[symbols for _, symbols, _ in cuts])
+                self.order = _along_chain([where[name].start for name in names], unit.n, n_x, cuts)
             at = list(self.inputs.values())
             parts = [
-                ca.jacobian(residual, x),
-                -ca.jacobian(residual, x_dot),
+                ca.jacobian(residual, unknown),
+                -ca.horzcat(ca.jacobian(residual, x_dot), ca.SX(residual.numel(), unknown.numel() - n_x)),
                 _along(residual, changing, changes),
             ]
+            if cuts:
+                _, symbols, values = zip(*cuts, strict=True)
+                _, parts = ca.substitute_inplace(list(symbols), list(values), parts, False)
             balanced = ca.Function("balance", [x_dot, *at, *self.rates.values()], parts)
             self.EJ, self.E, along = balanced(self.x_dot, *at, *self.rates.values())
         self.Ef_t = along
-        order = type(unit).elimination
-        where = state_slices(unit)
-        names = [*order, *(name for name in where if name and name not in order)]
-        self.order = np.concatenate([np.arange(where[name].start, where[name].stop) for name in names])
 
     def step(self, name: str) -> ca.Function:
         """One Rodas4 step, inputs linear in time, and its local error relative to the tolerance, by component."""
@@ -273,11 +287,33 @@ class _Stiff:
         matrix = from_sx(ca.densify(self.E)).reshape(n_x, n_x)
         rows = from_sx(ca.densify(self.EJ)).reshape(n_x, n_x)
         factors = factorize(matrix[np.ix_(order, order)])
+        filled = pattern(factors)
         J = np.empty((n_x, n_x), dtype=object)
         for j in range(n_x):
-            J[order, j] = solve(factors, rows[order, j])
+            J[order, j] = solve(factors, rows[order, j], filled)
         column = ca.reshape(ca.reshape(to_sx(J), n_x, n_x).T, n_x, n_x)
         return traced_function(name, self.inputs, {"J": column})
+
+
+def _along_chain(
+    states: list[int], n: int, n_x: int, cuts: list[tuple[int, ca.SX, ca.SX]]
+) -> npt.NDArray[np.int_]:
+    """Order of elimination from the last joint to the first: states, what is cut from its end on, the last state.
+
+    Parameters
+    ----------
+    states : places of the first joint's states, in their order for one joint
+    n, n_x : joints and states
+    cuts : as of :class:`SymbolicWatch`; their unknowns come after the states
+    """
+    ends = n_x + np.cumsum([symbols.numel() for _, symbols, _ in cuts])
+    order: list[int] = []
+    for i in reversed(range(n)):
+        order += [start + i for start in states[:-1]]
+        for (joint, symbols, _), end in reversed(list(zip(cuts, ends, strict=True))):
+            order += range(end - symbols.numel(), end) if joint == i else ()
+        order.append(states[-1] + i)
+    return np.array(order)
 
 
 def _along(expression: ca.SX, changing: list[ca.SX], changes: list[ca.SX]) -> ca.SX:

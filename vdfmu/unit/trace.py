@@ -119,6 +119,9 @@ class _Watch:
             return self.robot_value()
         return _RobotPart(self, fields)
 
+    def cut(self, joint: int, value: Any) -> Any:
+        return value
+
     def value(self, declared: Declared) -> Any:
         raise NotImplementedError
 
@@ -177,18 +180,34 @@ class SymbolicWatch(_Watch):
     ----------
     symbols : dict of str to casadi.SX
         Columns of the variables read, of ``x``, the continuous states, ``x_dot``, ``p`` and ``t``.
+    cuts : list of (joint, symbols, values), or None to cut nothing
+        What :meth:`~vdfmu.unit.base.Unit.cut` has put symbols in place of, in the order in which it is calculated.
     """
 
     def __init__(self, unit: Unit, phase: str, fixed: Fixed, other: SymbolicWatch | None = None) -> None:
         super().__init__(unit, phase, fixed)
         self.symbols: dict[str, ca.SX] = {} if other is None else dict(other.symbols)
         self._robot: Any = None if other is None else other._robot
+        self.cuts: list[tuple[int, ca.SX, ca.SX]] | None = None
 
     def symbol(self, name: str, size: int) -> ca.SX:
         """Column of a name."""
         if name not in self.symbols:
             self.symbols[name] = ca.SX.sym(name, size)
         return self.symbols[name]
+
+    def cut(self, joint: int, value: Any) -> Any:
+        """Put symbols in place of the elements of an array that are not constant."""
+        if self.cuts is None:
+            return value
+        column = to_sx(value)
+        free = [k for k in range(column.numel()) if not column[k].is_constant()]
+        symbols = ca.SX.sym("cut", len(free))
+        self.cuts.append((joint, symbols, column[free]))
+        out = np.array(value, dtype=object)
+        for symbol, k in enumerate(free):
+            out.flat[k] = from_sx(symbols[symbol])[0]
+        return out
 
     def value(self, declared: Declared) -> Any:
         """Symbols of a variable."""

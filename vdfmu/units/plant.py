@@ -89,6 +89,7 @@ class Plant(Unit):
     )
     # positions, rotors and springs are each tied to their own joint; the links' dense block last
     elimination = ("q", "kappa_dot", "tau_s", "q_dot")
+    chain = 9  # from here on elimination along the chain takes fewer operations than that of the dense block
     experiment_stop = 0.2
 
     def _x(self) -> Any:
@@ -116,7 +117,7 @@ class Plant(Unit):
 
     def balance(self) -> Any:
         """Balance forces, by the inverse dynamics: shorter derivatives than those of accelerations."""
-        links, rotors = balance(self.robot, self._x(), self.der_q_dot, self.tau, self.F_e)
+        links, rotors = balance(self.robot, self._x(), self.der_q_dot, self.tau, self.F_e, self.cut)
         kappa = rotor_position(self.robot, self.q, self.tau_s)
         springs = spring_rate(self.robot, kappa, self.kappa_dot, self.q_dot, self.tau_s)
         rates = [self.q_dot - self.der_q, links, rotors - self.der_kappa_dot, springs - self.der_tau_s]

@@ -14,7 +14,9 @@ from vdfmu import __version__
 from vdfmu.fmu.description import number
 from vdfmu.fmu.native.text import array, cell, comment, fields, string
 from vdfmu.kernel import Kernel
-from vdfmu.kernel.c_code import c_function, c_prototype
+from vdfmu.kernel.c_code import c_prototype, c_texts, is_long
+from vdfmu.kernel.c_table import c_table
+from vdfmu.kernel.derivatives import DIRECTIONS
 from vdfmu.kernel.requirements import requirements
 from vdfmu.progress import counted
 from vdfmu.unit.interface import Interface
@@ -30,6 +32,8 @@ _ROLES = {
     "local": "DERIVATIVE",
     "independent": "TIME",
 }
+_WHOLE_DERIVATIVE = 5_000
+"""Operations of a derivative that go into one C function; parts compile in half the time and run a quarter longer."""
 _SOLVER = ("h", "tolerance")
 """Arguments of the step that its caller gives by value."""
 
@@ -39,15 +43,25 @@ def generated_sources(interface: Interface, guid: str) -> dict[str, str]:
     unit = _Unit(interface, guid)
     files = {"config.h": unit.config(), "kernel.h": unit.kernel_header(), "unit.c": unit.source()}
     for function in unit.functions.values():
-        files[f"kernel_{function.name()}.c"] = kernel_source(function)
+        *parts, whole = _kernel_texts(function)
+        files |= {f"kernel_{function.name()}_part_{k}.c": part for k, part in enumerate(parts, 1)}
+        files[f"kernel_{function.name()}.c"] = whole
     return files
 
 
 def kernel_source(function: ca.Function) -> str:
-    """Return the C file of a traced function."""
-    text = c_function(function)
+    """Return the C text of a traced function in one file."""
+    return "\n".join(_kernel_texts(function))
+
+
+def _kernel_texts(function: ca.Function) -> list[str]:
+    """Return the C files of a traced function, itself in the last; derivatives in parts or as a table."""
+    derivative = function.name().rpartition("_")[2] in DIRECTIONS
+    table = derivative and is_long(function)
+    texts = [c_table(function)] if table else c_texts(function, _WHOLE_DERIVATIVE if derivative else None)
     head = _head(f"The traced function {function.name()}, operation by operation.")
-    return f"{head}#include <math.h>\n\n{_wrapped(c_prototype(function))};\n\n{text}"
+    head += f"#include <math.h>\n{'#include <stdint.h>' * table}\n"
+    return [*(head + text for text in texts[:-1]), f"{head}{_wrapped(c_prototype(function))};\n\n{texts[-1]}"]
 
 
 def _head(what: str) -> str:
