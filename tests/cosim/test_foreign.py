@@ -83,9 +83,6 @@ def packages(pack, xml, fmus, tmp_path):
         '<ssd:ParameterBindings><ssd:ParameterBinding source="resources/a.ssv"/></ssd:ParameterBindings>'
     )
     incomplete = edited(fmus["Gain"], rb"<InitialUnknowns>.*</InitialUnknowns>", b"")
-    exchange = edited(fmus["Gain"], rb"<CoSimulation.*?/>", b'<ModelExchange modelIdentifier="Gain"/>')
-    both = edited(fmus["Gain"], rb"<CoSimulation", b'<ModelExchange modelIdentifier="Gain"/><CoSimulation')
-    asks = 'implementation="ModelExchange"'
     return {
         "libcosim: demo": lambda: pack(
             [chain[0], renamed(chain[1], "incomplete.fmu")], linked, extra={"incomplete.fmu": incomplete},
@@ -118,11 +115,7 @@ def packages(pack, xml, fmus, tmp_path):
         "OMSimulator: embrace": lambda: pack(
             [c("n", "Counter", "n:output"), ENUMERATION], ["n.n -> e.u"], extra={"resources/e.fmu": fmu(TAKES_AN_ITEM)}
         ),
-        "OMSimulator: dcmotor": lambda: pack(
-            [renamed(c("g", "Gain", "", attributes=asks), "both.fmu")],
-            extra={"both.fmu": both},
-        ),
-        "OMSimulator: pwmtest": lambda: pack([renamed(chain[1], "only.fmu")], extra={"only.fmu": exchange}),
+        "OMSimulator: pwmtest": lambda: pack([ENUMERATION], extra={"resources/e.fmu": fmu(TAKES_AN_ITEM)}),
     }  # fmt: skip
 
 

@@ -302,7 +302,13 @@ BROKEN = {
     "OSP005": lambda: osp_system("a.y b.y"),
     "OSP006": lambda: osp_system("a.y b.u", "b.y b.u"),
     "RUN006": lambda: unit(),
-    "RUN007": lambda: package(component(), unit=fmu(inside='<ModelExchange modelIdentifier="m"/>')),
+    "RUN007": lambda: package(
+        component(),
+        unit=fmu(
+            text='<fmiModelDescription fmiVersion="1.0" modelName="m" modelIdentifier="m" guid="1" '
+            'numberOfContinuousStates="0" numberOfEventIndicators="0"/>'
+        ),
+    ),
     "RUN008": lambda: unit(
         text='<fmiModelDescription fmiVersion="1.0" modelName="m" modelIdentifier="m" guid="1" '
         'numberOfContinuousStates="0" numberOfEventIndicators="0"/>'

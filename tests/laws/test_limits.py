@@ -174,7 +174,7 @@ def test_limits_that_cannot_be_are_refused(change, words):
 def test_a_motion_beyond_the_stops_is_refused():
     with pytest.raises(
         ModelError,
-        match=r"trajectory\.q_start: expected a position of joint 1 from -0\.5 to 0\.8, got -1\.57",
+        match=r"trajectory\.q_start\[1\]: expected a position of joint 1 between its end stops, -0\.5 and 0\.8, got",
     ):
         load_scenario("planar_tracking", ROBOT)
 
