@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any, cast
 
@@ -63,6 +64,11 @@ class SystemFile:
     connections: Mapping[str, list[str]]
     shared: Mapping[str, Mapping[str, str]]
     dropped: tuple[str, ...] = ()
+
+    @cached_property
+    def fed(self) -> frozenset[str]:
+        """Ends of the connections: groups of inputs, or single ones, that something feeds."""
+        return frozenset(end for targets in self.connections.values() for end in targets)
 
 
 def read_system_file(

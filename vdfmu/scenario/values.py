@@ -44,7 +44,7 @@ def system_values(scenario: Scenario, settings: Mapping[str, Any] | None = None)
     changed = _set_all(system, tables, settings or {})
     values = {
         name: {v.name: v.start for v in table if isinstance(table, Interface) and is_free(system, name, v)}
-        | ({"tolerance": scenario.tolerance} if "tolerance" in table.reference else {})
+        | {v.name: scenario.tolerance for v in table if v.name == "tolerance" and v.causality == "parameter"}
         | robot_parameters(name, table, scenario)
         | written.get(name, {})
         | changed.get(name, {})
@@ -138,9 +138,8 @@ def robot_parameters(component: str, table: Variables, scenario: Scenario) -> Va
 
 def is_free(system: SystemFile, component: str, variable: Variable) -> bool:
     """Whether a variable is an input that nothing feeds."""
-    fed = {end for targets in system.connections.values() for end in targets}
     names = {f"{component}.{variable.group}", f"{component}.{variable.name}"}
-    return variable.causality == "input" and not names & fed
+    return variable.causality == "input" and system.fed.isdisjoint(names)
 
 
 def _sections(system: SystemFile, sections: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
