@@ -51,6 +51,13 @@ HoldOption = Annotated[
         "--input-hold", help="Hold the values of --input until the next row; else they run linearly."
     ),
 ]
+UnitOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        metavar="COMPONENT=UNIT",
+        help="Unit in place of a component's: my_unit.py, my_units.py:Name, or an FMU of any tool. Repeatable.",
+    ),
+]
 
 
 def run(
@@ -68,13 +75,7 @@ def run(
     backend: BackendOption = None,
     fmi: Annotated[str, typer.Option(help="Version of FMI: 2.0, or 3.0 for native FMUs.")] = "2.0",
     settings: SetOption = None,
-    unit: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="COMPONENT=UNIT",
-            help="Unit in place of a component's: my_unit.py, my_units.py:Name, or an FMU of any tool. Repeatable.",
-        ),
-    ] = None,
+    unit: UnitOption = None,
     inputs: InputOption = None,
     input_hold: HoldOption = False,
 ) -> None:
