@@ -44,15 +44,15 @@ if TYPE_CHECKING:
     from vdfmu.scenario import Scenario, load_scenario, scenario_names
     from vdfmu.ssp.write import write_osp, write_ssp
     from vdfmu.study.run import run
-    from vdfmu.sweep.run import sweep
-    from vdfmu.sweep.table import Sweep
+    from vdfmu.sweeps.run import sweep
+    from vdfmu.sweeps.table import Sweep
 
 _WHERE = {
     "Results": "vdfmu.engine.cosim",
     "Robot": "vdfmu.model",
     "Scenario": "vdfmu.scenario",
     "Simulator": "vdfmu.engine.cosim",
-    "Sweep": "vdfmu.sweep.table",
+    "Sweep": "vdfmu.sweeps.table",
     "VdfmuError": "vdfmu.errors",
     "build_fmus": "vdfmu.fmu",
     "forward_dynamics": "vdfmu.dynamics",
@@ -69,7 +69,7 @@ _WHERE = {
     "run": "vdfmu.study.run",
     "scenario_names": "vdfmu.scenario",
     "simulate": "vdfmu.engine.cosim",
-    "sweep": "vdfmu.sweep.run",
+    "sweep": "vdfmu.sweeps.run",
     "write_container": "vdfmu.engine.cosim.container",
     "write_osp": "vdfmu.ssp.write",
     "write_ssp": "vdfmu.ssp.write",

@@ -62,7 +62,7 @@ def run(
         list[str] | None,
         typer.Option(
             metavar="TARGET=FORM",
-            help="What varies: a parameter, or robot, master, step, stop, unit.COMPONENT. Forms: lin(a, b, n), "
+            help="What varies: a parameter, or robot, master, step, stop, unit:COMPONENT. Forms: lin(a, b, n), "
             "log(a, b, n), normal(mean, deviation), lognormal(median, deviation), or values, 1, 2, 5; after a star "
             "factors, *lin(0.9, 1.1). Repeatable.",
         ),
@@ -115,7 +115,7 @@ def run(
 
     What is done stays done: after Ctrl-C or a kill the same command goes on where it was.
     """
-    from vdfmu.sweep.run import default_folder, sweep
+    from vdfmu.sweeps.run import default_folder, sweep
 
     folder = default_folder(scenario) if out is None else out
     try:

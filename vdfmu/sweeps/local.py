@@ -7,9 +7,9 @@ import queue
 import threading
 from collections.abc import Callable, Iterator
 
-from vdfmu.sweep.chunks import Chunks
-from vdfmu.sweep.job import Row
-from vdfmu.sweep.worker import Worker
+from vdfmu.sweeps.chunks import Chunks
+from vdfmu.sweeps.job import Row
+from vdfmu.sweeps.worker import Worker
 
 __all__ = ["processors", "run_here"]
 

@@ -8,9 +8,9 @@ from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 from vdfmu.errors import UsageError, VdfmuError
-from vdfmu.sweep.chunks import Chunks
-from vdfmu.sweep.job import Row, Task
-from vdfmu.sweep.worker import Worker
+from vdfmu.sweeps.chunks import Chunks
+from vdfmu.sweeps.job import Row, Task
+from vdfmu.sweeps.worker import Worker
 
 __all__ = ["run_there"]
 

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vdfmu.errors import UsageError
-from vdfmu.sweep.ledger import LEDGER, TABLE, arrow
+from vdfmu.sweeps.ledger import LEDGER, TABLE, arrow
 
 __all__ = ["Sweep"]
 

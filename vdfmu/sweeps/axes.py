@@ -35,7 +35,7 @@ class Axis:
     ----------
     target : str
         ``component.parameter``, with or without an index, ``robot.parameter``, or what a run takes as an option:
-        ``robot``, ``master``, ``step``, ``stop``, ``unit.COMPONENT``.
+        ``robot``, ``master``, ``step``, ``stop``, ``unit:COMPONENT``.
     form : str
         ``values``, or the name of a distribution: ``lin`` and ``log`` spread evenly, ``normal`` and ``lognormal``.
     numbers : tuple of float
@@ -92,11 +92,12 @@ def read_axes(over: Mapping[str, Any] | Sequence[str]) -> list[Axis]:
     else:
         for text in over:
             target, equals, form = text.partition("=")
-            if not equals or not target.strip():
+            if equals and target.strip():
+                pairs.append((target.strip(), form.strip()))
+            else:
                 problems.append(
                     f"{text}: expected TARGET=FORM, such as controller.K_p[1]=lin(500, 5000, 10)."
                 )
-            pairs.append((target.strip(), form.strip()))
     axes: list[Axis] = []
     for target, form in pairs:
         try:

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vdfmu.errors import UsageError
-from vdfmu.sweep.axes import Axis, read_axes
+from vdfmu.sweeps.axes import Axis, read_axes
 
 __all__ = ["MOST_POINTS", "SAMPLES", "Points", "draw"]
 

@@ -14,8 +14,9 @@ from typing import Any
 
 from vdfmu.errors import VdfmuError
 from vdfmu.process import Listener, end_group, started
-from vdfmu.sweep.child import SIZE
-from vdfmu.sweep.job import Row, Task
+from vdfmu.sweeps.child import SIZE
+from vdfmu.sweeps.job import Row, Task
+from vdfmu.text import shown
 
 __all__ = ["TIME_LIMIT", "Worker"]
 
@@ -86,7 +87,7 @@ class Worker:
             self._listener.finish()
 
     def _begin(self) -> None:
-        self._process = process = started("vdfmu.sweep.child")
+        self._process = process = started("vdfmu.sweeps.child")
         self._replies = replies = queue.SimpleQueue()
         assert process.stderr is not None
         self._listener = Listener(process.stderr)
@@ -94,10 +95,8 @@ class Worker:
         self._send(self._job)
         words = self._reply(_START)
         if words is not None and not self._stopped.is_set():
-            said = self._said.strip().splitlines()
             raise VdfmuError(
-                f"a worker could not be started: {words}{f': {said[-1]}' if said else ''}. The package must be "
-                "importable, with what its measures need."
+                f"a worker could not be started: {words}. The package must be importable, with what its measures need."
             )
 
     def _send(self, content: bytes) -> None:
@@ -121,7 +120,8 @@ class Worker:
         if code < 0:
             with suppress(ValueError):
                 return f"a component crashed the process ({signal.Signals(-code).name})"
-        return f"a component ended the process (exit code {code})"
+        last = self._said.strip().rpartition("\n")[2]
+        return f"a component ended the process (exit code {code}){f': {shown(last)}' if last else ''}"
 
     def _end(self) -> int:
         process, self._process = self._process, None

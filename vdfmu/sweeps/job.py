@@ -14,7 +14,7 @@ from typing import Any
 from vdfmu.engine.cosim import Simulator
 from vdfmu.engine.cosim.inputs import Table
 from vdfmu.errors import CosimError, VdfmuError
-from vdfmu.sweep.measures import Measure, measured
+from vdfmu.sweeps.measures import Measure, measured
 from vdfmu.text import error_text
 
 __all__ = ["Binding", "Bench", "Job", "Row", "Task", "WiredSystem", "matching"]

@@ -19,13 +19,13 @@ from vdfmu.engine.cosim.inputs import read_inputs
 from vdfmu.engine.ssp import load_ssp
 from vdfmu.errors import UsageError
 from vdfmu.progress import Progress
-from vdfmu.sweep.axes import Axis, read_axes
-from vdfmu.sweep.job import Binding, Job, Task, WiredSystem, matching
-from vdfmu.sweep.measures import Measure, read_measures
-from vdfmu.sweep.points import Points, draw
+from vdfmu.sweeps.axes import Axis, read_axes
+from vdfmu.sweeps.job import Binding, Job, Task, WiredSystem, matching
+from vdfmu.sweeps.measures import Measure, read_measures
+from vdfmu.sweeps.points import Points, draw
 from vdfmu.temporary import temporary_folder
 
-__all__ = ["Plan", "make_plan"]
+__all__ = ["Plan", "make_plan", "name_of"]
 
 _OPTIONS = ("robot", "master", "step", "stop")
 """Targets that are options of a run."""
@@ -132,7 +132,7 @@ def make_plan(
         record = _recorded(names, measures, keep)
     facts: dict[str, Any] = {
         "vdfmu": __version__,
-        "scenario": str(getattr(scenario, "name", scenario)),
+        "scenario": name_of(scenario),
         "axes": [str(axis) for axis in axes],
         "sample": str(sample),
         "n": count,
@@ -150,12 +150,17 @@ def make_plan(
     return Plan(points, chosen, Job(tuple(systems), tuple(measures), tuple(record), tuple(keep)), facts)
 
 
+def name_of(scenario: Any) -> str:
+    """Return the name of a scenario, or that of a file without its ending."""
+    return Path(scenario).stem if isinstance(scenario, (str, os.PathLike)) else str(scenario.name)
+
+
 def _digest(*parts: bytes) -> str:
     return hashlib.sha256(b"\0".join(parts)).hexdigest()[:16]
 
 
 def _is_option(target: str) -> bool:
-    return target in _OPTIONS or target.startswith("unit.")
+    return target in _OPTIONS or target.startswith("unit:")
 
 
 def _is_package(scenario: Any) -> bool:
@@ -267,9 +272,9 @@ def _of_scenario(
 
     units = dict(options.get("units") or {})
     units |= {
-        name.removeprefix("unit."): value for name, value in switched.items() if name.startswith("unit.")
+        name.removeprefix("unit:"): value for name, value in switched.items() if name.startswith("unit:")
     }
-    plain = {name: value for name, value in switched.items() if not name.startswith("unit.")}
+    plain = {name: value for name, value in switched.items() if not name.startswith("unit:")}
     loaded = prepare(scenario, **{**options, **plain, "units": units or None})
     values = system_values(loaded, settings)
     bindings = {axis.target: _binding(loaded, axis, values) for axis in axes}

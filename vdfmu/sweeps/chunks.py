@@ -8,7 +8,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from vdfmu.sweep.job import Row, Task
+from vdfmu.sweeps.job import Row, Task
 
 __all__ = ["LARGEST", "Chunks"]
 

@@ -13,12 +13,12 @@ from vdfmu.errors import UsageError
 from vdfmu.interrupt import InterruptGuard
 from vdfmu.once import one_job
 from vdfmu.progress import Progress
-from vdfmu.sweep.chunks import Chunks
-from vdfmu.sweep.job import Job
-from vdfmu.sweep.ledger import Ledger
-from vdfmu.sweep.local import processors, run_here
-from vdfmu.sweep.plan import make_plan
-from vdfmu.sweep.table import Sweep
+from vdfmu.sweeps.chunks import Chunks
+from vdfmu.sweeps.job import Job
+from vdfmu.sweeps.ledger import Ledger
+from vdfmu.sweeps.local import processors, run_here
+from vdfmu.sweeps.plan import make_plan, name_of
+from vdfmu.sweeps.table import Sweep
 
 __all__ = ["sweep"]
 
@@ -63,17 +63,17 @@ def sweep(
         Loaded, the name of a shipped one, a file, or a system package, ``.ssp``.
     over : mapping, or sequence of "TARGET=FORM"
         What varies: ``component.parameter``, ``robot.parameter``, or ``robot``, ``master``, ``step``, ``stop`` and
-        ``unit.COMPONENT``. Its form is ``lin(a, b)``, ``log(a, b)``, with the number of values as a third for a grid,
+        ``unit:COMPONENT``. Its form is ``lin(a, b)``, ``log(a, b)``, with the number of values as a third for a grid,
         ``normal(mean, deviation)``, ``lognormal(median, deviation of the logarithm)``, or values, ``"1, 2, 5"`` or a
         sequence. A star before it makes them factors of the scenario's values: ``*lin(0.9, 1.1)``.
     sample : {"grid", "lhs", "sobol", "random", "saltelli", "morris"} or path
-        How the axes' values are combined; see :func:`vdfmu.sweep.points.draw`. A CSV file has them all.
+        How the axes' values are combined; see :func:`vdfmu.sweeps.points.draw`. A CSV file has them all.
     n : int, optional
         Number of points, but of a grid or file; of ``saltelli`` and ``morris`` that of base points or trajectories.
     seed : int
         Of what is drawn.
     measure : mapping of str to str or callable, or sequence of "NAME=EXPRESSION", optional
-        What is kept of a run: ``rms(trajectory.q_d - plant.q)``, see :mod:`vdfmu.sweep.measures`, or a function of the
+        What is kept of a run: ``rms(trajectory.q_d - plant.q)``, see :mod:`vdfmu.sweeps.measures`, or a function of the
         :class:`vdfmu.Results`. Default for the loop of trajectory, controller and plant: RMS and peak position error
         and peak torque of each joint.
     keep : sequence of str
@@ -146,7 +146,7 @@ def sweep(
         if scheduler is None:
             runs = run_here(job, chunks, min(workers, total - finished), time_limit, advance)
         else:
-            from vdfmu.sweep.cluster import run_there
+            from vdfmu.sweeps.cluster import run_there
 
             runs = run_there(job, chunks, scheduler, time_limit, advance)
         try:
@@ -162,7 +162,7 @@ def sweep(
 
 def default_folder(scenario: Any) -> Path:
     """Return ``results/sweep_NAME``."""
-    return Path("results") / f"sweep_{Path(str(getattr(scenario, 'name', scenario))).stem}"
+    return Path("results") / f"sweep_{name_of(scenario)}"
 
 
 def packed(job: Job) -> bytes:

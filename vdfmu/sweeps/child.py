@@ -1,4 +1,4 @@
-"""The process of a worker of a parameter study; see `vdfmu.sweep.worker`."""
+"""The process of a worker of a parameter study; see `vdfmu.sweeps.worker`."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ SIZE = struct.Struct("<Q")
 
 def _main() -> None:
     requests, replies = private_pipes()
-    from vdfmu.sweep.job import Bench
+    from vdfmu.sweeps.job import Bench
 
     logging.getLogger("vdfmu").addHandler(logging.NullHandler())
     with temporary_folder("vdfmu_sweep_") as folder:

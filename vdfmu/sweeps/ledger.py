@@ -21,8 +21,8 @@ from numpy.typing import NDArray
 from vdfmu.errors import UsageError, VdfmuError
 from vdfmu.files import replacing
 from vdfmu.interrupt import InterruptGuard
-from vdfmu.sweep.job import Row
-from vdfmu.sweep.points import Points
+from vdfmu.sweeps.job import Row
+from vdfmu.sweeps.points import Points
 
 __all__ = ["LEDGER", "TABLE", "Ledger", "arrow"]
 
