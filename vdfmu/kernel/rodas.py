@@ -66,12 +66,14 @@ def stage_equations(
     """
     size = len(order)
     W = from_sx(E / (h * GAMMA) - EJ).reshape(size, size)
-    factorized = ca.reshape(to_sx(factorize(W[np.ix_(order, order)])), size, size)
-    factors, symbols, (kept, E, Ef_t) = _varying([ca.sparsify(factorized), E, Ef_t])
-    LU = from_sx(kept.T).reshape(size, size)
+    factorized = factorize(W[np.ix_(order, order)])
+    filled = pattern(factorized)
+    columns, rows = np.nonzero(filled.T)
+    factors, symbols, (kept, E, Ef_t) = _varying([to_sx(factorized[rows, columns]), E, Ef_t])
+    LU = from_sx(ca.SX(ca.Sparsity.triplet(size, size, rows, columns), kept)).reshape(size, size)
     right, delay = ca.SX.sym("right", m), ca.SX.sym("delay")
     u = np.empty(size, dtype=object)
-    u[order] = solve(LU, from_sx(E[:, :m] @ right + delay * Ef_t)[order], pattern(LU))
+    u[order] = solve(LU, from_sx(E[:, :m] @ right + delay * Ef_t)[order], filled)
     arguments = {"factors": symbols, "right": right, "delay": delay}
     increment = ca.cse([to_sx(u[:m])])
     return factors, ca.Function(f"{name}_solve", list(arguments.values()), increment, list(arguments), ["u"])

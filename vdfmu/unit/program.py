@@ -269,7 +269,8 @@ class _Stiff:
         n_x, (h, tolerance, time) = self.x.numel(), (ca.SX.sym(one) for one in ("h", "tolerance", "time"))
         rates = {f"rate_{key}": rate for key, rate in self.rates.items()}
         factors, solve = stage_equations(h, self.E, self.EJ, self.Ef_t, self.order, n_x, name)
-        matrix = traced_function(f"{name}_matrix", {**self.inputs, **rates, "h": h}, {"factors": factors})
+        used = {**self.inputs, **rates, "h": h}
+        matrix = ca.Function(f"{name}_matrix", list(used.values()), [factors], list(used), ["factors"])
 
         moving = {key: value for key, value in self.inputs.items() if key in self.rates or key == "t"}
         later = [value + time * self.rates.get(key, 1.0) for key, value in moving.items()]
