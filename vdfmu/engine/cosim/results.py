@@ -301,7 +301,21 @@ def csv_lines(
     time: NDArray[np.float64], signals: Sequence[Signal], data: Mapping[str, NDArray[Any]], rows: slice
 ) -> str:
     """Return a line for each `time` and its row of `data`; numbers in their shortest form of the same bits."""
-    columns = [map(repr, time.tolist())]
-    blocks = {kind: array[rows].T.tolist() for kind, array in data.items()}
-    columns += [map(repr, blocks[s.kind][s.column]) for s in signals]
+    if not len(time):
+        return ""
+    texts = {kind: _texts(array[rows]) for kind, array in data.items()}
+    columns = [*_texts(time[:, None]), *(texts[s.kind][s.column] for s in signals)]
     return "".join(line + "\n" for line in map(",".join, zip(*columns, strict=True)))
+
+
+def _texts(array: NDArray[Any]) -> list[list[str]]:
+    """Return the texts of the numbers of each column of an array (m, n)."""
+    if array.dtype.kind != "f" or not array.size:
+        return [list(map(str, column)) for column in array.T.tolist()]
+    # It takes a fifth of a second to import, and then a fifth of the time of Python's own texts.
+    from scipy.io import mmwrite
+
+    stream = io.BytesIO()
+    mmwrite(stream, array, symmetry="general")  # a head, then a line a number, column by column
+    texts = stream.getvalue().decode().splitlines()[-array.size :]
+    return [texts[first : first + len(array)] for first in range(0, array.size, len(array))]
