@@ -135,17 +135,64 @@ def run(
     say(f"Written to {found.path}: {len(found)} points")
 
 
+StudyArgument = Annotated[Path, typer.Argument(help="sweep.parquet of a study, or its folder.")]
+MeasureOption = Annotated[
+    str | None,
+    typer.Option(help="A measure, of whose elements the largest counts, or a column; default the first."),
+]
+
+
+@app.command(epilog="Example: [bold]vdfmu sweep plot results/sweep_tracking --measure error[/bold]")
+def plot(
+    study: StudyArgument,
+    measure: MeasureOption = None,
+    kind: Annotated[
+        str | None,
+        typer.Option(help="scatter, surface, parallel, tornado or indices; default all that fit."),
+    ] = None,
+    out: Annotated[Path | None, typer.Option(help="Folder; default that of the study.")] = None,
+) -> None:
+    """Draw a measure of a study over its axes."""
+    from vdfmu.sweeps.table import Sweep
+
+    for path in Sweep(study).plot(kind, measure, out):
+        say(f"Written: {path}")
+
+
+@app.command(epilog="Example: [bold]vdfmu sweep indices results/sweep_tracking --measure error[/bold]")
+def indices(study: StudyArgument, measure: MeasureOption = None) -> None:
+    """Print Sobol or Morris indices of a study with --sample saltelli or morris."""
+    from rich.table import Table
+
+    from vdfmu.sweeps.indices import CONFIDENCE
+    from vdfmu.sweeps.table import Sweep
+
+    found = Sweep(study).indices(measure)
+    table = Table("axis", *found.values, box=None)
+    for name, row in found.rows():
+        table.add_row(name, *(row.get(index, "") for index in found.values))
+    console.print(table)
+    say(f"± the half-width of the {100 * CONFIDENCE:.0f} % confidence interval, by bootstrap.")
+
+
+@app.command()
+def report(
+    study: StudyArgument,
+    out: Annotated[Path | None, typer.Option(help="File; default report.html in the folder.")] = None,
+) -> None:
+    """Write a page of a study: its measures, failed points and figures."""
+    from vdfmu.sweeps.table import Sweep
+
+    say(f"Written: {Sweep(study).report(out)}")
+
+
 def _say_measures(found: Any) -> None:
     """Print the range of each measure, and the points that failed."""
-    import numpy as np
     from rich.table import Table
 
     table = Table("measure", "smallest", "median", "largest", "at point", box=None)
-    for column in found.measures:
-        values = found[column]
-        if np.isfinite(values).any():
-            row = [f"{f(values):.4g}" for f in (np.nanmin, np.nanmedian, np.nanmax)]
-            table.add_row(column, *row, str(found["point"][np.nanargmax(values)]))
+    for row in found.ranges():
+        table.add_row(*row)
     console.print(table)
     failed = found.failed
     for point, words in list(failed.items())[:_SHOWN]:

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from vdfmu.engine.cosim.results import Results
 from vdfmu.errors import UsageError
 
-__all__ = ["Measure", "measured", "read_measures"]
+__all__ = ["Measure", "measured", "read_measures", "unit_of"]
 
 Array = NDArray[Any]
 
@@ -59,6 +59,8 @@ POINTWISE: dict[str, Callable[[Array], Array]] = {
     "abs": np.abs, "sqrt": np.sqrt, "exp": np.exp, "log": np.log, "sin": np.sin, "cos": np.cos, "degrees": np.degrees,
 }  # fmt: skip
 _FUNCTIONS = (*REDUCTIONS, *ELEMENTS, *POINTWISE)
+_OTHER_UNIT = {"settling", "integral", "sqrt", "exp", "log", "sin", "cos", "degrees"}
+"""Functions whose value has not the unit of what they are given."""
 _OPERATORS: dict[type, Callable[..., Any]] = {
     ast.Add: operator.add, ast.Sub: operator.sub, ast.Mult: operator.mul, ast.Div: operator.truediv,
     ast.Pow: operator.pow, ast.USub: operator.neg, ast.UAdd: operator.pos, ast.Lt: operator.lt, ast.Gt: operator.gt,
@@ -155,6 +157,41 @@ def read_measures(measures: Mapping[str, Any] | Sequence[str]) -> list[Measure]:
 def measured(measures: Sequence[Measure], results: Results) -> dict[str, float]:
     """Values of all measures by column."""
     return {column: value for measure in measures for column, value in measure.of(results).items()}
+
+
+def unit_of(measure: Measure, units: Mapping[str, str]) -> str:
+    """Return the unit of a measure's value; nothing where that is not plain, as of products.
+
+    Parameters
+    ----------
+    units : mapping of str to str
+        Of the signals, with and without indices.
+    """
+    if measure.function is not None:
+        return ""
+    return _unit(ast.parse(measure.text, mode="eval").body, units)
+
+
+def _unit(node: ast.expr, units: Mapping[str, str]) -> str:
+    if (name := _signal(node)) is not None:
+        return units.get(name, "")
+    if isinstance(node, ast.UnaryOp):
+        return _unit(node.operand, units)
+    if isinstance(node, ast.BinOp) and isinstance(node.op, (ast.Add, ast.Sub)):
+        left, right = _unit(node.left, units), _unit(node.right, units)
+        return left if left == right else ""
+    if isinstance(node, ast.Call) and isinstance(node.func, ast.Name):
+        inner = _unit(node.args[0], units)
+        if node.func.id not in _OTHER_UNIT:
+            return inner
+        return (
+            "s"
+            if node.func.id == "settling"
+            else "deg"
+            if (node.func.id, inner) == ("degrees", "rad")
+            else ""
+        )
+    return ""
 
 
 def _signal(node: ast.expr) -> str | None:

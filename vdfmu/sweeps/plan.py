@@ -21,7 +21,7 @@ from vdfmu.errors import UsageError
 from vdfmu.progress import Progress
 from vdfmu.sweeps.axes import Axis, is_option, read_axes
 from vdfmu.sweeps.job import Binding, Job, Task, WiredSystem, matching
-from vdfmu.sweeps.measures import Measure, read_measures
+from vdfmu.sweeps.measures import Measure, read_measures, unit_of
 from vdfmu.sweeps.points import Points, draw
 from vdfmu.temporary import temporary_folder
 
@@ -124,8 +124,10 @@ def make_plan(
     if progress is not None:
         progress("systems", len(systems), len(systems))
     record: list[str] = []
+    units: dict[str, str] = {}
     for system in systems:
-        names = _signals(system, axes)
+        names, known = _signals(system, axes)
+        units = known | units
         if measure is None:
             measures = _default_measures(names)
         record = _recorded(names, measures, keep)
@@ -140,6 +142,8 @@ def make_plan(
         "settings": {name: str(value) for name, value in (settings or {}).items()},
         "options": {name: _plain(value) for name, value in (options or {}).items()},
         "measures": {m.name: m.text for m in measures},
+        "units": {axis.target: _unit_of_axis(axis, systems[0], units) for axis in axes}
+        | {m.name: unit_of(m, units) for m in measures},
         "keep": list(keep),
         "points": _digest(*(column.astype(str).tobytes() for column in points.values())),
         "systems": [
@@ -175,8 +179,24 @@ def _is_package(scenario: Any) -> bool:
     return isinstance(scenario, (str, os.PathLike)) and Path(scenario).suffix.lower() == ".ssp"
 
 
-def _signals(system: WiredSystem, axes: Sequence[Axis]) -> list[str]:
-    """Check a system, and the axes by a value of theirs; return the signals that it can record."""
+def _unit_of_axis(axis: Axis, system: WiredSystem, units: Mapping[str, str]) -> str:
+    """Return the unit of an axis' values; nothing for factors and words."""
+    if axis.target in system.bindings:
+        name = system.bindings[axis.target].names[0]
+        return "" if axis.factor else units.get(name, "")
+    return "s" if axis.target in ("step", "stop") else ""
+
+
+def _signals(system: WiredSystem, axes: Sequence[Axis]) -> tuple[list[str], dict[str, str]]:
+    """Check a system, and the axes by a value of theirs.
+
+    Returns
+    -------
+    names
+        Signals that it can record.
+    units
+        Of all its variables that have one, with and without indices.
+    """
     parameters = dict(system.options.get("parameters", {}))
     for axis in axes:
         if axis.target in system.bindings:
@@ -193,7 +213,13 @@ def _signals(system: WiredSystem, axes: Sequence[Axis]) -> list[str]:
         f"{name}.{v.name}" for name, each in checked.descriptions.items() for v in each.variables.values()
         if v.causality == "output"
     ]  # fmt: skip
-    return list(dict.fromkeys([*outputs, *(".".join(link.end) for link in checked.links if link.stepped)]))
+    units: dict[str, str] = {}
+    for name, each in checked.descriptions.items():
+        for v in each.variables.values():
+            if v.unit is not None:
+                units[f"{name}.{v.name}"] = units[f"{name}.{v.name.partition('[')[0]}"] = v.unit.name
+    names = dict.fromkeys([*outputs, *(".".join(link.end) for link in checked.links if link.stepped)])
+    return list(names), units
 
 
 def _default_measures(names: Sequence[str]) -> list[Measure]:

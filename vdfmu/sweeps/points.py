@@ -14,14 +14,14 @@ from numpy.typing import NDArray
 from vdfmu.errors import UsageError
 from vdfmu.sweeps.axes import Axis, read_axes
 
-__all__ = ["MOST_POINTS", "SAMPLES", "Points", "draw"]
+__all__ = ["LEVELS", "MOST_POINTS", "SAMPLES", "Points", "draw", "shares", "unit_problem"]
 
 SAMPLES = ("grid", "lhs", "sobol", "random", "saltelli", "morris")
 """Ways to draw points; the last two for indices of sensitivity."""
 MOST_POINTS = 10_000_000
 """More are refused: a grid of many axes is more than one thinks."""
-_LEVELS = 4
-"""Of Morris' trajectories."""
+LEVELS = 4
+"""Of Morris' trajectories on each axis."""
 
 Points = dict[str, NDArray[Any]]
 """Target of an axis to its values, (n,) each: row k is point k."""
@@ -61,10 +61,10 @@ def draw(axes: Sequence[Axis], sample: str, n: int | None = None, seed: int = 0)
         return list(axes), _grid(axes, n)
     if n is None or not 1 <= n <= MOST_POINTS:
         raise UsageError(f"n: expected a number of points of {sample} up to {MOST_POINTS:g}, got {n}.")
-    shares = _shares(len(axes), sample, n, seed)
-    if len(shares) > MOST_POINTS:
-        raise UsageError(f"n: expected at most {MOST_POINTS:g} points, got {len(shares)}.")
-    return list(axes), {axis.target: axis.at(shares[:, i]) for i, axis in enumerate(axes)}
+    drawn = shares(len(axes), sample, n, seed)
+    if len(drawn) > MOST_POINTS:
+        raise UsageError(f"n: expected at most {MOST_POINTS:g} points, got {len(drawn)}.")
+    return list(axes), {axis.target: axis.at(drawn[:, i]) for i, axis in enumerate(axes)}
 
 
 def _grid(axes: Sequence[Axis], n: int | None) -> Points:
@@ -85,8 +85,8 @@ def _grid(axes: Sequence[Axis], n: int | None) -> Points:
     return {axis.target: np.array(axis.values)[i] for axis, i in zip(axes, index, strict=True)}
 
 
-def _shares(d: int, sample: str, n: int, seed: int) -> NDArray[np.float64]:
-    """Points in the unit cube, one a row."""
+def shares(d: int, sample: str, n: int, seed: int) -> NDArray[np.float64]:
+    """Return points in the unit cube, one a row: of each axis the shares of its distribution, see `Axis.at`."""
     from scipy.stats import qmc
 
     drawn: Any = {"seed": seed}  # rng from SciPy 1.15 on, which takes both
@@ -105,7 +105,7 @@ def _shares(d: int, sample: str, n: int, seed: int) -> NDArray[np.float64]:
         return np.asarray(sobol.sample(problem, n, calc_second_order=True, seed=seed))
     from SALib.sample import morris
 
-    return np.asarray(morris.sample(problem, n, num_levels=_LEVELS, seed=seed))
+    return np.asarray(morris.sample(problem, n, num_levels=LEVELS, seed=seed))
 
 
 def unit_problem(d: int, names: Sequence[str] | None = None) -> dict[str, Any]:

@@ -47,6 +47,7 @@ class Sweep:
         self.path = Path(path)
         self.notes = list(notes)
         folder = self.path if self.path.is_dir() else self.path.parent
+        self.folder = folder
         table = folder / TABLE if self.path.is_dir() else self.path
         self._files = [table] if table.exists() else sorted((folder / "parts").glob("part_*.parquet"))
         try:
@@ -111,6 +112,35 @@ class Sweep:
             if words is not None
         }
 
+    def elements(self, by: str | None = None) -> list[str]:
+        """Return the columns of a measure, or a column itself; default the first measure.
+
+        Raises
+        ------
+        UsageError
+            If there is none of that name.
+        """
+        name = by or next(iter(self.facts["measures"]), "")
+        columns = [c for c in self.columns if name in (c, c.partition("[")[0])]
+        if not columns:
+            raise UsageError(f"by: expected {', '.join(self.measures)}, got {name!r}.")
+        return columns
+
+    def values(self, by: str | None = None) -> NDArray[np.float64]:
+        """Return a column, or of a measure the largest of its elements, at each point, (n,); NaN where it failed."""
+        table = self.table(self.elements(by))
+        return np.max([column.to_numpy().astype(float) for column in table.columns], axis=0)
+
+    def ranges(self) -> list[list[str]]:
+        """Return of each column of a measure with values: name, smallest, median, largest, and the point of that."""
+        points, rows = self["point"], list[list[str]]()
+        for column in self.measures:
+            values = self[column]
+            if np.isfinite(values).any():
+                ends = [f"{f(values):.4g}" for f in (np.nanmin, np.nanmedian, np.nanmax)]
+                rows.append([column, *ends, str(points[np.nanargmax(values)])])
+        return rows
+
     def row(self, which: int | str, by: str | None = None) -> dict[str, Any]:
         """Return a point: its number, or ``worst`` or ``best``, the largest or smallest value of the measure `by`.
 
@@ -121,14 +151,11 @@ class Sweep:
             A column, or a measure, of whose elements the largest counts; default the first.
         """
         if which in ("worst", "best"):
-            name = by or next(iter(self.facts["measures"]), "")
-            columns = [c for c in self.columns if name in (c, c.partition("[")[0])]
-            if not columns:
-                raise UsageError(f"by: expected {', '.join(self.measures)}, got {name!r}.")
-            table = self.table(["point", *columns])
-            values = np.max([table[c].to_numpy(zero_copy_only=False).astype(float) for c in columns], axis=0)
+            values = self.values(by)
             if not np.isfinite(values).any():
-                raise UsageError(f"{self.path}: no point has a value of {name}: all failed.")
+                raise UsageError(
+                    f"{self.path}: no point has a value of {by or self.measures[0]}: all failed."
+                )
             place = int((np.nanargmax if which == "worst" else np.nanargmin)(values))
         else:
             points = self["point"]
@@ -171,6 +198,26 @@ class Sweep:
             if axis.target in own:
                 settings |= binding(scenario, axis, values).values(row[axis.target])
         return {**options, "settings": settings}
+
+    def indices(self, measure: str | None = None) -> Any:
+        """Return Sobol or Morris indices of a measure, see `vdfmu.sweeps.indices.indices`."""
+        from vdfmu.sweeps.indices import indices
+
+        return indices(self, measure)
+
+    def plot(
+        self, kind: str | None = None, measure: str | None = None, out: str | os.PathLike[str] | None = None
+    ) -> list[Path]:
+        """Draw figures of a measure, see `vdfmu.sweeps.plots.plot`; return their files."""
+        from vdfmu.sweeps.plots import plot
+
+        return plot(self, kind, measure, None if out is None else Path(out))
+
+    def report(self, out: str | os.PathLike[str] | None = None) -> Path:
+        """Write a page of all measures, figures inside, default ``report.html`` in the folder; return its path."""
+        from vdfmu.sweeps.page import write_page
+
+        return write_page(self, None if out is None else Path(out))
 
     def to_pandas(self) -> Any:
         """Return a ``pandas.DataFrame``."""

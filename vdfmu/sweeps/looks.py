@@ -1,0 +1,89 @@
+"""What the figures of a parameter study share: captions, colours, scales, and how failed points look."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import LogNorm, Normalize
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from numpy.typing import NDArray
+
+from vdfmu.report import style
+from vdfmu.sweeps.sides import Side, View
+
+__all__ = [
+    "COLOUR_MAP",
+    "FAILED",
+    "HIGH",
+    "LOW",
+    "at_bottom",
+    "colours_of",
+    "dress",
+    "legend_of",
+    "new_figure",
+]
+
+COLOUR_MAP = "viridis"
+LOW, HIGH, FAILED = style.COLORS[0], style.COLORS[4], style.COLORS[1]
+
+
+def new_figure(
+    shown: View, title: str, words: str, height: float, width: float = style.WIDTH, **more: Any
+) -> Figure:
+    """Return a figure, in whose caption is what the study and the measure are."""
+    facts, failed = shown.study.facts, int(shown.failed.sum())
+    name = shown.value.name.partition(",")[0].partition("[")[0]
+    caption = (
+        f"{words} {facts['scenario']}, {len(shown.failed)} points ({Path(facts['sample']).name})"
+        f"{f', of which {failed} without a value' if failed else ''}. {name} = {shown.text}"
+    )
+    return style.new_figure(title, caption.strip(), height=height, width=width, **more)
+
+
+def colours_of(shown: View) -> ScalarMappable:
+    """Return the colours of the measure."""
+    values = shown.value.values
+    low, high = float(np.nanmin(values)), float(np.nanmax(values))
+    kind = LogNorm if shown.value.log else Normalize
+    return ScalarMappable(kind(low, high), mpl.colormaps[COLOUR_MAP])
+
+
+def dress(axes: Axes, side: Side, which: str, label: bool = True) -> None:
+    """Give an axis, ``x`` or ``y``, the scale, the words and the name of a side."""
+    getattr(axes, f"set_{which}label")(side.label.replace(" (", "\n(") if label else "")
+    if side.words:
+        getattr(axes, f"set_{which}ticks")(range(len(side.words)), side.words)
+    elif side.log:
+        getattr(axes, f"set_{which}scale")("log")
+        low, high = float(np.nanmin(side.values)), float(np.nanmax(side.values))
+        if high < 100.0 * low:  # decades alone would leave one label, or none
+            _plain_ticks(getattr(axes, f"{which}axis"), low, high)
+
+
+def _plain_ticks(axis: Any, low: float, high: float) -> None:
+    """Label a logarithmic axis of few decades at 1, 2, 5."""
+    from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
+
+    decades = range(math.floor(math.log10(low)) - 1, math.ceil(math.log10(high)) + 1)
+    places = [m * 10.0**k for k in decades for m in (1.0, 2.0, 5.0)]
+    axis.set_major_locator(FixedLocator([p for p in places if 0.8 * low <= p <= 1.25 * high]))
+    axis.set_minor_locator(NullLocator())
+    axis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:g}"))
+
+
+def legend_of(shown: View) -> list[Line2D]:
+    """Return what says how failed points look, if there are any."""
+    look: dict[str, Any] = {"color": FAILED, "marker": "x", "linestyle": "none"}
+    return [Line2D([], [], label="no value: the run failed", **look)] if shown.failed.any() else []
+
+
+def at_bottom(axes: Axes, x: NDArray[Any]) -> None:
+    """Mark failed points, which have no height."""
+    axes.plot(x, np.full(len(x), 0.03), "x", color=FAILED, ms=4, transform=axes.get_xaxis_transform())
