@@ -23,6 +23,7 @@ from benchmarks import (
     native,
     order,
     rigid,
+    sweeps,
     whole,
     work_precision,
 )
@@ -410,6 +411,19 @@ def test_whole(report: Report) -> None:
     assert set(commands) > {"vdfmu --help", "vdfmu run, references kept"} and min(commands.values()) > 0.0
     assert report.facts["results.csv_mb"] > report.facts["results.parquet_mb"] > 0.1
     assert report.facts["a state of a batch, compiled"] > 0.0
+
+
+@needs_compiler
+@pytest.mark.heavy
+def test_sweeps(report: Report) -> None:
+    sweeps.run(report, quick=True)
+    assert [table.name for table in report.tables] == [
+        "sweep_points",
+        "sweep_point",
+        "sweep_growth",
+        "sweep_cluster",
+    ]
+    assert report.facts["vdfmu.sweep_2"]["points_per_s"] > 0.0 and report.facts["dask_1"]["scheduler_s"] > 0.0
 
 
 def test_time_at_an_error_is_interpolated() -> None:

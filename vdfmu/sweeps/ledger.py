@@ -156,8 +156,9 @@ class Ledger:
         return self._parts / f"part_{first:08d}_{last:08d}.parquet"
 
     def _write(self, table: Any, place: Path) -> None:
+        """Write a part; what the study is, which may list thousands of values, is in `LEDGER` once for all parts."""
         buffer = self._arrow.BufferOutputStream()
-        self._parquet.write_table(table, buffer, compression="zstd")
+        self._parquet.write_table(table.replace_schema_metadata(), buffer, compression="zstd")
         self._put(place, buffer.getvalue())
 
     def _table(self, rows: Sequence[Row]) -> Any:
@@ -174,7 +175,7 @@ class Ledger:
                 values = [row.get(name) for row in rows]
                 several = any(isinstance(value, np.ndarray) for value in values)
                 columns[name] = pa.array(values, pa.list_(pa.float64()) if several else pa.float64())
-        return pa.table(columns).replace_schema_metadata({_METADATA: json.dumps(self._facts)})
+        return pa.table(columns)
 
     def finish(self) -> Path:
         """Make one file of the parts, in the order of the points, and return it."""

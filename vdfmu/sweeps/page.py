@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import re
 import shlex
 from collections.abc import Iterable, Sequence
 from html import escape
@@ -69,6 +70,11 @@ def write_page(study: Sweep, path: Path | None = None) -> Path:
         "<h2>Measures</h2>",
         _table(("measure", "smallest", "median", "largest", "at point"), study.ranges()),
     ]
+    for name, text in facts["measures"].items():
+        parts += [
+            f"<h2>{escape(name)}{escape(_unit(facts['units'].get(name, '')))}</h2><p><code>{escape(text)}</code></p>"
+        ]
+        parts += _of_measure(study, name)
     if failed:
         rows = [[str(point), _short(words, 400)] for point, words in list(failed.items())[:_SHOWN]]
         more = len(failed) - len(rows)
@@ -77,11 +83,6 @@ def write_page(study: Sweep, path: Path | None = None) -> Path:
             _table(("point", "why"), rows),
             f"<p>and {more} more</p>" if more else "",
         ]
-    for name, text in facts["measures"].items():
-        parts += [
-            f"<h2>{escape(name)}{escape(_unit(facts['units'].get(name, '')))}</h2><p><code>{escape(text)}</code></p>"
-        ]
-        parts += _of_measure(study, name)
     content = (
         f'<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8"><title>{escape(str(facts["scenario"]))}</title>'
         f"<style>{_STYLE}</style></head>\n<body>\n" + "\n".join(parts) + "\n</body></html>\n"
@@ -121,12 +122,12 @@ def _of_measure(study: Sweep, name: str) -> Iterable[str]:
 
 def _table(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     head = "".join(f"<th>{escape(one)}</th>" for one in heads)
-    lines = ["".join(f"<td{_kind(one)}>{escape(one)}</td>" for one in row) for row in rows]
+    lines = ["".join(f"<td{_kind(one) if heads else ''}>{escape(one)}</td>" for one in row) for row in rows]
     return f"<table><tr>{head}</tr>\n" + "\n".join(f"<tr>{line}</tr>" for line in lines) + "\n</table>"
 
 
 def _kind(text: str) -> str:
-    return ' class="number"' if text.lstrip("-")[:1].isdigit() else ""
+    return ' class="number"' if re.fullmatch(r"-?[\d.]+(e[+-]?\d+)?( ± .*)?", text) else ""
 
 
 def _unit(unit: str) -> str:

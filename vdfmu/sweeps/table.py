@@ -53,7 +53,9 @@ class Sweep:
         try:
             self._schemas = [parquet.read_schema(file) for file in self._files]
             self.facts: dict[str, Any] = json.loads(
-                self._schemas[0].metadata[b"vdfmu"] if self._files else (folder / LEDGER).read_bytes()
+                self._schemas[0].metadata[b"vdfmu"]
+                if self._files == [table]
+                else (folder / LEDGER).read_bytes()
             )
         except (OSError, ValueError, KeyError, TypeError) as error:
             raise UsageError(
@@ -122,6 +124,8 @@ class Sweep:
         """
         name = by or next(iter(self.facts["measures"]), "")
         columns = [c for c in self.columns if name in (c, c.partition("[")[0])]
+        if not columns and name in self.facts["measures"]:
+            raise UsageError(f"{self.path}: no point has a value of {name}: all failed.")
         if not columns:
             raise UsageError(f"by: expected {', '.join(self.measures)}, got {name!r}.")
         return columns
