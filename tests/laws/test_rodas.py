@@ -46,7 +46,7 @@ def step_of(matrix):
 def linear_step(A, x, h, E, EJ, Ef_t, order, rate=0.0):
     """Return a CasADi function of state and h: one step of x_dot = A x + rate t."""
     factors, solve = stage_equations(h, E, EJ, Ef_t, order, x.numel())
-    step = rodas_step(lambda state, t: A @ state + rate * t, x, h, partial(solve, factors))
+    step = rodas_step(lambda state, t: A @ state + rate * t, x, A @ x, h, partial(solve, factors))
     return ca.Function("step", [x, h], [*step])
 
 

@@ -97,17 +97,22 @@ def _varying(expressions: list[ca.SX]) -> tuple[ca.SX, ca.SX, list[ca.SX]]:
 
 
 def rodas_step(
-    f: Callable[[Any, Any], Any], x: Any, h: Any, solve: Callable[[Any, Any], Any], name: str = "rodas"
+    f: Callable[[Any, Any], Any],
+    x: Any,
+    x_dot: Any,
+    h: Any,
+    solve: Callable[[Any, Any], Any],
+    name: str = "rodas",
 ) -> tuple[Any, Any]:
     """Take one step of the system ``x_dot = f(x, t)``.
 
     Of SX, the step is traced as a whole; of MX, it calls functions that are traced once: `f`, `solve` and those that
-    form the arguments of the two, ``<name>_point_1``, ``<name>_right_1``, ..
+    form the arguments of the two, ``<name>_right_1``, ``<name>_point_2``, ..
 
     Parameters
     ----------
     f : right-hand side of state and time since the start of the step
-    x : (m, 1) state at the start of the step
+    x, x_dot : (m, 1) state and right-hand side at the start of the step
     h : (1, 1) step [s]
     solve : as of :func:`stage_equations`, with its first argument given
 
@@ -124,9 +129,11 @@ def rodas_step(
     for k, (a_i, c_i, alpha, gamma) in enumerate(zip(A, C, ALPHA, GAMMA_I, strict=True), 1):
         at = start + sum((a * u_j for a, u_j in zip(a_i, given, strict=True)), start=ca.SX(m, 1))
         right = rate + sum((c * u_j for c, u_j in zip(c_i, given, strict=True)), start=ca.SX(m, 1)) / size
-        x_i, time = ca.Function(f"{name}_point_{k}", [start, size, *given], [at, alpha * size])(x, h, *u)
         equation = ca.Function(f"{name}_right_{k}", [rate, size, *given], [right, gamma * size])
-        u.append(solve(*equation(f(x_i, time), h, *u)))
+        if u:
+            x_i, time = ca.Function(f"{name}_point_{k}", [start, size, *given], [at, alpha * size])(x, h, *u)
+            x_dot = f(x_i, time)
+        u.append(solve(*equation(x_dot, h, *u)))
         given.append(ca.SX.sym(f"u_{k}", m))
     # stiffly accurate: the last stage is the embedded solution of order 3, and its increment the error
     return ca.Function(f"{name}_end", [start, rate], [start + rate])(x_i, u[5]), u[5]

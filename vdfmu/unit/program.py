@@ -270,7 +270,9 @@ class _Stiff:
         rates = {f"rate_{key}": rate for key, rate in self.rates.items()}
         factors, solve = stage_equations(h, self.E, self.EJ, self.Ef_t, self.order, n_x, name)
         used = {**self.inputs, **rates, "h": h}
-        matrix = ca.Function(f"{name}_matrix", list(used.values()), [factors], list(used), ["factors"])
+        # the Jacobian needs most of the right-hand side of the first stage
+        started = ca.cse([factors, ca.densify(self.x_dot)])
+        start = ca.Function(f"{name}_start", list(used.values()), started, list(used), ["factors", "x_dot"])
 
         moving = {key: value for key, value in self.inputs.items() if key in self.rates or key == "t"}
         later = [value + time * self.rates.get(key, 1.0) for key, value in moving.items()]
@@ -290,8 +292,8 @@ class _Stiff:
             at = now | dict(zip(moving, moved, strict=True)) | {"x": x_i}
             return derivatives(*(at[key] for key in derivatives.name_in()))
 
-        known = matrix(*(now[key] for key in matrix.name_in()))
-        x_end, last = rodas_step(f, now["x"], now["h"], partial(solve, known), name)
+        known, x_dot = start(*(now[key] for key in start.name_in()))
+        x_end, last = rodas_step(f, now["x"], x_dot, now["h"], partial(solve, known), name)
         results = [x_end, *size(now["x"], x_end, last, now["tolerance"])]
         return ca.Function(name, list(now.values()), results, list(now), ["x_new", "norm", "ratio"])
 
