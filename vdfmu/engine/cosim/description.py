@@ -22,6 +22,8 @@ from vdfmu.errors import SspError
 Value = float | int | bool | str | bytes
 KINDS = ("CoSimulation", "ModelExchange", "ScheduledExecution")
 _KIND = {"Enumeration": "Integer"}
+_TRUE = {"true", "1"}
+_CONTINUOUS_INPUT = {("input", None), ("input", "continuous")}
 RANGES = {"Integer": (-(2**31), 2**31 - 1)} | {
     f"{sign}Int{bits}": (0, min(2**bits, 2**63) - 1) if sign else (-(2 ** (bits - 1)), 2 ** (bits - 1) - 1)
     for sign in ("", "U")
@@ -110,6 +112,14 @@ class Description:
         Whether its state can be saved and restored, so that a step can be repeated.
     interpolates_inputs : bool
         Whether it takes derivatives of its real inputs, and lets them run linearly over a step.
+    updates_inputs : bool
+        Whether its real inputs can be set within a step of co-simulation, in its intermediate updates (FMI 3.0).
+    derives_outputs : bool
+        Whether it gives derivatives of its outputs by time.
+    derives_unknowns : bool
+        Whether it gives directional derivatives.
+    states : tuple of (int, int, int)
+        Value references of the continuous states and of their derivatives that it declares, and their lengths.
     varies_steps : bool
         Whether its steps may differ in length.
     event_mode : bool
@@ -131,6 +141,10 @@ class Description:
     shapes: Mapping[str, tuple[int, ...]] = field(default_factory=dict)
     saves_state: bool = False
     interpolates_inputs: bool = False
+    updates_inputs: bool = False
+    derives_outputs: bool = False
+    derives_unknowns: bool = False
+    states: tuple[tuple[int, int, int], ...] = ()
     varies_steps: bool = True
     event_mode: bool = False
     exchange: bool = False
@@ -267,7 +281,7 @@ def _describe(model: ModelDescription, root: Any, source: str, exchange: bool) -
     part: Any = (model.modelExchange if exchange else model.coSimulation) or CoSimulation()
     relative = {
         v.get("name") for v in root.iterfind("ModelVariables/*")
-        for typed in (v, *v.iterfind("Real")) if typed.get("relativeQuantity") in {"true", "1"}
+        for typed in (v, *v.iterfind("Real")) if typed.get("relativeQuantity") in _TRUE
     }  # fmt: skip
     return Description(
         source=source,
@@ -287,6 +301,24 @@ def _describe(model: ModelDescription, root: Any, source: str, exchange: bool) -
         saves_state=bool(part.canGetAndSetFMUstate),
         varies_steps=exchange or bool(part.canHandleVariableCommunicationStepSize),
         interpolates_inputs=exchange or bool(part.canInterpolateInputs),
+        updates_inputs=not exchange
+        and bool(part.providesIntermediateUpdate)
+        and all(
+            v.get("intermediateUpdate") in _TRUE
+            for v in root.iterfind("ModelVariables/*")
+            if type_of(v.tag) == "Real" and (v.get("causality"), v.get("variability")) in _CONTINUOUS_INPUT
+        ),
+        derives_outputs=not exchange and part.maxOutputDerivativeOrder > 0,
+        derives_unknowns=any(
+            each.get(f"providesDirectionalDerivative{s}") in _TRUE
+            for each in root.iterfind("ModelExchange" if exchange else "CoSimulation")
+            for s in ("", "s")  # of FMI 2.0; of FMI 3.0, which FMPy does not read
+        ),
+        states=tuple(
+            (v.derivative.valueReference, v.valueReference, math.prod(v.shape or ()))
+            for v in (u.variable for u in model.derivatives)
+            if v.derivative is not None
+        ),
         event_mode=not exchange and bool(part.hasEventMode),
         exchange=exchange,
         sizes=(model.numberOfContinuousStates, model.numberOfEventIndicators),
