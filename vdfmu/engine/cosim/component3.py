@@ -46,9 +46,12 @@ class Slave3(Slave):
     """Whether the master handles events of its co-simulation; whether a step has ended at an event."""
     updates = False
     """Whether its inputs run on lines, in its intermediate updates."""
-    _begin, _first, _piece, _at, _end = math.nan, math.inf, math.inf, 0.0, 0.0
-    """Begin of the step; the length that its first internal step is taken for; the last internal step, where it has
-    ended; end of the step [s]."""
+    _begin, _end, _at, _held = math.nan, 0.0, 0.0, 0.0
+    """Begin and end of a step, the last update in it, and the time on the line whose values the inputs have [s]."""
+    _piece, _late = math.inf, 0.0
+    """Length of the last internal step [s]; `_lag` up to the last update."""
+    _opening = _piece, _late
+    """Those at the begin of the step."""
     _failed: CosimError | None = None
     """What failed in an intermediate update."""
 
@@ -130,29 +133,37 @@ class Slave3(Slave):
         return do_step, self.argument, clock, size, c_bool(True), "doStep"
 
     def _run_line(self, begin: float, end: float) -> None:
-        """Begin a step whose inputs run on lines: each internal step has about their values at its middle."""
+        """Begin a step whose inputs run on lines."""
         if begin != self._begin:  # a step that is repeated begins as it did
-            self._begin, self._first = begin, self._piece
-        self._at, self._end, self._piece, self._failed = begin, end, math.inf, None
-        self.line(begin + 0.5 * min(self._first, end - begin))
+            self._begin, self._opening = begin, (self._piece, self._late + self._lag(self._end))
+        self._piece, self._late = self._opening
+        self._at, self._end, self._failed = begin, end, None
+        self._hold(min(self._piece, end - begin))
+        self._piece = math.inf
 
     def _updated(
         self, _: int | None, time: float, requested: bool, _get: bool, finished: bool, *more: Any
     ) -> None:
-        """Set the inputs in an intermediate update.
-
-        For an internal step that begins, the values at its middle, if it is as long as the last; else those now.
-        """
-        if not requested or not self._at < time < self._end:
-            return
-        ahead = 0.0
-        if finished:
+        """Set the inputs in an intermediate update, between two internal steps."""
+        if requested and finished and self._at < time < self._end:
+            self._late += self._lag(time)
             self._piece, self._at = time - self._at, time
-            ahead = 0.5 * min(self._piece, self._end - time)
-        try:
-            self.line(time + ahead)
-        except CosimError as error:
-            self._failed = error
+            try:
+                self._hold(min(self._piece, self._end - time))
+            except CosimError as error:
+                self._failed = error
+
+    def _lag(self, time: float) -> float:
+        """Return the integral of the time minus that of the value which is held, since the last update [s^2]."""
+        return (time - self._at) * (0.5 * (self._at + time) - self._held)
+
+    def _hold(self, length: float) -> None:
+        """Set the inputs for an internal step of a length that is a guess, so that their integral is that of the line.
+
+        What a wrong guess has left of the integral before is made up for.
+        """
+        self._held = self._at + 0.5 * length + self._late / length
+        self.line(self._held)
 
     def slope_call(self, moved: Transfer) -> Call:
         """See `Slave.slope_call`."""
