@@ -16,9 +16,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vdfmu.engine.cosim.access import DTYPES, Call, Heap, Transfer
-from vdfmu.engine.cosim.description import Description, Value, Variable, library_name
+from vdfmu.engine.cosim.description import Description, library_name
 from vdfmu.engine.cosim.integrator import Integrator
 from vdfmu.engine.cosim.messages import LogMessage, MessageBox
+from vdfmu.engine.cosim.variables import Value, Variable
 from vdfmu.errors import CosimError
 from vdfmu.text import shown
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from vdfmu.engine.cosim.access import Call, Transfer
 from vdfmu.engine.cosim.component import Slave, on_message
-from vdfmu.engine.cosim.description import Value, Variable
+from vdfmu.engine.cosim.variables import Value, Variable
 from vdfmu.errors import CosimError
 
 try:

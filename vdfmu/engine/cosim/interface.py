@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,7 +34,7 @@ def interface_inverse(block: Block, coupled: Coupled, h: float) -> Floats | None
         residual[:, column] = changes[block.torn]
     residual -= np.eye(block.torn.size)
     try:
-        inverse = np.linalg.inv(residual)
+        inverse: Any = np.linalg.inv(residual)
     except np.linalg.LinAlgError:
         return None
     return inverse if np.isfinite(inverse).all() else None
