@@ -177,16 +177,6 @@ class Results:
                 if isinstance(array.base, mmap.mmap) and hasattr(mmap, "MADV_DONTNEED"):
                     array.base.madvise(mmap.MADV_DONTNEED)
 
-    def with_reals(self, signals: Mapping[str, tuple[NDArray[np.float64], str]]) -> Results:
-        """Return the same results with more signals, each an array (m,) and its unit."""
-        real = self._data["real"]
-        added = [
-            Signal(name, "real", unit, real.shape[1] + i)
-            for i, (name, (_, unit)) in enumerate(signals.items())
-        ]
-        data = self._data | {"real": np.column_stack([real, *[array for array, _ in signals.values()]])}
-        return Results(self.time, [*self._signals.values(), *added], data, self.summary, self.messages)
-
     def write(self, path: str | Path) -> None:
         """Write a file of results: in Parquet if its suffix is ``.parquet``, else as `to_csv`.
 
