@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import difflib
 import io
 import json
 import math
@@ -19,6 +18,7 @@ from numpy.typing import NDArray
 
 from vdfmu.errors import UsageError
 from vdfmu.files import write_whole
+from vdfmu.text import close_to
 
 KINDS = ("real", "integer", "boolean")
 _BLOCK = 512
@@ -110,9 +110,7 @@ class Results:
         """Return one signal, shape (m,); UsageError when there is none of that name."""
         signal = self._signals.get(name)
         if signal is None:
-            close = difflib.get_close_matches(name, self._signals, n=3)
-            hint = f"; did you mean {', '.join(close)}?" if close else ""
-            raise UsageError(f"the results have no signal {name!r}{hint}")
+            raise UsageError(f"the results have no signal {name!r}{close_to(name, self._signals)}")
         column = np.asarray(self._data[signal.kind])[:, signal.column]
         return column.astype(bool) if signal.kind == "boolean" else column
 
