@@ -75,7 +75,7 @@ def _binding(file: str, mapping: Sequence[tuple[str, str]]) -> str:
 
 def _run(description: SystemDescription) -> str:
     scenario = description.scenario
-    step, stop = f"{description.step:g}", f"{scenario.stop:g}"
+    step, stop = f"{scenario.step:g}", f"{scenario.stop:g}"
     text = f"""<p>From 0 to {stop} s with a communication step of {step} s. The numbers of the scenario are for the
 <code>{scenario.master}</code> algorithm; solver tolerance of the plant {description.tolerance:g}. The annotations
 of the default experiment say the same.</p>

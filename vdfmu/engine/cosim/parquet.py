@@ -15,9 +15,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vdfmu.engine.cosim.results import KINDS, Results, Signal, copies_in, with_copies
+from vdfmu.engine.cosim.results import KINDS, Results, Signal, copies_in, no_rows, with_copies
 from vdfmu.engine.json_text import to_json
-from vdfmu.errors import UsageError, VdfmuError
+from vdfmu.errors import UsageError
 from vdfmu.files import replacing
 
 __all__ = ["needed", "read_parquet", "write_parquet"]
@@ -55,10 +55,7 @@ def write_parquet(results: Results, path: Path) -> None:
                 columns = [block.time, *(block[s.name] for s in signals[1:])]
                 writer.write_table(pa.table([np.ascontiguousarray(c) for c in columns], schema=schema))
     except OSError as error:
-        raise VdfmuError(
-            f"{path}: the rows cannot be written: {error.strerror or error}. Free space, or choose another "
-            "folder with --out."
-        ) from None
+        raise no_rows(path, error) from None
 
 
 def read_parquet(path: Path) -> Results:

@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from vdfmu.errors import UsageError
+from vdfmu.errors import UsageError, VdfmuError
 from vdfmu.files import write_whole
 from vdfmu.text import close_to
 
@@ -322,6 +322,14 @@ def with_copies(
 def later(column: NDArray[Any], rows: int) -> NDArray[Any]:
     """Return values that come some rows later; before that the first holds."""
     return column[np.maximum(np.arange(len(column)) - rows, 0)]
+
+
+def no_rows(path: Path, error: OSError) -> VdfmuError:
+    """Return the error of rows that cannot be written."""
+    return VdfmuError(
+        f"{path}: the rows cannot be written: {error.strerror or error}. Free space, or choose another folder with "
+        "--out."
+    )
 
 
 def csv_head(signals: Sequence[Signal]) -> str:
