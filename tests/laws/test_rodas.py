@@ -38,7 +38,9 @@ def step_of(matrix):
     m = len(matrix)
     x, h = ca.SX.sym("x", m), ca.SX.sym("h")
     J = ca.SX(ca.DM(matrix))
-    x_new, error = rodas_step(lambda state, _: J @ state, x, h, ca.SX.eye(m), J, ca.SX(m, 1), np.arange(m))
+    x_new, error = rodas_step(
+        lambda state, y, _: J @ state - y, x, J @ x, h, ca.SX.eye(m), J, ca.SX(m, 1), np.arange(m)
+    )
     return ca.Function("step", [x, h], [x_new, error])
 
 
@@ -114,7 +116,9 @@ def test_elimination_order_does_not_change_the_step():
     start = random.normal(size=5)
     results = []
     for order in (np.arange(5), np.array([3, 1, 4, 0, 2])):
-        x_new, _ = rodas_step(lambda state, _: J @ state, x, h, ca.SX.eye(5), J, ca.SX(5, 1), order)
+        x_new, _ = rodas_step(
+            lambda state, y, _: J @ state - y, x, J @ x, h, ca.SX.eye(5), J, ca.SX(5, 1), order
+        )
         results.append(ca.Function("step", [x, h], [x_new])(start, 0.1).full().ravel())
     # Diagonally dominant, so any order is stable: as above.
     np.testing.assert_allclose(results[0], results[1], rtol=0, atol=1e4 * EPS)
@@ -129,9 +133,10 @@ def test_multiplying_the_stage_equations_by_a_mass_matrix_does_not_change_the_st
     start = random.normal(size=4)
     results = []
     for M in (np.eye(4), E):
+        mass = ca.SX(ca.DM(M))
         x_new, _ = rodas_step(
-            lambda state, t: ca.SX(ca.DM(J)) @ state + t,
-            x, h, ca.SX(ca.DM(M)), ca.SX(ca.DM(M @ J)), ca.SX(ca.DM(M @ np.ones(4))), np.arange(4),
+            lambda state, y, t, mass=mass: mass @ (ca.SX(ca.DM(J)) @ state + t - y),
+            x, ca.SX(ca.DM(J)) @ x, h, mass, ca.SX(ca.DM(M @ J)), ca.SX(ca.DM(M @ np.ones(4))), np.arange(4),
         )  # fmt: skip
         results.append(ca.Function("step", [x, h], [x_new])(start, 0.1).full().ravel())
     # As above, times the condition of E, up to 100.

@@ -6,7 +6,7 @@ like the equations, with its Jacobian, its elimination and its six stages, so th
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import casadi as ca
 import numpy as np
@@ -42,25 +42,29 @@ C = (
 
 
 def rodas_step(
-    f: Callable[[ca.SX, ca.SX], ca.SX],
+    balance: Callable[[ca.SX, ca.SX, ca.SX], ca.SX],
     x: ca.SX,
+    x_dot: ca.SX,
     h: ca.SX,
     E: ca.SX,
     EJ: ca.SX,
     Ef_t: ca.SX,
     order: npt.NDArray[np.int_],
 ) -> tuple[ca.SX, ca.SX]:
-    """Trace one step of the system ``x_dot = f(x, t)``.
+    """Trace one step of the system ``balance(x, x_dot, t) = 0``, such as ``f(x, t) - x_dot``.
+
+    x_dot is carried along as the algebraic unknown of ``x_dot = y, 0 = balance(x, y, t)``, for which Rodas4 was made. So
+    no stage solves the balance for x_dot; on ``f(x, t) - x_dot`` it is the method for ordinary differential equations.
 
     Parameters
     ----------
-    f : right-hand side of state and time since the start of the step, both expressions
-    x : (m, 1) state at the start of the step
+    balance : residual (m, 1) of state, its derivative and time since the start of the step, all expressions
+    x, x_dot : (m, 1) state at the start of the step and its derivative there, which balances
     h : (1, 1) step [s]
-    E, EJ : (m, m) an invertible matrix and its product with the Jacobian ``J = df/dx``. The stage
-        equations are multiplied by E; where E holds a mass matrix, ``E J`` is cheaper than J and needs no
-        inverse. With k more rows and columns, of algebraic equations and unknowns, the columns of E are 0 there.
-    Ef_t : (m + k, 1) product of E with the partial derivative of f with respect to time
+    E, EJ : (m, m) derivative of the balance with respect to x_dot, times -1, and with respect to x, at the start. E is
+        invertible; where it holds a mass matrix, the step needs no inverse of it. With k more rows and columns, of
+        algebraic equations and unknowns, the columns of E are 0 there.
+    Ef_t : (m + k, 1) partial derivative of the balance with respect to time
     order : elimination order of the m + k unknowns; it decides the fill-in, not the result
 
     Returns
@@ -68,20 +72,39 @@ def rodas_step(
     x_new : (m, 1) state at the end, local error O(h^5)
     error : (m, 1) difference to the embedded solution of order 3
     """
-    zero = ca.SX(*x.shape)
-    algebraic = ca.SX(EJ.shape[0] - x.shape[0], 1)
+    m = x.shape[0]
+    algebraic = ca.SX(EJ.shape[0] - m, 1)
     W = from_sx(E / (h * GAMMA) - EJ).reshape(EJ.shape)
     LU = factorize(W[np.ix_(order, order)])
     filled = pattern(LU)
+    explicit = _explicit_rows(E[:m, :m])
 
     u: list[ca.SX] = []
-    x_i = x
+    w: list[ca.SX] = []  # increments of y, as u are those of x
+    x_i, y_i = x, x_dot
     for a_i, c_i, alpha, gamma in zip(A, C, ALPHA, GAMMA_I, strict=True):
-        x_i = x + sum((a * u_j for a, u_j in zip(a_i, u, strict=True)), start=zero)
-        rhs = f(x_i, alpha * h) + sum((c * u_j for c, u_j in zip(c_i, u, strict=True)), start=zero) / h
+        before = _combined(c_i, u, m) / h
+        residual = ca.SX(m, 1)
+        if a_i:
+            x_i, y_i = x + _combined(a_i, u, m), x_dot + _combined(a_i, w, m)
+            residual = balance(x_i, y_i, alpha * h)
+        y_explicit = explicit * y_i  # first, so that y_i cancels
+        known = ca.vertcat(residual + y_explicit + explicit * before, algebraic)
+        rest = E - ca.diag(ca.vertcat(explicit, algebraic))
+        rhs = known + ca.sparsify(rest) @ ca.vertcat(y_i + before, algebraic) + gamma * h * Ef_t
         solution = np.empty(len(order), dtype=object)
-        scaled = E @ ca.vertcat(rhs, algebraic)
-        solution[order] = solve(LU, from_sx(scaled + gamma * h * Ef_t)[order], filled)
-        u.append(to_sx(solution[: x.shape[0]]))
+        solution[order] = solve(LU, from_sx(rhs)[order], filled)
+        u.append(to_sx(solution[:m]))
+        w.append(u[-1] / (h * GAMMA) - (y_i + before))
     # stiffly accurate: the last stage is the embedded solution of order 3, and its increment the error
     return x_i + u[5], u[5]
+
+
+def _combined(coefficients: Sequence[float], vectors: Sequence[ca.SX], m: int) -> ca.SX:
+    return sum((c * v for c, v in zip(coefficients, vectors, strict=True)), start=ca.SX(m, 1))
+
+
+def _explicit_rows(E: ca.SX) -> ca.SX:
+    """1 for each row of E that is a row of the identity, else 0: (m, 1)."""
+    rows = [E[i, :].nnz() == 1 and E[i, i].is_one() for i in range(E.shape[0])]
+    return ca.sparsify(ca.SX(ca.DM(rows)))

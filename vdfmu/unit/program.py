@@ -235,7 +235,9 @@ class _Stiff:
         self.order = np.concatenate([np.arange(where[name].start, where[name].stop) for name in names])
         if type(unit).balance is Unit.balance:
             self.E, self.EJ = ca.SX.eye(n_x), ca.jacobian(self.x_dot, x)
-            along = _along(self.x_dot, changing, changes)
+            self.Ef_t = _along(self.x_dot, changing, changes)
+            slope = ca.SX.sym("x_dot", n_x)
+            self._balance = ca.Function("balance", [slope, *self.inputs.values()], [self.x_dot - slope])
         else:
             balance = SymbolicWatch(unit, "balance", watch.fixed, watch)
             x_dot = balance.symbol("x_dot", n_x)
@@ -251,29 +253,29 @@ class _Stiff:
                 ca.jacobian(residual, unknown),
                 -ca.horzcat(ca.jacobian(residual, x_dot), ca.SX(residual.numel(), unknown.numel() - n_x)),
                 _along(residual, changing, changes),
+                residual[:n_x],
             ]
             if cuts:
                 _, symbols, values = zip(*cuts, strict=True)
                 _, parts = ca.substitute_inplace(list(symbols), list(values), parts, False)
-            balanced = ca.Function("balance", [x_dot, *at, *self.rates.values()], parts)
-            self.EJ, self.E, along = balanced(self.x_dot, *at, *self.rates.values())
-        self.Ef_t = along
+            linear = ca.Function("linear", [x_dot, *at, *self.rates.values()], parts[:3])
+            self.EJ, self.E, self.Ef_t = linear(self.x_dot, *at, *self.rates.values())
+            self._balance = ca.Function("balance", [x_dot, *at], parts[3:])
 
     def step(self, name: str) -> ca.Function:
         """One Rodas4 step, inputs linear in time, and its local error relative to the tolerance, by component."""
         x, h, tolerance = self.x, ca.SX.sym("h"), ca.SX.sym("tolerance")
-        f = ca.Function("f", list(self.inputs.values()), [self.x_dot])
 
-        def at(x_i: ca.SX, time: ca.SX) -> ca.SX:
+        def balance(x_i: ca.SX, x_dot: ca.SX, time: ca.SX) -> ca.SX:
             moved = {
                 key: value + time * self.rates[key] for key, value in self.inputs.items() if key in self.rates
             }
             moved["x"] = x_i
             if "t" in self.inputs:
                 moved["t"] = self.inputs["t"] + time
-            return f(*(moved.get(key, value) for key, value in self.inputs.items()))
+            return self._balance(x_dot, *(moved.get(key, value) for key, value in self.inputs.items()))
 
-        x_new, error = rodas_step(at, x, h, self.E, self.EJ, self.Ef_t, self.order)
+        x_new, error = rodas_step(balance, x, self.x_dot, h, self.E, self.EJ, self.Ef_t, self.order)
         nominal = 1.0  # SI unit, of every state
         ratio = error / (tolerance * (nominal + ca.fmax(ca.fabs(x), ca.fabs(x_new))))
         norm = ca.sqrt(ca.sumsqr(ratio) / x.numel())
