@@ -60,8 +60,8 @@ def test_order_four_with_a_right_hand_side_that_changes_with_time():
 
 
 def test_order_four_on_a_balance_whose_mass_changes_with_the_state():
-    # (1 + x^2) x_dot = 1 + t from x = 0: x + x^3 / 3 = t + t^2 / 2, which is 4 at t = 2. The mass in E is that of the start
-    # of a step; what it changes by is in the balance of the stages.
+    # (1 + x^2) x_dot = 1 + t from x = 0: x + x^3 / 3 = t + t^2 / 2, which is 4 at t = 2. The mass in E is that of the
+    # start of a step; what it changes by is in the balance of the stages.
     x, h, t = ca.SX.sym("x", 1), ca.SX.sym("h"), ca.SX.sym("t")
     mass, x_dot = 1.0 + x**2, (1.0 + t) / (1.0 + x**2)
     x_new, _ = rodas_step(

@@ -262,8 +262,8 @@ def test_a_long_chain_moves_as_scipy_moves_it():
 
 def test_the_stages_of_a_step_balance_forces_and_solve_for_no_acceleration():
     step = step_of(Plant, load_robot("manipulator_6dof"))
-    # 13 396 operations. The inverse dynamics takes 540 of a stage, the forward dynamics, which divides by the masses of all
-    # links in every stage, 1 070: it made 15 924 of them.
+    # 13 396 operations. The inverse dynamics takes 540 of a stage; the forward dynamics, which divides by the masses of
+    # all links in every stage, takes 1 070: with it there were 15 924.
     assert step.n_instructions() < 14_000
 
 

@@ -53,8 +53,9 @@ def rodas_step(
 ) -> tuple[ca.SX, ca.SX]:
     """Trace one step of the system ``balance(x, x_dot, t) = 0``, such as ``f(x, t) - x_dot``.
 
-    x_dot is carried along as the algebraic unknown of ``x_dot = y, 0 = balance(x, y, t)``, for which Rodas4 was made. So
-    no stage solves the balance for x_dot; on ``f(x, t) - x_dot`` it is the method for ordinary differential equations.
+    x_dot is carried along as the algebraic unknown of ``x_dot = y, 0 = balance(x, y, t)``, for which Rodas4 was made.
+    So no stage solves the balance for x_dot. On ``f(x, t) - x_dot`` the step is that of the method for ordinary
+    differential equations.
 
     Parameters
     ----------
