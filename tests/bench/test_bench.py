@@ -244,6 +244,7 @@ def test_master_step(report: Report) -> None:
     assert {row[0] for row in report.tables[1].rows} == set(found.alone)
 
 
+@pytest.mark.heavy
 def test_order(report: Report) -> None:
     steps = {a: [1e-3, 5e-4, 2.5e-4] for a in order.ALGORITHMS} | {"iterative": [4e-3, 2e-3, 1e-3]}
     found = order.converge(load_scenario("tracking"), steps, 0.2, report.say)
@@ -429,7 +430,7 @@ def test_engines_that_are_not_installed_are_named_and_left_out(monkeypatch: pyte
 
 
 @needs_compiler
-@pytest.mark.slow
+@pytest.mark.heavy
 def test_whole(report: Report) -> None:
     whole.run(report, quick=True)
     commands = report.facts["commands_s"]

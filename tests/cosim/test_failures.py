@@ -86,6 +86,7 @@ def test_nothing_is_left_in_the_temporary_folder(fragile, tmp_path, monkeypatch)
     assert list((tmp_path / "tmp").iterdir()) == []
 
 
+@pytest.mark.heavy
 def test_many_runs_in_one_process(fragile):
     for _ in range(20):
         with pytest.raises(CosimError):

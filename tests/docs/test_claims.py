@@ -153,7 +153,7 @@ def test_elastic_frequencies_on_the_page_are_those_of_the_poses_of_the_motion(ar
     assert f"elastic modes at {low} to {high} Hz" in page
 
 
-@pytest.mark.slow
+@pytest.mark.heavy
 def test_stick_slip_amplifies_the_tolerance(tmp_path):
     # docs/solver.md: tracking without gravity, K_p = 100 and K_v = 5: below the falling branch of the friction
     scenario = load_scenario("tracking")

@@ -89,6 +89,7 @@ def test_a_flood_of_output_is_not_kept(unit, monkeypatch):
     assert len(words) <= KEPT  # of 12 MB
 
 
+@pytest.mark.heavy
 def test_memory_is_limited(unit, monkeypatch):
     """16 GiB are asked for in blocks of 256 MiB; the first that is refused ends the process."""
     monkeypatch.setenv("PYTHONMALLOC", "malloc")

@@ -10,7 +10,12 @@ from .corpora import CORPORA
 from .table import Corpus, table, tried
 
 
-@pytest.mark.parametrize("corpus", [one for one in CORPORA if one.quick], ids=lambda corpus: corpus.name)
+def marked(corpus: Corpus):
+    """Return a corpus as a parameter; one in which processes have to start and end over and over is heavy."""
+    return pytest.param(corpus, id=corpus.name, marks=[pytest.mark.heavy] if "moments" in corpus.name else [])
+
+
+@pytest.mark.parametrize("corpus", [marked(one) for one in CORPORA if one.quick])
 def test_hostile_inputs_are_read_or_refused_in_words(corpus: Corpus) -> None:
     row = tried(corpus, range(corpus.quick))
     assert (row.tries, row.examples) == (corpus.quick * corpus.each, [])

@@ -114,6 +114,7 @@ def test_traced_plant_has_the_limits_and_their_slopes(draw, plant_function):
             np.testing.assert_allclose(J[:, j], (high - low) / 2e-7, rtol=0, atol=atol)
 
 
+@pytest.mark.heavy
 def test_the_solver_takes_the_arm_through_bounces(plant_solver):
     """Falling on both stops, against scipy; and the energy only falls."""
     integrator = plant_solver(ROBOT)

@@ -49,6 +49,7 @@ def test_the_first_rotor_stands_on_the_ground(coupled, draw):
         np.testing.assert_allclose(a[6:13], b[6:13], rtol=0, atol=1e-7)
 
 
+@pytest.mark.heavy
 def test_free_fall_of_the_paper_s_arm_differs_by_0_3_degrees(coupled, arm, plant_solver):
     """The figures of docs/model.md: from q = 0 and static equilibrium, 0.5 s, joint 5."""
     for friction, degrees in ((1.0, 0.307), (0.0, 0.393)):

@@ -48,7 +48,7 @@ def shares(summary, key):
     return np.array(summary[key])[: len(paper)] / paper
 
 
-@pytest.mark.slow
+@pytest.mark.heavy
 def test_statistics_of_split_converge_where_single_solutions_do_not(tmp_path):
     runs = [
         vdfmu.run("tracking_split", out=tmp_path, reference=False, settings={"plant.tolerance": tolerance})
@@ -70,7 +70,7 @@ def test_statistics_of_split_converge_where_single_solutions_do_not(tmp_path):
     assert shares(summary, "rms_torque_compensation_error_nm").max() > 5.0
 
 
-@pytest.mark.slow
+@pytest.mark.heavy
 def test_position_errors_of_two_joint_show_the_chosen_gain(tmp_path):
     chosen, implied = (
         vdfmu.run(name, out=tmp_path / name, reference=False).summary

@@ -72,6 +72,7 @@ def test_each_choice_of_the_derivative_term_matches_its_reference(tmp_path, velo
     assert torque < TORQUE
 
 
+@pytest.mark.heavy
 def test_a_payload_that_the_feedforward_does_not_know_costs_accuracy(tmp_path):
     robot = load_robot("planar_2dof").to_dict() | {"payload": {"mass": 0.5, "centroid": [0.1, 0.0, 0.0]}}
     worst = []
@@ -123,6 +124,7 @@ def motion_of(scenario, t):
     return desired_motion(t, *motion).q_d
 
 
+@pytest.mark.heavy
 def test_the_rotor_follows_its_own_desired_velocity_without_sampling():
     """What is left is the solver's; against q_d_dot, the feedback pulls by the rate at which the springs wind up.
 

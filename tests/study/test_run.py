@@ -138,6 +138,7 @@ def with_references(monkeypatch, folder, change):
     monkeypatch.setattr(sys.modules["vdfmu.study.run"], "reference_blocks", reference)
 
 
+@pytest.mark.heavy
 def test_a_chaotic_loop_is_compared_by_its_statistics(tmp_path, monkeypatch):
     with_references(monkeypatch, tmp_path, {"plant.I_m[1]": 1.0 + 1e-9})
     summary = vdfmu.run("tracking_split", out=tmp_path).summary

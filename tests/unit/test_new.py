@@ -15,7 +15,7 @@ def command(*words):
     return CliRunner().invoke(app, [str(word) for word in words])
 
 
-@pytest.mark.slow
+@pytest.mark.heavy
 @pytest.mark.parametrize(("name", "stem", "model"), [("MyFilter2", "my_filter2", "MyFilter2"),
                                                      ("joint_pi", "joint_pi", "JointPi")])  # fmt: skip
 def test_a_new_unit_builds_and_passes_its_own_test(tmp_path, monkeypatch, name, stem, model):
