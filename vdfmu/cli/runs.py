@@ -52,6 +52,13 @@ HoldOption = Annotated[
     ),
 ]
 
+FormatOption = Annotated[
+    str,
+    typer.Option(
+        "--format", metavar="csv|parquet", help="Files of the results: csv, parquet, or csv,parquet for both."
+    ),
+]
+
 
 def run(
     scenario: ScenarioArgument = "tracking",
@@ -77,6 +84,7 @@ def run(
     ] = None,
     inputs: InputOption = None,
     input_hold: HoldOption = False,
+    formats: FormatOption = "csv",
 ) -> None:
     """Run a scenario: build what is stale, co-simulate, solve the references, compare, write tables and figures."""
     way = {
@@ -107,6 +115,7 @@ def run(
             units=parse_settings(unit, "--unit", "COMPONENT=UNIT, such as controller=my_unit.py"),
             inputs=inputs,
             input_hold=input_hold or None,
+            formats=formats.split(","),
             progress=bars.update,
             log=bars.log,
         )
@@ -173,6 +182,7 @@ def simulate(
         float | None,
         typer.Option(help="Memory in MB that isolated components have; default half of the machine's."),
     ] = None,
+    formats: FormatOption = "csv",
     plot: Annotated[bool, typer.Option("--plot", help="Draw the signals: signals.png.")] = False,
 ) -> None:
     """Run a system package, and write its signals.
@@ -207,6 +217,7 @@ def simulate(
             memory_limit=memory_limit,
             out=out,
             overwrite=overwrite,
+            formats=formats.split(","),
             progress=bars.update,
             log=bars.log,
             draw=draw,

@@ -19,7 +19,7 @@ import numpy.typing as npt
 
 from vdfmu.errors import UnitError
 from vdfmu.kernel.functions import Functions
-from vdfmu.kernel.rodas import rodas_step
+from vdfmu.kernel.rodas import Stages, rodas_step, stage_equations
 from vdfmu.kernel.structure import SOURCES as KERNEL_SOURCES
 from vdfmu.kernel.structure import source_digest, structure_key
 from vdfmu.kernel.trace import traced_function
@@ -189,7 +189,9 @@ class UnitFunctions(Functions):
         kind = "step" if name.startswith(f"{self.name}_step") else "jacobian"
         derivatives = f"{self.name}_derivatives{name.removeprefix(f'{self.name}_{kind}')}"
         stiff = _Stiff(self._traced(self._leaves[derivatives]), cut=kind == "step")
-        return stiff.step(name) if kind == "step" else stiff.jacobian(name)
+        if kind == "jacobian":
+            return stiff.jacobian(name)
+        return stiff.step(name, self.casadi_function(derivatives))
 
     def _traced(self, leaf: Leaf) -> SymbolicWatch:
         instance = self.unit(self.robot)
@@ -236,8 +238,7 @@ class _Stiff:
         if type(unit).balance is Unit.balance:
             self.E, self.EJ = ca.SX.eye(n_x), ca.jacobian(self.x_dot, x)
             self.Ef_t = _along(self.x_dot, changing, changes)
-            slope = ca.SX.sym("x_dot", n_x)
-            self._balance = ca.Function("balance", [slope, *self.inputs.values()], [self.x_dot - slope])
+            self._residual = None
         else:
             balance = SymbolicWatch(unit, "balance", watch.fixed, watch)
             x_dot = balance.symbol("x_dot", n_x)
@@ -260,28 +261,58 @@ class _Stiff:
                 _, parts = ca.substitute_inplace(list(symbols), list(values), parts, False)
             linear = ca.Function("linear", [x_dot, *at, *self.rates.values()], parts[:3])
             self.EJ, self.E, self.Ef_t = linear(self.x_dot, *at, *self.rates.values())
-            self._balance = ca.Function("balance", [x_dot, *at], parts[3:])
+            self._residual = ca.Function("residual", [x_dot, *at], parts[3:])
 
-    def step(self, name: str) -> ca.Function:
-        """One Rodas4 step, inputs linear in time, and its local error relative to the tolerance, by component."""
-        x, h, tolerance = self.x, ca.SX.sym("h"), ca.SX.sym("tolerance")
+    def step(self, name: str, derivatives: ca.Function) -> ca.Function:
+        """One Rodas4 step, inputs linear in time, and its local error relative to the tolerance, by component.
 
-        def balance(x_i: ca.SX, x_dot: ca.SX, time: ca.SX) -> ca.SX:
-            moved = {
-                key: value + time * self.rates[key] for key, value in self.inputs.items() if key in self.rates
-            }
-            moved["x"] = x_i
-            if "t" in self.inputs:
-                moved["t"] = self.inputs["t"] + time
-            return self._balance(x_dot, *(moved.get(key, value) for key, value in self.inputs.items()))
+        It calls functions that are traced once: `derivatives`, and those named after it.
+        """
+        n_x, (h, tolerance, time) = self.x.numel(), (ca.SX.sym(one) for one in ("h", "tolerance", "time"))
+        rates = {f"rate_{key}": rate for key, rate in self.rates.items()}
+        stages = stage_equations(h, self.E, self.EJ, self.Ef_t, self.order, n_x, name)
+        used = {**self.inputs, **rates, "h": h}
+        made = {"factors": stages.factors, "x_dot": self.x_dot}
+        matrix = ca.Function(
+            f"{name}_matrix", list(used.values()), ca.cse([*made.values()]), list(used), list(made)
+        )
+        if stages.carried:
+            derivatives = self._balance(f"{name}_balance", stages)
 
-        x_new, error = rodas_step(balance, x, self.x_dot, h, self.E, self.EJ, self.Ef_t, self.order)
+        moving = {key: value for key, value in self.inputs.items() if key in self.rates or key == "t"}
+        later = [value + time * self.rates.get(key, 1.0) for key, value in moving.items()]
+        move = ca.Function(f"{name}_move", [time, *moving.values(), *self.rates.values()], later)
+
+        x, x_new, error = (ca.SX.sym(one, n_x) for one in ("x", "x_new", "error"))
         nominal = 1.0  # SI unit, of every state
         ratio = error / (tolerance * (nominal + ca.fmax(ca.fabs(x), ca.fabs(x_new))))
-        norm = ca.sqrt(ca.sumsqr(ratio) / x.numel())
-        rates = {f"rate_{key}": rate for key, rate in self.rates.items()}
-        inputs = {**self.inputs, **rates, "h": h, "tolerance": tolerance}
-        return traced_function(name, inputs, {"x_new": x_new, "norm": norm, "ratio": ratio})
+        norm = ca.sqrt(ca.sumsqr(ratio) / n_x)
+        size = ca.Function(f"{name}_size", [x, x_new, error, tolerance], ca.cse([norm, ratio]))
+
+        given = self.inputs | rates | {"h": h, "tolerance": tolerance}
+        now = {key: ca.MX.sym(key, value.numel()) for key, value in given.items()}
+
+        def f(x_i: ca.MX, after: ca.MX, *y_i: ca.MX) -> ca.MX:
+            moved = move.call([after, *(now[key] for key in (*moving, *rates))]) if moving else []
+            at = (
+                now | dict(zip(moving, moved, strict=True)) | {"x": x_i} | dict(zip(["y"], y_i, strict=False))
+            )
+            return derivatives(*(at[key] for key in derivatives.name_in()))
+
+        factors, x_dot = matrix(*(now[key] for key in matrix.name_in()))
+        x_end, last = rodas_step(f, now["x"], x_dot, now["h"], factors, stages, name)
+        results = [x_end, *size(now["x"], x_end, last, now["tolerance"])]
+        return ca.Function(name, list(now.values()), results, list(now), ["x_new", "norm", "ratio"])
+
+    def _balance(self, name: str, stages: Stages) -> ca.Function:
+        """Residual of a stage, in explicit rows the derivative, of what is carried and the inputs."""
+        assert self._residual is not None
+        y = ca.SX.sym("y", len(stages.carried))
+        x_dot = ca.SX(self.x.numel(), 1)
+        x_dot[stages.carried] = y
+        at = {"y": y} | self.inputs
+        value = self._residual(x_dot, *self.inputs.values()) + stages.explicit * x_dot
+        return ca.Function(name, list(at.values()), ca.cse([ca.densify(value)]), list(at), ["value"])
 
     def jacobian(self, name: str) -> ca.Function:
         """Jacobian of the derivatives with respect to the states."""
