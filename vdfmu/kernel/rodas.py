@@ -148,8 +148,9 @@ def rodas_step(
     u: list[Any] = []
     w: list[Any] = []
     explicit = ca.SX(stages.explicit)
-    value = ca.Function(f"{name}_begin", [rate], [explicit * rate])(x_dot)
-    y_i = y_0 = ca.Function(f"{name}_carried", [rate], [rate[stages.carried]])(x_dot) if l else None
+    value: Any = ca.Function(f"{name}_begin", [rate], [explicit * rate])(x_dot)
+    y_0: Any = ca.Function(f"{name}_carried", [rate], [rate[stages.carried]])(x_dot) if l else None
+    y_i = y_0
     x_i = x
     for k, (a_i, c_i, alpha, gamma) in enumerate(zip(A, C, ALPHA, GAMMA_I, strict=True), 1):
         given = [start, size, *before]
