@@ -272,10 +272,10 @@ class _Stiff:
         rates = {f"rate_{key}": rate for key, rate in self.rates.items()}
         stages = stage_equations(h, self.E, self.EJ, self.Ef_t, self.order, n_x, name)
         used = {**self.inputs, **rates, "h": h}
-        made = {"factors": stages.factors, "x_dot": self.x_dot}
-        matrix = ca.Function(
-            f"{name}_matrix", list(used.values()), ca.cse([*made.values()]), list(used), list(made)
-        )
+        # the Jacobian needs most of the derivative at the start
+        made = {"factors": stages.factors, "x_dot": ca.densify(self.x_dot)}
+        started = ca.cse([*made.values()])
+        start = ca.Function(f"{name}_start", list(used.values()), started, list(used), list(made))
         if stages.carried:
             derivatives = self._balance(f"{name}_balance", stages)
 
@@ -299,7 +299,7 @@ class _Stiff:
             )
             return derivatives(*(at[key] for key in derivatives.name_in()))
 
-        factors, x_dot = matrix(*(now[key] for key in matrix.name_in()))
+        factors, x_dot = start(*(now[key] for key in start.name_in()))
         x_end, last = rodas_step(f, now["x"], x_dot, now["h"], factors, stages, name)
         results = [x_end, *size(now["x"], x_end, last, now["tolerance"])]
         return ca.Function(name, list(now.values()), results, list(now), ["x_new", "norm", "ratio"])
