@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import expm
 
 from vdfmu.engine.cosim.coupled import Block, Coupled, Unit
 
@@ -75,6 +74,8 @@ def _sensitivity(unit: Unit, coupled: Coupled, h: float) -> Callable[[Floats], N
     motion = np.zeros((n + 2 * m, n + 2 * m))  # x' = A x + B u, u' = w, w' = 0
     motion[:n, : n + m] = jacobian[:n, [*range(n), *inputs]]
     motion[n : n + m, n + m :] = np.eye(m)
+    from scipy.linalg import expm  # takes long to import
+
     part = expm(h / len(unit.parts) * motion)
     state = np.zeros((n + 2 * m, m))
     for hold, _ in unit.parts:
