@@ -10,19 +10,49 @@ import subprocess
 import sys
 import threading
 from contextlib import suppress
-from typing import IO
+from ctypes import CDLL
+from typing import IO, BinaryIO
 
 from vdfmu.text import shown
 
-__all__ = ["KEPT", "SHOWN", "Listener", "end_group"]
+__all__ = ["KEPT", "SHOWN", "Listener", "end_group", "private_pipes", "started"]
 
 KEPT = 4096
 """Bytes of a process's output that are kept: the last."""
 SHOWN = 2**16
 """Bytes of it that are shown as they come: the first."""
 _BLOCK = 2**16
+_PDEATHSIG = 1
+"""Of prctl: a signal that comes when the thread that started the process has ended, however that was."""
 _JOIN = 1.0
 """Time [s] that the output has to end after the process: a child that fled may hold it open."""
+
+
+def started(module: str, *arguments: str) -> subprocess.Popen[bytes]:
+    """Start a module of this package in a process and a session of its own, with pipes to it."""
+    return subprocess.Popen(
+        [sys.executable, "-P", "-m", module, *arguments],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
+        start_new_session=True,
+    )
+
+
+def private_pipes() -> tuple[BinaryIO, int]:
+    """Take the pipes of a process that was `started`: a file of requests, and a descriptor for the replies.
+
+    What any code prints goes to the error output then, and it reads nothing. On Linux the process ends with the thread
+    that started it.
+    """
+    requests, replies = os.fdopen(os.dup(0), "rb"), os.dup(1)
+    nothing = os.open(os.devnull, os.O_RDONLY)
+    os.dup2(nothing, 0)
+    os.dup2(2, 1)
+    if sys.platform == "linux":
+        CDLL(None).prctl(_PDEATHSIG, signal.SIGKILL)
+    return requests, replies
 
 
 def end_group(process: subprocess.Popen[bytes], patience: float = 0.0) -> None:

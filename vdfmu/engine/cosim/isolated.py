@@ -16,7 +16,6 @@ import pickle
 import signal
 import struct
 import subprocess
-import sys
 import threading
 from collections.abc import Callable, Mapping
 from contextlib import suppress
@@ -33,7 +32,7 @@ from vdfmu.engine.cosim.component3 import Slave3
 from vdfmu.engine.cosim.exchange import Exchange, words_of
 from vdfmu.engine.cosim.messages import LogMessage, MessageBox
 from vdfmu.errors import CosimError, UsageError, VdfmuError
-from vdfmu.process import Listener, end_group
+from vdfmu.process import Listener, end_group, started
 
 __all__ = ["CALLS", "REPLY", "REQUEST", "Isolated", "Limits", "mapped"]
 
@@ -102,20 +101,8 @@ class Isolated:
 
     def load(self) -> None:
         """Start the process, load the libraries and create the instances."""
-        self._process = subprocess.Popen(
-            [
-                sys.executable,
-                "-P",
-                "-m",
-                "vdfmu.engine.cosim.isolated_server",
-                str(self._memory),
-                str(self.limits.memory),
-            ],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            env={**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
-            start_new_session=True,
+        self._process = started(
+            "vdfmu.engine.cosim.isolated_server", str(self._memory), str(self.limits.memory)
         )
         assert self._process.stderr is not None
         self._listener = Listener(self._process.stderr, show=True)

@@ -7,10 +7,8 @@ import logging
 import math
 import os
 import pickle
-import signal
 import sys
 from contextlib import suppress
-from ctypes import CDLL
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -22,9 +20,7 @@ from vdfmu.engine.cosim.exchange import Exchange
 from vdfmu.engine.cosim.isolated import CALLS, REPLY, REQUEST, mapped
 from vdfmu.engine.cosim.messages import LogMessage, MessageBox
 from vdfmu.errors import CosimError, UsageError, VdfmuError
-
-_PDEATHSIG = 1
-"""Of prctl: a signal that comes when the master's thread has ended, however that was."""
+from vdfmu.process import private_pipes
 
 
 class Server:
@@ -110,13 +106,7 @@ class Server:
 
 
 def _main(memory: str, limit: str) -> None:
-    # what components print goes to the error output; they read nothing
-    requests, replies = os.fdopen(os.dup(0), "rb"), os.dup(1)
-    nothing = os.open(os.devnull, os.O_RDONLY)
-    os.dup2(nothing, 0)
-    os.dup2(2, 1)
-    if sys.platform == "linux":
-        CDLL(None).prctl(_PDEATHSIG, signal.SIGKILL)
+    requests, replies = private_pipes()
     if sys.platform != "win32" and math.isfinite(float(limit)):
         import resource
 
