@@ -81,13 +81,17 @@ class Components:
                 slave.prepare(tolerance, begin, end, list(self.checked.starts.get(name, ())))
             for slave in self.slaves.values():
                 slave.enter_initialization()
-            self.exchange.initialize(begin, convergence)
+            self.settle(begin, convergence)
             for slave in self.slaves.values():
                 slave.exit_initialization()
             self.exchange.read_outputs()
             if any(isinstance(slave, Slave3) and slave.event_mode for slave in self.slaves.values()):
                 self._events = Events(self.exchange, begin)
         self.box.flush()
+
+    def settle(self, time: float, convergence: float) -> None:
+        """Carry the values over the connections in initialization mode."""
+        self.exchange.initialize(time, convergence)
 
     def couple(
         self, adaptive: float | None, convergence: float | None, span: float, record: Sequence[str] | None

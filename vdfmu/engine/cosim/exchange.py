@@ -24,7 +24,7 @@ from vdfmu.engine.cosim.messages import MessageBox
 from vdfmu.engine.cosim.results import Signal
 from vdfmu.errors import CosimError, UsageError
 
-_TEXTS = ("String", "Binary")
+TEXTS = ("String", "Binary")
 """What tables do not hold and no guess improves."""
 _HEAD = 4
 """Words before the values: clock, size, running, pressed."""
@@ -113,8 +113,8 @@ class Exchange:
             for link in initial.links:
                 self._carry(link, self._value(link))
             return
-        texts = [link for link in initial.torn if link.sink.type in _TEXTS]
-        torn = [link for link in initial.torn if link.sink.type not in _TEXTS]
+        texts = [link for link in initial.torn if link.sink.type in TEXTS]
+        torn = [link for link in initial.torn if link.sink.type not in TEXTS]
         values = np.array([self._value(link) for link in torn], np.float64)
         least = np.array([1.0 if link.discrete else link.sink.size for link in torn])
 
@@ -191,7 +191,7 @@ class Exchange:
         found: list[tuple[int, int, int, Signal]] = []
         data: dict[str, NDArray[Any]] = {}
         stores: list[Callable[[int], None]] = []
-        for bank in (each for each in self.banks if each.kind not in _TEXTS):
+        for bank in (each for each in self.banks if each.kind not in TEXTS):
             kind = bank.kind.lower()
             chosen = [
                 i for i, (unit, v) in enumerate(bank.variables)
@@ -280,7 +280,7 @@ class Exchange:
         variables = [
             each
             for bank in self.banks
-            if bank.kind not in _TEXTS
+            if bank.kind not in TEXTS
             for each in bank.variables
             if each[0] != SOURCE
         ]
