@@ -59,9 +59,7 @@ VariantOption = Annotated[
     str, typer.Option(metavar="SSD", help="The SSD to run, where the package has several.")
 ]
 StartOption = Annotated[float | None, typer.Option(help="Start of the run in seconds.")]
-ToleranceOption = Annotated[
-    float | None, typer.Option(help="Relative tolerance for the units' solvers.")
-]
+ToleranceOption = Annotated[float | None, typer.Option(help="Relative tolerance for the units' solvers.")]
 RecordOption = Annotated[
     list[str] | None,
     typer.Option(metavar="SIGNAL", help="Signals to record, such as 'plant.q[*]'; default all. Repeatable."),
@@ -240,11 +238,13 @@ def federate(
     broker: Annotated[
         str | None,
         typer.Option(
-            metavar="HOST:PORT", help="The HELICS broker of all federates; default one of the run, on loopback."
+            metavar="HOST:PORT",
+            help="The HELICS broker of all federates; default one of the run, on loopback.",
         ),
     ] = None,
     core: Annotated[
-        str, typer.Option(help="How HELICS carries messages: zmq, zmq_ss, tcp, tcp_ss, or ipc on one machine.")
+        str,
+        typer.Option(help="How HELICS carries messages: zmq, tcp, tcp_ss, or ipc on one machine."),
     ] = "zmq",
     variant: VariantOption = "SystemStructure.ssd",
     start: StartOption = None,
@@ -252,7 +252,8 @@ def federate(
     step: StepOption = None,
     tolerance: ToleranceOption = None,
     out: Annotated[
-        Path | None, typer.Option(help="Folder of the results; default results/NAME_ssp, or NAME_ssp_FEDERATE.")
+        Path | None,
+        typer.Option(help="Folder of the results; default results/NAME_ssp, or NAME_ssp_FEDERATE."),
     ] = None,
     overwrite: OverwriteOption = False,
     record: RecordOption = None,
@@ -262,7 +263,8 @@ def federate(
     ignore_unmatched: UnmatchedOption = False,
     unpack_limit: UnpackOption = None,
     time_limit: Annotated[
-        float | None, typer.Option(help="Seconds that a step may take, and each wait for others; default 300.")
+        float | None,
+        typer.Option(help="Seconds that a step may take, and each wait for others; default 300."),
     ] = None,
 ) -> None:
     """Run a system package in several processes, on this machine or on several, joined by HELICS.

@@ -42,6 +42,9 @@ class Components:
         Around all that runs code of an FMU; see `Slave`.
     """
 
+    exchanges = Exchange
+    """The class of the exchange."""
+
     def __init__(
         self,
         checked: Checked,
@@ -52,7 +55,7 @@ class Components:
     ) -> None:
         self.checked, self.folders, self.box = checked, folders, box
         self.slaves: dict[str, Slave] = {}
-        self.exchange = Exchange(checked, self.slaves, box, words)
+        self.exchange = self.exchanges(checked, self.slaves, box, words)
         self._watch = watch
         self._events: Events | None = None
         self._stepper: SampledStepper | ContinuousStepper | None = None
@@ -81,17 +84,13 @@ class Components:
                 slave.prepare(tolerance, begin, end, list(self.checked.starts.get(name, ())))
             for slave in self.slaves.values():
                 slave.enter_initialization()
-            self.settle(begin, convergence)
+            self.exchange.initialize(begin, convergence)
             for slave in self.slaves.values():
                 slave.exit_initialization()
             self.exchange.read_outputs()
             if any(isinstance(slave, Slave3) and slave.event_mode for slave in self.slaves.values()):
                 self._events = Events(self.exchange, begin)
         self.box.flush()
-
-    def settle(self, time: float, convergence: float) -> None:
-        """Carry the values over the connections in initialization mode."""
-        self.exchange.initialize(time, convergence)
 
     def couple(
         self, adaptive: float | None, convergence: float | None, span: float, record: Sequence[str] | None

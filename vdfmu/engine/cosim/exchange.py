@@ -110,8 +110,7 @@ class Exchange:
         self.feed(time)
         initial = self.checked.schedule.initial
         if not initial.torn:
-            for link in initial.links:
-                self._carry(link, self._value(link))
+            self._pass(initial.links)
             return
         texts = [link for link in initial.torn if link.sink.type in TEXTS]
         torn = [link for link in initial.torn if link.sink.type not in TEXTS]
@@ -121,8 +120,7 @@ class Exchange:
         def repeat(guess: NDArray[np.float64]) -> NDArray[np.float64]:
             for link, value in zip(torn, guess.tolist(), strict=True):
                 self._carry(link, value if link.sink.kind == "Real" else round(value))
-            for link in (*texts, *initial.links):
-                self._carry(link, self._value(link))
+            self._pass(initial.links, texts)
             values[:] = [self._value(link) for link in torn]
             return values
 
@@ -146,18 +144,24 @@ class Exchange:
                 "start values nearer to the solution, or break the loop",
             )  # fmt: skip
 
+    def _pass(self, links: Sequence[Link], torn: Sequence[Link] = ()) -> None:
+        """Carry values over connections, first over `torn` ones."""
+        for link in (*torn, *links):
+            self._carry(link, self._value(link))
+
     def _value(self, link: Link) -> Any:
         """Return what a connection carries now."""
-        bank = self._bank(link.source.kind)
-        outside = link.start[0] == SOURCE
-        value: Any = (
-            bank.memory[bank.position[link.start]].item()
-            if outside
-            else self.slaves[link.start[0]].get(link.source)
-        )
+        value: Any = self._source(link)
         if link.conversion.table is not None:
             return link.conversion.table.get(int(value), int(value))
         return value if link.conversion.trivial else link.conversion.factor * value + link.conversion.offset
+
+    def _source(self, link: Link) -> Any:
+        """Return the value at the start of a connection."""
+        if link.start[0] == SOURCE:
+            bank = self._bank(link.source.kind)
+            return bank.memory[bank.position[link.start]].item()
+        return self.slaves[link.start[0]].get(link.source)
 
     def _carry(self, link: Link, value: Value) -> None:
         self.slaves[link.end[0]].set(link.sink, value)

@@ -59,6 +59,8 @@ class HelicsLink:
     others : sequence of str
     core, address : str
         Of the broker.
+    digest : str
+        What must be the same for all.
 
     Attributes
     ----------
@@ -71,7 +73,8 @@ class HelicsLink:
         From every method: the others cannot be reached.
     """
 
-    def __init__(self, name: str, others: Sequence[str], core: str, address: str) -> None:
+    def __init__(self, name: str, others: Sequence[str], core: str, address: str, digest: str) -> None:
+        self._digest = digest
         self.waited, self._name, self._count, self._left = 0.0, name, 0, False
         near = core != "ipc" and address.removeprefix("tcp://").startswith(("127.", "localhost"))
         place = f"--broker_address={address} {_loopback(core) if near else ''}"
@@ -80,7 +83,9 @@ class HelicsLink:
         h.helicsFederateInfoSetCoreInitString(info, f"--federates=1 {_QUIET} {_CONNECT} {place}")
         h.helicsFederateInfoSetTimeProperty(info, h.HELICS_PROPERTY_TIME_PERIOD, 1.0)
         h.helicsFederateInfoSetFlagOption(info, h.HELICS_FLAG_UNINTERRUPTIBLE, True)
-        h.helicsFederateInfoSetIntegerProperty(info, h.HELICS_PROPERTY_INT_LOG_LEVEL, h.HELICS_LOG_LEVEL_NO_PRINT)
+        h.helicsFederateInfoSetIntegerProperty(
+            info, h.HELICS_PROPERTY_INT_LOG_LEVEL, h.HELICS_LOG_LEVEL_NO_PRINT
+        )
         try:
             self._federate = federate = h.helicsCreateValueFederate(name, info)
             self._values, self._words = (
@@ -88,12 +93,17 @@ class HelicsLink:
                 for what, kind in (("values", h.HELICS_DATA_TYPE_VECTOR), ("said", h.HELICS_DATA_TYPE_STRING))
             )
             self._inputs = {
-                other: [h.helicsFederateRegisterSubscription(federate, f"{other}/{what}", "") for what in ("values", "said")]
+                other: [
+                    h.helicsFederateRegisterSubscription(federate, f"{other}/{what}", "")
+                    for what in ("values", "said")
+                ]
                 for other in others
             }
             h.helicsFederateEnterExecutingMode(federate)
         except h.HelicsException as error:
-            raise self._failure(0.0, f"there is no broker at {address}, or not all have joined: {error}") from None
+            raise self._failure(
+                0.0, f"there is no broker at {address}, or not all have joined: {error}"
+            ) from None
         self._cores = _names_of_cores(federate)
 
     def _failure(self, time: float, why: str) -> CosimError:
@@ -104,7 +114,7 @@ class HelicsLink:
         began = perf_counter()
         self._count += 1
         try:
-            self._say([time, *reals], said)
+            self._say([time, *reals], said | ({"digest": self._digest} if self._count == 1 else {}))
             granted = h.helicsFederateRequestTime(self._federate, float(self._count))
             heard = [
                 Heard(other, h.helicsInputGetVector(values), _read(words))
@@ -112,16 +122,24 @@ class HelicsLink:
             ]
         except h.HelicsException as error:
             self._left = True
-            raise self._failure(time, f"the others cannot be reached any more: {self._named(str(error))}") from None
+            raise self._failure(
+                time, f"the others cannot be reached any more: {self._named(str(error))}"
+            ) from None
         for other, values, words in heard:
             if "failed" in words:
                 raise CosimError(*words["failed"])
             if "left" in words:
                 raise self._failure(time, f"federate {other} left the run")
-            if granted != self._count or values[:1] != [time]:
+            if (
+                granted != self._count
+                or values[:1] != [time]
+                or words.get("digest", self._digest) != self._digest
+            ):
                 at = f"is at t = {values[0]:.9g} s" if values else "has said nothing"
                 raise self._failure(
-                    time, f"federate {other} {at}; expected the same split, start, stop and step in all federates"
+                    time,
+                    f"federate {other} {at}, or runs something else; expected the same package, split, start, stop and "
+                    "step for all",
                 )
         self.waited += perf_counter() - began
         return [Heard(other, values[1:], words) for other, values, words in heard]

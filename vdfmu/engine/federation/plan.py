@@ -6,6 +6,7 @@ import sys
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from hashlib import sha256
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -16,7 +17,7 @@ from vdfmu.engine.cosim.feed import Feed
 from vdfmu.engine.cosim.link import SOURCE, Link, Port
 from vdfmu.engine.cosim.overrides import hint
 from vdfmu.engine.cosim.results import Results
-from vdfmu.engine.cosim.schedule import Initial, Schedule, variable_graph
+from vdfmu.engine.cosim.schedule import topological, variable_graph
 from vdfmu.engine.ssp.structure import System
 from vdfmu.errors import UsageError, VdfmuError
 
@@ -25,8 +26,11 @@ if TYPE_CHECKING:
 
 __all__ = ["CORES", "Federation", "Plan", "Sent", "federate", "share"]
 
-CORES = ("zmq", "zmq_ss", "tcp", "tcp_ss", "ipc")
-"""Ways of HELICS to carry messages; ``ipc``, shared memory, is for one machine, those of one socket end in ``_ss``."""
+CORES = ("zmq", "tcp", "tcp_ss", "ipc")
+"""Ways of HELICS to carry messages; ``tcp_ss`` needs one port, that of the broker; ``ipc``, shared memory, one machine.
+
+Not ``zmq_ss``: exchanges of four federates stall with it in HELICS 3.6.1, for a tenth of a second each.
+"""
 
 
 class Sent(NamedTuple):
@@ -59,6 +63,12 @@ class Plan(NamedTuple):
     levels: Mapping[Port, int]
     core: str
     broker: str | None
+
+    @property
+    def digest(self) -> str:
+        """What is the same for all federates of one run."""
+        same = self.parts, self.sent, sorted(self.levels.items())
+        return sha256(repr(same).encode()).hexdigest()
 
 
 @dataclass(frozen=True)
@@ -136,40 +146,38 @@ class Federation:
         if problems:
             raise UsageError("\n".join(problems))
         crossing = [k for k in checked.links if k.start[0] != SOURCE and owner[k.start[0]] != owner[k.end[0]]]
-        crossing.sort(key=lambda link: not link.stepped)
-        sent = {
-            name: Sent(*(
-                tuple(dict.fromkeys(k.start for k in crossing if k.start[0] in part and (k.source.kind == "Real") == real))
-                for real in (True, False)
-            ))
-            for name, part in parts.items()
-        }  # fmt: skip
+        passed = sorted([*crossing, *checked.schedule.initial.torn], key=lambda link: not link.stepped)
+        sent = {name: _sent([k for k in passed if k.start[0] in part]) for name, part in parts.items()}
         here = tuple(parts) if self.only is None else (self.only,)
         return Plan(parts, here, sent, _levels(checked, crossing), self.core, self.broker)
 
 
+def _sent(links: Sequence[Link]) -> Sent:
+    reals, rest = (
+        dict.fromkeys(k.start for k in links if (k.source.kind == "Real") == r) for r in (True, False)
+    )
+    return Sent(tuple(reals), tuple(rest))
+
+
 def _levels(checked: Checked, crossing: Sequence[Link]) -> dict[Port, int]:
-    """Return `Plan.levels`; UsageError if a value depends on itself over federates."""
+    """Return `Plan.levels`; loops are open where the initialization guesses what a connection carries."""
     ports, edges = variable_graph(checked.sources, checked.links, initial=True)
+    edges -= {(link.start, link.end) for link in checked.schedule.initial.torn}
     between = {(link.start, link.end) for link in crossing}
     levels = dict.fromkeys(ports, 0)
-    changed = True
-    while changed:
-        changed = False
-        for a, b in edges:
-            level = levels[a] + ((a, b) in between)
-            if level > len(between):
-                raise UsageError(
-                    "split: the values of the initialization depend on themselves over federates; put the "
-                    f"components of a loop into one: {'; '.join(dict.fromkeys(checked.schedule.initial.loops))}"
-                )
-            if level > levels[b]:
-                levels[b], changed = level, True
+    into: dict[Port, list[Port]] = {}
+    for a, b in edges:
+        into.setdefault(b, []).append(a)
+    for b in topological(ports, edges):
+        levels[b] = max((levels[a] + ((a, b) in between) for a in into.get(b, ())), default=0)
     return levels
 
 
 def share(checked: Checked, components: Collection[str]) -> Checked:
-    """Return the system of some components of a checked one: what they read of others comes from outside."""
+    """Return the system of some components of a checked one: what they read of others comes from outside.
+
+    But in its initialization, which is that of all.
+    """
     links: dict[Port, Link] = {}
     outside: dict[str, Variable] = dict(checked.feed.description.variables) if checked.feed else {}
     for link in checked.links:
@@ -179,21 +187,13 @@ def share(checked: Checked, components: Collection[str]) -> Checked:
                 outside[name] = replace(link.source, name=name, causality="output")
                 link = replace(link, start=(SOURCE, name), source=outside[name])
             links[link.end] = link
-    schedule = checked.schedule
-    torn = [(links[k.end], loop) for k, loop in zip(schedule.initial.torn, schedule.initial.loops, strict=True)
-            if k.end in links]  # fmt: skip
-    initial = Initial(
-        tuple(links[k.end] for k in schedule.initial.links if k.end in links),
-        tuple(link for link, _ in torn),
-        tuple(loop for _, loop in torn),
-    )
     nothing: dict[str, frozenset[str] | None] = dict.fromkeys(outside, frozenset())
     source = Description("", "", "", False, outside, nothing, nothing)
     return replace(
         checked,
         descriptions={name: d for name, d in checked.descriptions.items() if name in components},
         links=tuple(links.values()),
-        schedule=Schedule(initial, tuple(u for u in schedule.units if u in components), frozenset()),
+        schedule=replace(checked.schedule, units=tuple(u for u in checked.schedule.units if u in components)),
         starts={name: values for name, values in checked.starts.items() if name in components},
         feed=Feed(checked.feed.courses if checked.feed else (), source, (), ()) if outside else None,
     )
