@@ -89,3 +89,70 @@ def test_values_of_every_type_are_carried(system, federates):
     options = {"stop": 0.6, "step": 0.2, "parameters": values}
     one = vdfmu.simulate(path, algorithm="jacobi", **options)
     assert_same(vdfmu.federate(path, ["a"], **options), one)
+
+
+def test_the_initialization_passes_from_federate_to_federate(pack, xml, fmus, federates):
+    """A start value goes through three federates; a loop through two is solved as in one process."""
+    c = xml.component
+    path = pack(
+        [
+            c("d", "Derived", "twice:calculatedParameter y:output", xml.values(xml.real("k", 1.5))),
+            c("g", "Gain", "u:input y:output k:parameter"),
+            c("r", "Ramp", "y:output slope:parameter"),
+            c("a", "Adder", "a:input b:input y:output"),
+            c("h", "Gain", "u:input y:output", xml.values(xml.real("k", 0.5))),
+        ],
+        ["d.twice -> g.k", "d.twice -> r.slope", "r.y -> g.u", "g.y -> a.a", "h.y -> a.b", "a.y -> h.u"],
+    )
+    options = {"start": 1.0, "stop": 2.0, "step": 0.25}
+    one = vdfmu.simulate(path, algorithm="jacobi", **options)
+    assert one["g.u"][0] == 3.0  # slope 2 k at t = 1 s
+    assert one["g.y"][0] == 9.0
+    assert one["a.y"][0] == pytest.approx(
+        18.0, rel=1e-8
+    )  # y = 9 + y / 2, to the convergence 1e-8 of the loop
+    assert_same(vdfmu.federate(path, ["d", "g", "r", "h"], **options), one)
+
+
+def test_signals_from_files_units_of_measurement_and_own_steps(pack, xml, federates):
+    c = xml.component
+    own = (
+        '<ssd:Annotations><ssc:Annotation type="org.vdfmu.experiment"><Experiment xmlns="urn:org.vdfmu:experiment" '
+        'communicationStepSize="0.5"/></ssc:Annotation></ssd:Annotations>'
+    )
+    path = pack(
+        [
+            c("deg", "Degrees", "y:output mm:output"),
+            c("rad", "Radians", "u:input m:input"),
+            c("p", "Plant", "u:input load:input y:output", own),
+            c("g", "Gain", "u:input y:output"),
+        ],
+        ["deg.y -> rad.u", "deg.mm -> rad.m", "g.y -> p.u", "p.y -> g.u"],
+    )
+    t = np.linspace(0.0, 1.0, 5)
+    options = {"stop": 1.0, "step": 0.25, "inputs": {"p.load": (t, np.sin(3.0 * t))}}
+    one = vdfmu.simulate(path, algorithm="jacobi", **options)
+    assert one["p.y"][-1] != 0.0
+    assert_same(vdfmu.federate(path, ["deg", "p"], **options), one)
+
+
+def test_a_component_that_ends_the_simulation_ends_it_for_all(system, federates):
+    """As in one process: with the same rows, and the same words."""
+    path = system(
+        {"b": (models.BOUNCING_BALL, "2.0"), "c": (models.FEEDTHROUGH_2, "2.0")}, ["b.h -> c.Float64_input"]
+    )
+    for options in ({"stop": 3.0, "step": 0.05},):
+        one = vdfmu.simulate(path, algorithm="jacobi", **options)
+        results = vdfmu.federate(path, ["b"], **options)
+        assert_same(results, one)
+        assert {k: results.summary.get(k) for k in ("ended", "stop", "steps", "notes")} == {
+            k: one.summary.get(k) for k in ("ended", "stop", "steps", "notes")
+        }
+
+
+def test_components_for_model_exchange(system, federates):
+    path = system(
+        {"d": (models.VAN_DER_POL, "2.0"), "c": (models.FEEDTHROUGH_2, "2.0")}, ["d.x0 -> c.Float64_input"]
+    )
+    one = vdfmu.simulate(path, algorithm="jacobi", stop=1.0, step=0.1)
+    assert_same(vdfmu.federate(path, ["d"], stop=1.0, step=0.1), one)
