@@ -16,6 +16,8 @@ Python API
     The same in several processes, on one or several machines.
 ``Simulator``
     The same for many runs of one system, whose components stay loaded.
+``sweep``
+    A scenario or package at many points: a table that outlives all that may happen.
 ``package_limit``
     How much may be unpacked of a package.
 """
@@ -45,12 +47,15 @@ if TYPE_CHECKING:
     from vdfmu.scenario import Scenario, load_scenario, scenario_names
     from vdfmu.ssp.write import write_osp, write_ssp
     from vdfmu.study.run import run
+    from vdfmu.sweeps.run import sweep
+    from vdfmu.sweeps.table import Sweep
 
 _WHERE = {
     "Results": "vdfmu.engine.cosim",
     "Robot": "vdfmu.model",
     "Scenario": "vdfmu.scenario",
     "Simulator": "vdfmu.engine.cosim",
+    "Sweep": "vdfmu.sweeps.table",
     "VdfmuError": "vdfmu.errors",
     "build_fmus": "vdfmu.fmu",
     "federate": "vdfmu.engine.federation",
@@ -68,6 +73,7 @@ _WHERE = {
     "run": "vdfmu.study.run",
     "scenario_names": "vdfmu.scenario",
     "simulate": "vdfmu.engine.cosim",
+    "sweep": "vdfmu.sweeps.run",
     "write_container": "vdfmu.engine.cosim.container",
     "write_osp": "vdfmu.ssp.write",
     "write_ssp": "vdfmu.ssp.write",
@@ -78,6 +84,7 @@ __all__ = [
     "Robot",
     "Scenario",
     "Simulator",
+    "Sweep",
     "VdfmuError",
     "__version__",
     "build_fmus",
@@ -96,6 +103,7 @@ __all__ = [
     "run",
     "scenario_names",
     "simulate",
+    "sweep",
     "write_container",
     "write_osp",
     "write_ssp",

@@ -12,7 +12,7 @@ from typing import Annotated
 import typer
 
 from vdfmu import __version__
-from vdfmu.cli import cache, files, models, runs, units
+from vdfmu.cli import cache, files, models, runs, sweeps, units
 from vdfmu.cli.terminal import console, fail
 from vdfmu.errors import ModelError, SspError, UsageError, VdfmuError
 from vdfmu.once import one_job
@@ -33,9 +33,11 @@ for function, example in (
     (files.build, "vdfmu build tracking --backend native --fmi 3.0 --platform all --out fmus"),
     (files.container, "vdfmu container tracking --out tracking.fmu"),
     (files.ssp, "vdfmu ssp two_joint --format 2.0 --out two_joint.ssp"),
+    (files.reference, "vdfmu reference two_joint --out reference"),
     (files.check, "vdfmu check fmus/Plant.fmu"),
 ):
     app.command(epilog=f"Example: [bold]{example}[/bold]")(function)
+app.add_typer(sweeps.app, name="sweep")
 app.add_typer(models.app, name="models")
 app.add_typer(cache.app, name="cache")
 app.add_typer(units.app, name="unit")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -51,6 +51,20 @@ HoldOption = Annotated[
         "--input-hold", help="Hold the values of --input until the next row; else they run linearly."
     ),
 ]
+UnitOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        metavar="COMPONENT=UNIT",
+        help="Unit in place of a component's: my_unit.py, my_units.py:Name, or an FMU of any tool. Repeatable.",
+    ),
+]
+
+FormatOption = Annotated[
+    str,
+    typer.Option(
+        "--format", metavar="csv|parquet", help="Files of the results: csv, parquet, or csv,parquet for both."
+    ),
+]
 
 PackageArgument = Annotated[
     Path, typer.Argument(help="A system package of SSP 1.0 or 2.0, of this or any other tool.")
@@ -95,15 +109,20 @@ def run(
     backend: BackendOption = None,
     fmi: Annotated[str, typer.Option(help="Version of FMI: 2.0, or 3.0 for native FMUs.")] = "2.0",
     settings: SetOption = None,
-    unit: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="COMPONENT=UNIT",
-            help="Unit in place of a component's: my_unit.py, my_units.py:Name, or an FMU of any tool. Repeatable.",
-        ),
-    ] = None,
+    unit: UnitOption = None,
     inputs: InputOption = None,
     input_hold: HoldOption = False,
+    formats: FormatOption = "csv",
+    study: Annotated[
+        Path | None,
+        typer.Option(
+            "--from", metavar="SWEEP", help="Run a point of a parameter study: sweep.parquet or its folder."
+        ),
+    ] = None,
+    row: Annotated[str, typer.Option(help="Of --from: worst, best, or the number of a point.")] = "worst",
+    by: Annotated[
+        str | None, typer.Option(help="Of worst and best: by which measure; default the first.")
+    ] = None,
 ) -> None:
     """Run a scenario: build what is stale, co-simulate, solve the references, compare, write tables and figures."""
     way = {
@@ -112,7 +131,20 @@ def run(
     }.get(Path(scenario).suffix.lower())
     if way:
         raise UsageError(f"{scenario}: expected a scenario; this {way}.")
-    chosen = load(scenario, robot)
+    given: dict[str, Any] = {
+        "units": parse_settings(unit, "--unit", "COMPONENT=UNIT, such as controller=my_unit.py")
+    }
+    given |= {"step": step, "stop": stop, "master": master, "adaptive": adaptive, "inputs": inputs}
+    given |= {"input_hold": input_hold or None, "settings": parse_settings(settings)}
+    if study is None:
+        given["scenario"] = load(scenario, robot)
+    else:
+        from vdfmu.sweeps.table import Sweep
+
+        point = Sweep(study).options(row, by)
+        given = point | {name: value for name, value in given.items() if value}
+        given["settings"] = point["settings"] | parse_settings(settings)
+        given["robot"] = robot or point.get("robot")
     from vdfmu.report import tables
     from vdfmu.report.sheets import sheets
     from vdfmu.study.run import RUN_OUTPUTS
@@ -120,20 +152,13 @@ def run(
 
     with Bars() as bars:
         results = run_study(
-            chosen,
-            step=step,
-            stop=stop,
-            master=master,
-            adaptive=adaptive,
+            **given,
             out=out,
             overwrite=overwrite,
             reference=not no_reference,
             backend=backend,
             fmi_version=fmi,
-            settings=parse_settings(settings),
-            units=parse_settings(unit, "--unit", "COMPONENT=UNIT, such as controller=my_unit.py"),
-            inputs=inputs,
-            input_hold=input_hold or None,
+            formats=formats.split(","),
             progress=bars.update,
             log=bars.log,
         )
@@ -177,6 +202,7 @@ def simulate(
         float | None,
         typer.Option(help="Memory in MB that isolated components have; default half of the machine's."),
     ] = None,
+    formats: FormatOption = "csv",
     plot: Annotated[bool, typer.Option("--plot", help="Draw the signals: signals.png.")] = False,
 ) -> None:
     """Run a system package, and write its signals.
@@ -211,6 +237,7 @@ def simulate(
             memory_limit=memory_limit,
             out=out,
             overwrite=overwrite,
+            formats=formats.split(","),
             progress=bars.update,
             log=bars.log,
             draw=draw,
@@ -256,6 +283,7 @@ def federate(
         typer.Option(help="Folder of the results; default results/NAME_ssp, or NAME_ssp_FEDERATE."),
     ] = None,
     overwrite: OverwriteOption = False,
+    formats: FormatOption = "csv",
     record: RecordOption = None,
     settings: ValueOption = None,
     inputs: InputOption = None,
@@ -296,6 +324,7 @@ def federate(
             federation=Federation(split, only, broker, core),
             out=folder,
             overwrite=overwrite,
+            formats=formats.split(","),
             progress=bars.update,
             log=bars.log,
         )

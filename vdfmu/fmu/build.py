@@ -27,7 +27,7 @@ _SLOW_JOINTS = 9
 
 def _build_seconds(n: int) -> float:
     """Processor time of a first native build of all units for `n` joints [s], as measured for 6 to 64."""
-    return 27.0 * n / 6.0
+    return 1.7 * n + 2.0
 
 
 def build_notes(robot: Robot, backend: str | None = None) -> list[str]:

@@ -24,9 +24,10 @@ from fmpy.model_description import read_model_description
 from vdfmu import __version__
 from vdfmu.engine.cosim.check import check_system
 from vdfmu.engine.cosim.checked import Checked
-from vdfmu.engine.cosim.description import Description, Value
+from vdfmu.engine.cosim.description import Description
 from vdfmu.engine.cosim.link import Link
 from vdfmu.engine.cosim.schedule import cycles, topological
+from vdfmu.engine.cosim.variables import Value
 from vdfmu.engine.ssp.archive import Archive
 from vdfmu.engine.ssp.read import load_ssp
 from vdfmu.engine.ssp.structure import System

@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 
 from vdfmu.engine.cosim.access import Call
 from vdfmu.engine.cosim.component3 import Slave3
-from vdfmu.engine.cosim.description import Variable
 from vdfmu.engine.cosim.exchange import Exchange, SampledStepper, largest_step
+from vdfmu.engine.cosim.variables import Variable
 from vdfmu.errors import CosimError
 
 __all__ = ["EventStepper", "Events"]

@@ -1,0 +1,154 @@
+"""``vdfmu sweep``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from typer.core import TyperGroup
+
+from vdfmu.cli.runs import (
+    AdaptiveOption,
+    HoldOption,
+    InputOption,
+    MasterOption,
+    StepOption,
+    StopOption,
+    UnitOption,
+)
+from vdfmu.cli.terminal import (
+    BackendOption,
+    Bars,
+    RobotOption,
+    SetOption,
+    console,
+    parse_settings,
+    say,
+    say_notes,
+)
+
+__all__ = ["app"]
+
+_SHOWN = 5
+"""Failed points that are listed."""
+
+
+class _Group(TyperGroup):
+    """``vdfmu sweep SCENARIO`` is ``vdfmu sweep run SCENARIO``."""
+
+    def resolve_command(self, ctx: Any, args: list[str]) -> Any:
+        return super().resolve_command(ctx, args if args[0] in self.commands else ["run", *args])
+
+
+app = typer.Typer(
+    cls=_Group,
+    no_args_is_help=True,
+    help="Run a scenario at many points: vdfmu sweep SCENARIO --over ...",
+    context_settings={"ignore_unknown_options": True},
+)
+
+
+@app.command(
+    epilog="Example: [bold]vdfmu sweep tracking --over 'plant.K_f0[2]=*lin(0.5, 2, 20)' "
+    "--measure 'error=rms(trajectory.q_d - plant.q)'[/bold]"
+)
+def run(
+    scenario: Annotated[
+        str,
+        typer.Argument(help="Name of a shipped scenario, path of a TOML file, or a system package, .ssp."),
+    ],
+    over: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="TARGET=FORM",
+            help="What varies: a parameter, or robot, master, step, stop, unit:COMPONENT. Forms: lin(a, b, n), "
+            "log(a, b, n), normal(mean, deviation), lognormal(median, deviation), or values, 1, 2, 5; after a star "
+            "factors, *lin(0.9, 1.1). Repeatable.",
+        ),
+    ] = None,
+    sample: Annotated[
+        str,
+        typer.Option(
+            help="grid, lhs, sobol, random, saltelli, morris, or a CSV file: a line of targets, then points."
+        ),
+    ] = "grid",
+    n: Annotated[int | None, typer.Option("--n", help="Number of points, but of a grid or file.")] = None,
+    seed: Annotated[int, typer.Option(help="Of what is drawn.")] = 0,
+    measure: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="NAME=EXPRESSION",
+            help="What is kept of a run, such as 'error=rms(trajectory.q_d - plant.q)'. Repeatable.",
+        ),
+    ] = None,
+    keep: Annotated[
+        list[str] | None,
+        typer.Option(metavar="SIGNAL", help="Signals to keep whole, such as 'plant.q[*]'. Repeatable."),
+    ] = None,
+    settings: SetOption = None,
+    robot: RobotOption = None,
+    unit: UnitOption = None,
+    step: StepOption = None,
+    stop: StopOption = None,
+    master: MasterOption = None,
+    adaptive: AdaptiveOption = None,
+    inputs: InputOption = None,
+    input_hold: HoldOption = False,
+    backend: BackendOption = None,
+    workers: Annotated[int | None, typer.Option(help="Processes; default one a processor.")] = None,
+    scheduler: Annotated[
+        str | None,
+        typer.Option(metavar="ADDRESS", help="Of a Dask scheduler, whose workers are taken instead."),
+    ] = None,
+    chunk: Annotated[
+        int | None, typer.Option(help="Points that a worker takes at a time; default by time.")
+    ] = None,
+    time_limit: Annotated[float | None, typer.Option(help="Seconds that a point has; default 600.")] = None,
+    out: Annotated[Path | None, typer.Option(help="Folder; default results/sweep_SCENARIO.")] = None,
+    overwrite: Annotated[
+        bool, typer.Option("--overwrite", help="Replace another study in the folder.")
+    ] = False,
+    retry: Annotated[bool, typer.Option("--retry", help="Run points that failed again.")] = False,
+) -> None:
+    """Run a scenario at many points, and keep a row for each.
+
+    What is done stays done: after Ctrl-C or a kill the same command goes on where it was.
+    """
+    from vdfmu.sweeps.run import default_folder, sweep
+
+    folder = default_folder(scenario) if out is None else out
+    try:
+        with Bars() as bars:
+            found = sweep(
+                scenario, over or (), sample=sample, n=n, seed=seed, measure=measure or None, keep=keep or (),
+                settings=parse_settings(settings), robot=robot, step=step, stop=stop, master=master, adaptive=adaptive,
+                units=parse_settings(unit, "--unit", "COMPONENT=UNIT, such as controller=my_unit.py") or None,
+                inputs=inputs, input_hold=input_hold or None, backend=backend, workers=workers, scheduler=scheduler,
+                chunk=chunk, time_limit=time_limit, out=folder, overwrite=overwrite, retry=retry, progress=bars.update,
+            )  # fmt: skip
+    except KeyboardInterrupt as error:
+        error.add_note(f"What was done is in {folder}: give the same command again to go on.")
+        raise
+    say_notes(found.notes)
+    _say_measures(found)
+    say(f"Written to {found.path}: {len(found)} points")
+
+
+def _say_measures(found: Any) -> None:
+    """Print the range of each measure, and the points that failed."""
+    import numpy as np
+    from rich.table import Table
+
+    table = Table("measure", "smallest", "median", "largest", "at point", box=None)
+    for column in found.measures:
+        values = found[column]
+        if np.isfinite(values).any():
+            row = [f"{f(values):.4g}" for f in (np.nanmin, np.nanmedian, np.nanmax)]
+            table.add_row(column, *row, str(found["point"][np.nanargmax(values)]))
+    console.print(table)
+    failed = found.failed
+    for point, words in list(failed.items())[:_SHOWN]:
+        say(f"point {point} failed: {words}")
+    if len(failed) > _SHOWN:
+        say(f"and {len(failed) - _SHOWN} more points failed: column 'failed'")

@@ -1,0 +1,247 @@
+"""The folder of a parameter study: a Parquet file for each chunk of points, which is the result and says what is done.
+
+A part takes its place when it is whole. So a study that is killed goes on where it was, and no point is there twice.
+When all are done, the parts become one file, ``sweep.parquet``.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
+from itertools import pairwise
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vdfmu.engine.cosim.parquet import needed
+from vdfmu.errors import UsageError, VdfmuError
+from vdfmu.files import replacing
+from vdfmu.interrupt import InterruptGuard
+from vdfmu.sweeps.job import Row
+from vdfmu.sweeps.points import Points
+
+__all__ = ["LEDGER", "TABLE", "Ledger"]
+
+TABLE = "sweep.parquet"
+"""All points, once they are done."""
+LEDGER = "sweep.json"
+"""What the study is."""
+_PARTS = "parts"
+_METADATA = b"vdfmu"
+
+
+class Ledger:
+    """What is done of a study, in a folder that only one process writes to.
+
+    Parameters
+    ----------
+    folder : Path
+    facts : mapping
+        What the study is.
+    key : str
+        Digest of it.
+    points : Points
+        Values of the axes, which each row gets.
+    overwrite : bool
+        Whether to begin anew where the folder holds another study.
+
+    Raises
+    ------
+    UsageError
+        If the folder holds another study, is in use, or cannot be written to.
+    """
+
+    def __init__(
+        self, folder: Path, facts: Mapping[str, Any], key: str, points: Points, overwrite: bool = False
+    ) -> None:
+        self._arrow, self._parquet = needed()
+        self._folder, self._parts, self._key, self._points = folder, folder / _PARTS, key, points
+        self._facts: dict[str, Any] = {**facts, "key": key}
+        self._overwrite = overwrite
+        self.notes: list[str] = []
+
+    def __enter__(self) -> Ledger:
+        try:
+            self._parts.mkdir(parents=True, exist_ok=True)
+            self._lock = _locked(self._folder / ".lock")
+        except OSError as error:
+            raise UsageError(
+                f"{self._folder}: cannot hold the study: {error}. Choose another folder with --out."
+            ) from None
+        try:
+            self._check()
+        except BaseException:
+            self.__exit__(None, None, None)
+            raise
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        os.close(self._lock)
+        with suppress(OSError):  # parts are in it
+            self._parts.rmdir()
+
+    def _check(self) -> None:
+        """Take the folder, if it is empty or has this study."""
+        place = self._folder / LEDGER
+        try:
+            known = json.loads(place.read_bytes())["key"] if place.exists() else None
+        except (OSError, ValueError, KeyError, TypeError):
+            known = ""
+        there = [*self._files(), *([self._folder / TABLE] if (self._folder / TABLE).exists() else [])]
+        if known != self._key and there:
+            if not self._overwrite:
+                raise UsageError(
+                    f"{self._folder}: holds another study, with other axes, values or units; expected this one, to "
+                    "go on with it, or none. Choose another folder with --out, or replace it with --overwrite."
+                )
+            for file in there:
+                file.unlink()
+        if known != self._key:
+            self._put(place, json.dumps(self._facts, indent=1).encode() + b"\n")
+
+    def _put(self, place: Path, content: bytes) -> None:
+        try:
+            with InterruptGuard(), replacing(place) as file:
+                file.write(content)
+        except OSError as error:
+            raise VdfmuError(
+                f"{place}: cannot be written: {error.strerror or error}. What was done before is kept: free space, "
+                "and give the same command again."
+            ) from None
+
+    def _files(self) -> list[Path]:
+        return sorted(self._parts.glob("part_*.parquet"))
+
+    def done(self) -> NDArray[np.bool_]:
+        """Whether each point is done, shape (n,). Parts that cannot be read are removed, with a note."""
+        found = np.zeros(self._facts["n"], dtype=bool)
+        table = self._folder / TABLE
+        for file in [*([table] if table.exists() else []), *self._files()]:
+            try:
+                found[self._parquet.read_table(file, columns=["point"])["point"].to_numpy()] = True
+            except (OSError, ValueError, IndexError, KeyError) as error:
+                self.notes.append(f"{file}: cannot be read, so its points are run again: {error}")
+                file.unlink()
+        return found
+
+    def forget_failed(self) -> None:
+        """Remove the rows of points that failed, so that they are run again."""
+        table = self._folder / TABLE
+        for file in [*([table] if table.exists() else []), *self._files()]:
+            rows = self._parquet.read_table(file)
+            kept = rows.filter(rows["failed"].is_null())
+            if kept.num_rows == rows.num_rows:
+                continue
+            points = kept["point"].to_numpy()
+            place = self._place(points[0], points[-1]) if len(points) else None
+            if place is not None:
+                self._write(kept, place)
+            if place != file:
+                file.unlink()
+
+    def add(self, rows: Sequence[Row]) -> None:
+        """Keep the rows of consecutive points."""
+        if not rows:
+            return
+        self._write(self._table(rows), self._place(rows[0]["point"], rows[-1]["point"]))
+
+    def _place(self, first: int, last: int) -> Path:
+        return self._parts / f"part_{first:08d}_{last:08d}.parquet"
+
+    def _write(self, table: Any, place: Path) -> None:
+        buffer = self._arrow.BufferOutputStream()
+        self._parquet.write_table(table, buffer, compression="zstd")
+        self._put(place, buffer.getvalue())
+
+    def _table(self, rows: Sequence[Row]) -> Any:
+        pa = self._arrow
+        index = np.array([row["point"] for row in rows])
+        columns: dict[str, Any] = {"point": pa.array(index, pa.int64())}
+        for target, values in self._points.items():
+            columns[target] = pa.array(values[index])
+        columns["failed"] = pa.array([row["failed"] for row in rows], pa.string())
+        columns["failed_at"] = pa.array([row["failed_at"] for row in rows], pa.float64())
+        columns["wall_s"] = pa.array([row["wall_s"] for row in rows], pa.float64())
+        for name in dict.fromkeys(name for row in rows for name in row):
+            if name not in columns:
+                values = [row.get(name) for row in rows]
+                several = any(isinstance(value, np.ndarray) for value in values)
+                columns[name] = pa.array(values, pa.list_(pa.float64()) if several else pa.float64())
+        return pa.table(columns).replace_schema_metadata({_METADATA: json.dumps(self._facts)})
+
+    def finish(self) -> Path:
+        """Make one file of the parts, in the order of the points, and return it."""
+        place, files = self._folder / TABLE, self._files()
+        if place.exists():  # and is whole: the parts are of the moment after it was made
+            for file in files:
+                file.unlink()
+        if not (files := self._files()):
+            return place
+        schema = self._arrow.unify_schemas(
+            [self._parquet.read_schema(file) for file in files], promote_options="permissive"
+        ).with_metadata({_METADATA: json.dumps(self._facts)})
+        try:
+            with InterruptGuard(), replacing(place) as stream:
+                with self._parquet.ParquetWriter(stream, schema, compression="zstd") as writer:
+                    for tables in _groups(
+                        (self._parquet.read_table(file) for file in files), _in_order(files)
+                    ):
+                        together = self._arrow.concat_tables(
+                            [schema.empty_table(), *tables], promote_options="permissive"
+                        )
+                        writer.write_table(together.sort_by("point").cast(schema))
+        except OSError as error:
+            raise VdfmuError(
+                f"{place}: cannot be written: {error.strerror or error}. The points are in {self._parts}: free space, "
+                "and give the same command again."
+            ) from None
+        for file in files:
+            file.unlink()
+        return place
+
+
+def _in_order(files: Sequence[Path]) -> bool:
+    """Whether the points of each file come after those of the one before."""
+    ends = [int(number) for file in files for number in file.stem.split("_")[1:]]
+    return all(a <= b for a, b in pairwise(ends))
+
+
+def _groups(tables: Iterator[Any], ordered: bool, most: int = 16 * 2**20) -> Iterator[list[Any]]:
+    """Put tables together up to a number of bytes; all of them, if their points are mixed."""
+    group: list[Any] = []
+    size = 0
+    for table in tables:
+        group.append(table)
+        size += table.nbytes
+        if ordered and size > most:
+            yield group
+            group, size = [], 0
+    if group:
+        yield group
+
+
+def _locked(path: Path) -> int:
+    """Open a file that one process has at a time; UsageError if another has it."""
+    handle = os.open(path, os.O_RDWR | os.O_CREAT, 0o666)
+    try:
+        if os.name == "nt":
+            import msvcrt
+
+            msvcrt.locking(handle, msvcrt.LK_NBLCK, 1)  # pyright: ignore
+        else:
+            import fcntl
+
+            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        os.close(handle)
+        raise UsageError(
+            f"{path.parent}: another process is at work on this study. Wait for it, or choose another with --out."
+        ) from None
+    return handle

@@ -1,0 +1,332 @@
+"""From a scenario or a package and what varies to the systems and points of a parameter study."""
+
+from __future__ import annotations
+
+import difflib
+import hashlib
+import json
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from vdfmu import __version__
+from vdfmu.engine.cosim.check import check_system
+from vdfmu.engine.cosim.inputs import read_inputs
+from vdfmu.engine.ssp import load_ssp
+from vdfmu.errors import UsageError
+from vdfmu.progress import Progress
+from vdfmu.sweeps.axes import Axis, is_option, read_axes
+from vdfmu.sweeps.job import Binding, Job, Task, WiredSystem, matching
+from vdfmu.sweeps.measures import Measure, read_measures
+from vdfmu.sweeps.points import Points, draw
+from vdfmu.temporary import temporary_folder
+
+__all__ = ["Plan", "binding", "make_plan", "name_of"]
+
+_MOST_SYSTEMS = 200
+_OF_LOOP = {
+    "error": "rms(trajectory.q_d - plant.q)",
+    "peak_error": "peak(trajectory.q_d - plant.q)",
+    "peak_torque": "peak(controller.tau)",
+}
+"""Measures of a tracking loop, where none are asked for."""
+
+
+@dataclass(frozen=True)
+class Plan:
+    """A parameter study, ready to run.
+
+    Attributes
+    ----------
+    points : Points
+    chosen : (n,) array of int
+        Number of each point's system.
+    job : Job
+    facts : dict
+        What it is, for the ledger; the same for the same study.
+    """
+
+    points: Points
+    chosen: Any
+    job: Job
+    facts: dict[str, Any]
+
+    def __len__(self) -> int:
+        return len(self.chosen)
+
+    def task(self, point: int) -> Task:
+        """Return what a worker needs to know of a point."""
+        own = {t: column[point].item() for t, column in self.points.items() if not is_option(t)}
+        return point, int(self.chosen[point]), own
+
+    @property
+    def key(self) -> str:
+        """A digest of `facts`, but for where files are: that of the same study is the same."""
+        facts = {name: fact for name, fact in self.facts.items() if name not in ("source", "options")}
+        return hashlib.sha256(json.dumps(facts, sort_keys=True).encode()).hexdigest()
+
+
+def make_plan(
+    scenario: Any,
+    over: Mapping[str, Any] | Sequence[str] = (),
+    *,
+    sample: str = "grid",
+    n: int | None = None,
+    seed: int = 0,
+    measure: Mapping[str, Any] | Sequence[str] | None = None,
+    keep: Sequence[str] = (),
+    settings: Mapping[str, Any] | None = None,
+    options: Mapping[str, Any] | None = None,
+    backend: str | None = None,
+    progress: Progress | None = None,
+) -> Plan:
+    """Plan a study; arguments as of `vdfmu.sweep`, `options` those of `vdfmu.study.run.prepare`.
+
+    Raises
+    ------
+    UsageError, ModelError, SspError
+        For all that is wrong with it: nothing has run then.
+    """
+    axes, points = draw(read_axes(over), str(sample), n, seed)
+    switches = [axis for axis in axes if is_option(axis.target)]
+    for axis in switches:
+        if axis.factor:
+            raise UsageError(f"{axis.target}: expected values, got factors.")
+    count = len(next(iter(points.values())))
+    rows = list(zip(*(points[axis.target].tolist() for axis in switches), strict=True)) or [()] * count
+    combinations = {row: number for number, row in enumerate(dict.fromkeys(rows))}
+    if len(combinations) > _MOST_SYSTEMS:
+        raise UsageError(
+            f"{', '.join(axis.target for axis in switches)}: expected at most {_MOST_SYSTEMS} different systems, got "
+            f"{len(combinations)}; each is a package of its own."
+        )
+    wire = _of_package if _is_package(scenario) else _of_scenario
+    systems: list[WiredSystem] = []
+    measures: list[Measure] = [] if measure is None else read_measures(measure)
+    for number, combination in enumerate(combinations):
+        if progress is not None:
+            progress("systems", number, len(combinations))
+        switched = dict(zip((axis.target for axis in switches), combination, strict=True))
+        systems.append(
+            wire(
+                scenario,
+                [a for a in axes if a not in switches],
+                switched,
+                settings or {},
+                options or {},
+                backend,
+            )
+        )
+    if progress is not None:
+        progress("systems", len(systems), len(systems))
+    record: list[str] = []
+    for system in systems:
+        names = _signals(system, axes)
+        if measure is None:
+            measures = _default_measures(names)
+        record = _recorded(names, measures, keep)
+    facts: dict[str, Any] = {
+        "vdfmu": __version__,
+        "scenario": name_of(scenario),
+        "source": _plain(scenario),
+        "axes": [str(axis) for axis in axes],
+        "sample": str(sample),
+        "n": count,
+        "seed": seed,
+        "settings": {name: str(value) for name, value in (settings or {}).items()},
+        "options": {name: _plain(value) for name, value in (options or {}).items()},
+        "measures": {m.name: m.text for m in measures},
+        "keep": list(keep),
+        "points": _digest(*(column.astype(str).tobytes() for column in points.values())),
+        "systems": [
+            {"options": {**s.options, **s.run}, "package": _digest(s.content), "inputs": [t.where for t in s.inputs]}
+            for s in systems
+        ],
+    }  # fmt: skip
+    chosen = np.array([combinations[row] for row in rows])
+    return Plan(points, chosen, Job(tuple(systems), tuple(measures), tuple(record), tuple(keep)), facts)
+
+
+def _plain(value: Any) -> Any:
+    """Return an option as JSON has it, where it is a number, a path or a name."""
+    if isinstance(value, Mapping):
+        return {str(name): _plain(one) for name, one in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_plain(one) for one in value]
+    if isinstance(value, os.PathLike):
+        return os.fspath(value)
+    return value if isinstance(value, (int, float)) else str(getattr(value, "name", value))
+
+
+def name_of(scenario: Any) -> str:
+    """Return the name of a scenario, or that of a file without its ending."""
+    return Path(scenario).stem if isinstance(scenario, (str, os.PathLike)) else str(scenario.name)
+
+
+def _digest(*parts: bytes) -> str:
+    return hashlib.sha256(b"\0".join(parts)).hexdigest()[:16]
+
+
+def _is_package(scenario: Any) -> bool:
+    return isinstance(scenario, (str, os.PathLike)) and Path(scenario).suffix.lower() == ".ssp"
+
+
+def _signals(system: WiredSystem, axes: Sequence[Axis]) -> list[str]:
+    """Check a system, and the axes by a value of theirs; return the signals that it can record."""
+    parameters = dict(system.options.get("parameters", {}))
+    for axis in axes:
+        if axis.target in system.bindings:
+            value = axis.values[0] if axis.values else axis.at(0.5).item()
+            parameters |= system.bindings[axis.target].values(value)
+    with temporary_folder("vdfmu_sweep_") as folder:
+        path = Path(folder, "0.ssp")
+        path.write_bytes(system.content)
+        checked = check_system(
+            load_ssp(path), parameters, inputs=system.inputs, algorithm=system.options.get("algorithm"),
+            repeats=system.options.get("adaptive") is not None,
+        )  # fmt: skip
+    outputs = [
+        f"{name}.{v.name}" for name, each in checked.descriptions.items() for v in each.variables.values()
+        if v.causality == "output"
+    ]  # fmt: skip
+    return list(dict.fromkeys([*outputs, *(".".join(link.end) for link in checked.links if link.stepped)]))
+
+
+def _default_measures(names: Sequence[str]) -> list[Measure]:
+    if not {"trajectory.q_d[1]", "plant.q[1]", "controller.tau[1]"} <= set(names):
+        raise UsageError(
+            "measure: expected at least one, such as 'error=rms(a.x - b.y)'; only the loop of trajectory, controller "
+            "and plant has some of its own."
+        )
+    return read_measures(_OF_LOOP)
+
+
+def _recorded(names: Sequence[str], measures: Sequence[Measure], keep: Sequence[str]) -> list[str]:
+    """Return patterns of what a run records; UsageError for signals that there are not."""
+    known = set(names)
+    groups = {name.partition("[")[0] for name in names}
+    record: list[str] = list(keep)
+    problems = [
+        f"keep: no output or connected input is called {text}."
+        for text in keep
+        if not matching(names, [text])
+    ]
+    for measure in measures:
+        for signal in measure.signals:
+            if signal in known or signal == "*":
+                record.append(signal)
+            elif signal in groups:
+                record.append(f"{signal}[*")
+            else:
+                close = difflib.get_close_matches(signal, [*groups, *names], n=3)
+                way = f" Did you mean {', '.join(close)}?" if close else ""
+                problems.append(
+                    f"measure {measure.name} = {measure.text}: no output or connected input is called {signal}.{way}"
+                )
+    if problems:
+        raise UsageError("\n".join(problems))
+    return list(dict.fromkeys(record))
+
+
+def _of_package(
+    package: Any,
+    axes: Sequence[Axis],
+    switched: Mapping[str, Any],
+    settings: Mapping[str, Any],
+    options: Mapping[str, Any],
+    backend: str | None,
+) -> WiredSystem:
+    """Take a package as it is; what the axes name is checked by the master."""
+    wrong = [target for target in switched if target not in ("master", "step", "stop")]
+    wrong += [name for name in ("robot", "units") if options.get(name) is not None]
+    wrong += [axis.target for axis in axes if axis.factor]
+    if backend is not None:
+        wrong.append("backend")
+    if wrong:
+        raise UsageError(
+            f"{', '.join(wrong)}: for a scenario; {package} is a package, whose units are what they are."
+        )
+    given = {**options, **switched}
+    tables = read_inputs(options.get("inputs"), bool(options.get("input_hold")))
+    chosen = {"algorithm": given.get("master"), "adaptive": given.get("adaptive")}
+    system = WiredSystem(
+        Path(package).read_bytes(),
+        {**{k: v for k, v in chosen.items() if v is not None}, "parameters": dict(settings)},
+        {name: given[name] for name in ("step", "stop") if given.get(name) is not None},
+        tables,
+        bool(options.get("input_hold")),
+        {axis.target: Binding((axis.target,)) for axis in axes},
+    )
+    return system
+
+
+def _of_scenario(
+    scenario: Any,
+    axes: Sequence[Axis],
+    switched: Mapping[str, Any],
+    settings: Mapping[str, Any],
+    options: Mapping[str, Any],
+    backend: str | None,
+) -> WiredSystem:
+    """Build and pack a scenario with what a combination of options says."""
+    from vdfmu.scenario.parts import cached_fmus
+    from vdfmu.scenario.values import system_values
+    from vdfmu.ssp.write import write_ssp
+    from vdfmu.study.run import prepare
+
+    units = dict(options.get("units") or {})
+    units |= {
+        name.removeprefix("unit:"): value for name, value in switched.items() if name.startswith("unit:")
+    }
+    plain = {name: value for name, value in switched.items() if not name.startswith("unit:")}
+    given: dict[str, Any] = {**options, **plain, "units": units or None}
+    loaded = prepare(scenario, **given)
+    values = system_values(loaded, settings)
+    bindings = {axis.target: binding(loaded, axis, values) for axis in axes}
+    with temporary_folder("vdfmu_sweep_") as folder:
+        package = write_ssp(
+            loaded, cached_fmus(loaded, folder, backend), Path(folder, "system.ssp"), values, mixed=True
+        )
+        content = package.read_bytes()
+    return WiredSystem(
+        content,
+        {"algorithm": loaded.master, "adaptive": loaded.adaptive},
+        {"start": 0.0, "stop": loaded.stop, "step": loaded.step},
+        read_inputs(loaded.inputs, loaded.input_hold),
+        loaded.input_hold,
+        bindings,
+    )
+
+
+def binding(scenario: Any, axis: Axis, values: Mapping[str, Mapping[str, Any]]) -> Binding:
+    """Return what an axis sets; UsageError for what is unknown, or cannot have its values."""
+    from vdfmu.scenario.values import override
+
+    def names(value: Any) -> dict[str, Any]:
+        found = override(scenario, {axis.target: value})
+        return {f"{c}.{name}": one for c, each in found.items() for name, one in each.items()}
+
+    if not axis.factor:
+        if axis.form == "values" and any(isinstance(value, str) for value in axis.values):
+            spread = {value: names(value) for value in axis.values}
+            words = {value: next(iter(each.values())) for value, each in spread.items()}
+            return Binding(tuple(next(iter(spread.values()))), words=words)
+        tried = axis.values or [
+            axis.at(u).item() for u in ((0.0, 1.0) if axis.form in ("lin", "log") else (0.5,))
+        ]
+        return Binding([tuple(names(value)) for value in tried][0])
+    reached = {
+        f"{c}.{v}": values[c].get(v)
+        for c, each in override(scenario, {axis.target: 1.0}).items()
+        for v in each
+    }
+    nominal = [value for value in reached.values() if isinstance(value, float)]
+    if len(nominal) < len(reached):
+        raise UsageError(
+            f"{axis}: expected numbers to multiply, got {', '.join(map(str, reached.values()))}."
+        )
+    return Binding(tuple(reached), nominal=tuple(nominal))

@@ -1,0 +1,184 @@
+"""The table of a parameter study: a row a point, on disk."""
+
+from __future__ import annotations
+
+import difflib
+import json
+import os
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vdfmu.engine.cosim.parquet import needed
+from vdfmu.errors import UsageError
+from vdfmu.sweeps.axes import is_option
+from vdfmu.sweeps.ledger import LEDGER, TABLE
+
+__all__ = ["Sweep"]
+
+
+class Sweep:
+    """What a parameter study found; columns are read from disk when they are asked for.
+
+    Parameters
+    ----------
+    path : path
+        ``sweep.parquet``, or its folder. A study that is not complete has what is done of it.
+    notes : sequence of str
+        What came up.
+
+    Raises
+    ------
+    UsageError
+        If it cannot be read.
+
+    Examples
+    --------
+    >>> sweep["controller.K_p"]        # values of an axis, (n,)
+    >>> sweep["error[1]"]              # a measure, NaN where the run failed
+    >>> sweep.failed                   # why points failed, by their number
+    """
+
+    def __init__(self, path: str | os.PathLike[str], notes: Sequence[str] = ()) -> None:
+        _, parquet = needed()
+        self.path = Path(path)
+        self.notes = list(notes)
+        folder = self.path if self.path.is_dir() else self.path.parent
+        table = folder / TABLE if self.path.is_dir() else self.path
+        self._files = [table] if table.exists() else sorted((folder / "parts").glob("part_*.parquet"))
+        try:
+            self._schemas = [parquet.read_schema(file) for file in self._files]
+            self.facts: dict[str, Any] = json.loads(
+                self._schemas[0].metadata[b"vdfmu"] if self._files else (folder / LEDGER).read_bytes()
+            )
+        except (OSError, ValueError, KeyError, TypeError) as error:
+            raise UsageError(
+                f"{self.path}: expected {TABLE} of a parameter study, or its folder: {error}."
+            ) from None
+        self.columns: list[str] = list(dict.fromkeys(n for schema in self._schemas for n in schema.names))
+
+    @property
+    def axes(self) -> list[str]:
+        """Columns of the axes."""
+        return [axis.partition("=")[0] for axis in self.facts["axes"]]
+
+    @property
+    def measures(self) -> list[str]:
+        """Columns of the measures."""
+        names = set(self.facts["measures"])
+        return [c for c in self.columns if c.partition("[")[0] in names]
+
+    def table(self, columns: Sequence[str] | None = None) -> Any:
+        """Return a ``pyarrow.Table`` of some columns, or all."""
+        pyarrow, parquet = needed()
+        for name in columns or ():
+            if name not in self.columns:
+                close = difflib.get_close_matches(name, self.columns, n=3)
+                raise UsageError(
+                    f"the study has no column {name!r}; "
+                    f"{'did you mean' if close else 'it has'} {', '.join(close or self.columns)}"
+                )
+        tables = [
+            parquet.read_table(
+                file, columns=None if columns is None else [c for c in columns if c in schema.names]
+            )
+            for file, schema in zip(self._files, self._schemas, strict=True)
+        ]
+        if not tables:
+            raise UsageError(f"{self.path}: no point is done yet.")
+        return pyarrow.concat_tables(tables, promote_options="permissive")
+
+    def __getitem__(self, column: str) -> NDArray[Any]:
+        """Return a column, shape (n,); UsageError if there is none of that name."""
+        return self.table([column])[column].to_numpy(zero_copy_only=False)
+
+    def __len__(self) -> int:
+        _, parquet = needed()
+        return sum(parquet.read_metadata(file).num_rows for file in self._files)
+
+    @property
+    def failed(self) -> dict[int, str]:
+        """Why points failed, by their number."""
+        if not self._files:
+            return {}
+        table = self.table(["point", "failed"])
+        return {
+            point: words
+            for point, words in zip(table["point"].to_pylist(), table["failed"].to_pylist(), strict=True)
+            if words is not None
+        }
+
+    def row(self, which: int | str, by: str | None = None) -> dict[str, Any]:
+        """Return a point: its number, or ``worst`` or ``best``, the largest or smallest value of the measure `by`.
+
+        Parameters
+        ----------
+        which : int, "worst" or "best"
+        by : str, optional
+            A column, or a measure, of whose elements the largest counts; default the first.
+        """
+        if which in ("worst", "best"):
+            name = by or next(iter(self.facts["measures"]), "")
+            columns = [c for c in self.columns if name in (c, c.partition("[")[0])]
+            if not columns:
+                raise UsageError(f"by: expected {', '.join(self.measures)}, got {name!r}.")
+            table = self.table(["point", *columns])
+            values = np.max([table[c].to_numpy(zero_copy_only=False).astype(float) for c in columns], axis=0)
+            if not np.isfinite(values).any():
+                raise UsageError(f"{self.path}: no point has a value of {name}: all failed.")
+            place = int((np.nanargmax if which == "worst" else np.nanargmin)(values))
+        else:
+            points = self["point"]
+            places = np.flatnonzero(points == _number(which))
+            if not len(places):
+                raise UsageError(f"row: expected worst, best or a point up to {points.max()}, got {which}.")
+            place = int(places[0])
+        return self.table().slice(place, 1).to_pylist()[0]
+
+    def options(self, which: int | str = "worst", by: str | None = None) -> dict[str, Any]:
+        """Return what `vdfmu.run` takes for the run of a point: ``vdfmu.run(**sweep.options("worst"))``.
+
+        Raises
+        ------
+        UsageError
+            As of `row`; and for a study of a package, or of inputs that were no file.
+        """
+        from vdfmu.scenario.values import system_values
+        from vdfmu.study.run import prepare
+        from vdfmu.sweeps.axes import read_axes
+        from vdfmu.sweeps.plan import binding
+
+        row = self.row(which, by)
+        options = {"scenario": self.facts["source"], **self.facts["options"]}
+        settings: dict[str, Any] = dict(self.facts["settings"])
+        if options["scenario"].endswith(".ssp"):
+            values = ", ".join(f"{axis}={row[axis]}" for axis in self.axes)
+            raise UsageError(
+                f"{self.path}: is a study of a package: 'vdfmu simulate {options['scenario']}' runs it, with {values}."
+            )
+        own = [axis for axis in self.axes if not is_option(axis)]
+        for axis in self.axes:
+            if axis.startswith("unit:"):
+                options["units"] = {**options.get("units", {}), axis.removeprefix("unit:"): row[axis]}
+            elif axis not in own:
+                options[axis] = row[axis]
+        scenario = prepare(**options)
+        values = system_values(scenario, settings)
+        for axis in read_axes(self.facts["axes"]):
+            if axis.target in own:
+                settings |= binding(scenario, axis, values).values(row[axis.target])
+        return {**options, "settings": settings}
+
+    def to_pandas(self) -> Any:
+        """Return a ``pandas.DataFrame``."""
+        return self.table().to_pandas()
+
+
+def _number(which: int | str) -> int:
+    try:
+        return int(which)
+    except ValueError:
+        return -1

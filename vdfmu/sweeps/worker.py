@@ -1,0 +1,147 @@
+"""A worker of a parameter study: a process that runs points, and is replaced when one of them kills it or hangs."""
+
+from __future__ import annotations
+
+import pickle
+import queue
+import signal
+import subprocess
+import threading
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
+from time import perf_counter
+from typing import Any
+
+from vdfmu.errors import VdfmuError
+from vdfmu.process import Listener, end_group, started
+from vdfmu.sweeps.child import SIZE
+from vdfmu.sweeps.job import Row, Task
+from vdfmu.text import shown
+
+__all__ = ["TIME_LIMIT", "Worker"]
+
+TIME_LIMIT = 600.0
+"""Time [s] that a point has."""
+_START = 120.0
+"""Time [s] that the process has to start."""
+
+
+class Worker:
+    """Runs points in a process of its own, which lives from point to point.
+
+    Parameters
+    ----------
+    job : bytes
+        A pickled `Job`.
+    time_limit : float, optional
+        Time [s] that a point has; beyond it the process is ended.
+    """
+
+    def __init__(self, job: bytes, time_limit: float | None = None) -> None:
+        self._job = job
+        self._limit = TIME_LIMIT if time_limit is None else time_limit
+        self._process: subprocess.Popen[bytes] | None = None
+        self._replies: queue.SimpleQueue[Any] = queue.SimpleQueue()
+        self._stopped = threading.Event()
+
+    def run(self, tasks: Sequence[Task]) -> Iterator[Row]:
+        """Yield a row for each point, in order; nothing more after `stop`.
+
+        Raises
+        ------
+        VdfmuError
+            If no process can be started.
+        """
+        for task in tasks:
+            if self._stopped.is_set():
+                return
+            if self._process is None:
+                self._begin()
+            begin = perf_counter()
+            self._send(pickle.dumps(task))
+            row = self._reply(self._limit)
+            if self._stopped.is_set() and not isinstance(row, dict):
+                return
+            yield row if isinstance(row, dict) else {
+                "point": task[0], "failed": row, "failed_at": None, "wall_s": perf_counter() - begin
+            }  # fmt: skip
+
+    def stop(self) -> None:
+        """End the process at once, from any thread."""
+        self._stopped.set()
+        process = self._process
+        if process is not None:
+            end_group(process)
+
+    def close(self) -> None:
+        """Let the process end."""
+        process, self._process = self._process, None
+        if process is not None:
+            with suppress(OSError):
+                assert process.stdin is not None
+                process.stdin.close()
+            with suppress(subprocess.TimeoutExpired):
+                process.wait(5.0)
+            end_group(process)
+            process.wait()
+            self._listener.finish()
+
+    def _begin(self) -> None:
+        self._process = process = started("vdfmu.sweeps.child")
+        self._replies = replies = queue.SimpleQueue()
+        assert process.stderr is not None
+        self._listener = Listener(process.stderr)
+        threading.Thread(target=_listen, args=(process, replies), daemon=True).start()
+        self._send(self._job)
+        words = self._reply(_START)
+        if words is not None and not self._stopped.is_set():
+            raise VdfmuError(
+                f"a worker could not be started: {words}. The package must be importable, with what its measures need."
+            )
+
+    def _send(self, content: bytes) -> None:
+        process = self._process
+        assert process is not None
+        assert process.stdin is not None
+        with suppress(OSError):  # it has ended, as the reply will say
+            process.stdin.write(SIZE.pack(len(content)) + content)
+            process.stdin.flush()
+
+    def _reply(self, limit: float) -> Any:
+        """Return the next message, or, as text, why there is none."""
+        try:
+            alive, message = self._replies.get(timeout=limit)
+        except queue.Empty:
+            self._end()
+            return f"no result within {limit:g} s, the time limit of a point"
+        if alive:
+            return message
+        code = self._end()
+        if code < 0:
+            with suppress(ValueError):
+                return f"a component crashed the process ({signal.Signals(-code).name})"
+        last = self._said.strip().rpartition("\n")[2]
+        return f"a component ended the process (exit code {code}){f': {shown(last)}' if last else ''}"
+
+    def _end(self) -> int:
+        process, self._process = self._process, None
+        assert process is not None
+        end_group(process)
+        code = process.wait()
+        self._said = self._listener.finish()
+        return code
+
+
+def _listen(process: subprocess.Popen[bytes], replies: queue.SimpleQueue[Any]) -> None:
+    """Pass the messages of a process on; at its end say so."""
+    stream = process.stdout
+    assert stream is not None
+    with stream:
+        while len(head := stream.read(SIZE.size)) == SIZE.size:
+            size = SIZE.unpack(head)[0]
+            if len(content := stream.read(size)) < size:
+                break
+            replies.put((True, pickle.loads(content)))
+    with suppress(subprocess.TimeoutExpired):
+        process.wait(5.0)  # its code is that of its own end
+    replies.put((False, None))
