@@ -48,9 +48,7 @@ def on_message(token: int | None, status: int, category: bytes, text: bytes) -> 
         message += f" ... ({len(text) - _LENGTH} bytes more)"
     label = STATUS[status] if 0 <= status < len(STATUS) else str(status)
     entry = _boxes.get(token or 0)
-    if (
-        entry is None
-    ):  # an instance that fmpy made itself: its proxy knows one receiver only, and now it is this one
+    if entry is None:  # of an instance of fmpy's own, whose proxy knows one receiver only, now this one
         print(f"[{label.upper()}] {message}")
         return
     name, box = entry

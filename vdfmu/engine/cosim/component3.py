@@ -123,9 +123,9 @@ class Slave3(Slave):
                 raise self._failed
             end = clock.value + size.value
             close = end - _CLOSE * size.value
-            while (
-                any_flag.value and status < 2 and not self._answered(flags, last.value, last.value >= close)
-            ):
+            while any_flag.value and status < 2:
+                if self._answered(flags, last.value, last.value >= close):
+                    break
                 rest = c_double(last.value), c_double(end - last.value)
                 status = step(component, *rest, keep, *answers)
             return status

@@ -163,10 +163,8 @@ class Events:
                 for unit in self._units.values():
                     unit.slave.leave_event()
                 return
-            for (
-                name,
-                unit,
-            ) in self._units.items():  # in the order of the steps: what ticks another comes first or again
+            # in the order of the steps: what ticks another comes first or again
+            for name, unit in self._units.items():
                 if name in involved:
                     involved.discard(name)
                     self._event(unit, time, ticks.pop(name, set()), ticks)
