@@ -7,6 +7,7 @@ import io
 import json
 import shutil
 from fractions import Fraction
+from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +17,8 @@ from rich.console import Console
 from benchmarks import (
     c_loops,
     coupling,
+    engines,
+    federation,
     fmu_growth,
     growth,
     importers,
@@ -404,6 +407,33 @@ def test_work_precision(report: Report) -> None:
 
 
 @needs_compiler
+def test_engines(report: Report) -> None:
+    found = engines.study(load_robot("planar_2dof"), stop=0.02, rounds=1, say=report.say)
+    methods = {p.method for p in found.points}
+    present = {name for name, package in engines.METHODS.items() if not package or find_spec(package)}
+    assert methods == present
+    for method in methods:
+        points = found.of(method)
+        # Error control and steps span three decades at least; without another model in between, so does the error.
+        assert points[-1].error < 0.1 * points[0].error
+        # A fall of 20 ms is one of 0.5 mrad: engines agree with the plant to a hundredth of it.
+        assert points[-1].error < 5e-6
+    engines.tabulate(found, report)
+    report.save(engines.draw(found))
+    saved(report)
+
+
+@needs_compiler
+def test_engines_that_are_not_installed_are_named_and_left_out(monkeypatch: pytest.MonkeyPatch) -> None:
+    said: list[str] = []
+    monkeypatch.setattr(engines, "find_spec", lambda _: None)
+    found = engines.study(load_robot("planar_2dof"), stop=0.02, rounds=1, say=said.append)
+    assert {p.method for p in found.points} == {work_precision.COSIM}
+    assert "without MuJoCo, RK4: mujoco is not installed (pip install .[bench])" in said
+    assert "without Drake, runge_kutta3: drake is not installed (pip install .[bench])" in said
+
+
+@needs_compiler
 @pytest.mark.heavy
 def test_whole(report: Report) -> None:
     whole.run(report, quick=True)
@@ -424,6 +454,33 @@ def test_sweeps(report: Report) -> None:
         "sweep_cluster",
     ]
     assert report.facts["vdfmu.sweep_2"]["points_per_s"] > 0.0 and report.facts["dask_1"]["scheduler_s"] > 0.0
+
+
+@pytest.mark.slow
+def test_federation(report: Report, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(federation, "BURNS", (0.0, 1e-4))
+    monkeypatch.setattr(federation, "CORES", ("ipc",))
+    monkeypatch.setattr(federation, "measured", lambda quick: ("planar_tracking", 5, 5, 1))
+    federation.run(report)
+    forms, loads = report.tables
+    assert [(row[0], row[1]) for row in forms.rows] == [
+        ("1", "none"),
+        ("1, apart", "none"),
+        ("2", "ipc"),
+        ("4", "ipc"),
+    ]
+    assert [row[0] for row in loads.rows] == [0.0, 100.0]
+    saved(report)
+
+
+def test_break_even_is_the_last_crossing() -> None:
+    loads, one = (0.0, 1.0, 2.0, 4.0), (0.0, 2.0, 4.0, 8.0)
+    assert (
+        federation.break_even(loads, one, (3.0, 3.0, 3.0, 5.0)) == 1.5
+    )  # half between 1, slower by 1, and 2, faster by 1
+    assert federation.break_even(loads, one, (3.0, 1.0, 5.0, 5.0)) == 2.5  # a lucky one before does not count
+    assert federation.break_even(loads, one, (9.0, 9.0, 9.0, 9.0)) is None
+    assert federation.break_even(loads, one, (-1.0, 1.0, 3.0, 7.0)) == 0.0
 
 
 def test_time_at_an_error_is_interpolated() -> None:

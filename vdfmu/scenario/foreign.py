@@ -10,7 +10,7 @@ from typing import Any
 
 import fmpy
 
-from vdfmu.engine.cosim.description import element_names, start_values, type_of
+from vdfmu.engine.cosim.variables import element_names, start_values, type_of
 from vdfmu.errors import UsageError
 from vdfmu.unit.variable import Variable
 
@@ -69,13 +69,6 @@ class ForeignInterface:
     def reference(self) -> dict[str, int]:
         """Name to position in the variables."""
         return {v.name: i for i, v in enumerate(self.variables)}
-
-    def find(self, name: str) -> Variable:
-        """Variable of a name; UsageError if there is none."""
-        if name in self.reference:
-            return self.variables[self.reference[name]]
-        groups = dict.fromkeys(v.group for v in self.variables)
-        raise UsageError(f"{self.name} has no variable {name!r}. There are: {', '.join(groups)}.")
 
 
 def _variables(found: Any) -> Iterator[Variable]:

@@ -147,11 +147,6 @@ class SystemDescription:
         return tuple(s for s in self._signals[unit] if s.kind == kind)
 
     @cached_property
-    def step(self) -> float:
-        """Communication step [s]."""
-        return self.scenario.step
-
-    @cached_property
     def tolerance(self) -> float:
         """Tolerance of the units' solvers."""
         return float(self.values.get("plant", {}).get("tolerance", self.scenario.tolerance))
@@ -170,10 +165,8 @@ class SystemDescription:
         starts, ends = self._ends(source, "output"), self._ends(target, "input")
         (start_unit, _), (end_unit, _) = source.split(".", 1), target.split(".", 1)
         wholes = {s for s, _ in starts.values()}, {s for s, _ in ends.values()}
-        if (
-            all(len(found) == 1 and next(iter(found)).shape for found in wholes)
-            and starts.keys() == ends.keys()
-        ):
+        arrays = all(len(found) == 1 and next(iter(found)).shape for found in wholes)
+        if arrays and starts.keys() == ends.keys():
             return [Link((start_unit, wholes[0].pop()), (end_unit, wholes[1].pop()))]
         return [
             Link((start_unit, start), (end_unit, end), _counted(start, a), _counted(end, b))

@@ -10,7 +10,7 @@ from typing import Any
 from lxml import etree  # pyright: ignore[reportAttributeAccessIssue]  # lxml ships no stubs
 
 from vdfmu.errors import StorageError
-from vdfmu.files import replacing
+from vdfmu.files import replacing, storing
 from vdfmu.scenario import Scenario
 from vdfmu.ssp.description import SystemDescription
 from vdfmu.ssp.versions import require_fmi
@@ -62,7 +62,7 @@ def write_osp(
     names = {unit: Path(fmu).name for unit, fmu in fmus.items()}
     content = to_bytes(osp_structure(description, names))
     path = folder / "OspSystemStructure.xml"
-    try:
+    with storing(folder):
         folder.mkdir(parents=True, exist_ok=True)
         for unit, fmu in fmus.items():
             data = Path(fmu).read_bytes()
@@ -70,10 +70,6 @@ def write_osp(
             if not (target.is_file() and target.samefile(fmu)):
                 _write(target, data)
         _write(path, content)
-    except OSError as error:
-        raise StorageError(
-            f"{folder}: cannot be written: {error}. Choose another folder or free space."
-        ) from error
     return path
 
 
@@ -95,18 +91,18 @@ def osp_structure(description: SystemDescription, names: Mapping[str, str]) -> A
     for key, text in (
         ("StartTime", number(0.0)),
         ("EndTime", number(description.scenario.stop)),
-        ("BaseStepSize", number(description.step)),
+        ("BaseStepSize", number(description.scenario.step)),
         ("Algorithm", "fixedStep"),
     ):
         _add(top, key).text = text
     simulators = _add(top, "Simulators")
     for unit, table in description.tables.items():
         simulator = _add(
-            simulators, "Simulator", name=unit, source=names[unit], stepSize=number(description.step)
+            simulators, "Simulator", name=unit, source=names[unit], stepSize=number(description.scenario.step)
         )
         initial = _add(simulator, "InitialValues")
         for name, value in description.values[unit].items():
-            kind = table.find(name).type
+            kind = table.variables[table.reference[name]].type
             _add(_add(initial, "InitialValue", variable=name), kind, value=value_text(kind, value))
     connections = _add(top, "Connections")
     for link in description.links:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -80,23 +82,18 @@ def draw_indices(shown: View) -> Figure:
         axes.set_xlabel(rf"$\mu^*$: mean change over the whole range of an axis{unit}")
         axes.set_ylabel(rf"$\sigma$: curvature and interactions{unit}")
         return figure
-    figure = new_figure(
-        shown, f"{shown.value.label}: Sobol indices, shares of the variance", words, 2.6 + 0.55 * d
-    )
+    pairs = ((0.2, "first", LOW), (-0.2, "total", HIGH))
+    handles = [
+        Line2D([], [], linestyle="none", marker="s", ms=9.0, color=c, label=name) for _, name, c in pairs
+    ]
+    title = f"{shown.value.label}: Sobol indices, shares of the variance"
+    figure = new_figure(shown, title, words, 2.8 + 0.55 * d, legend=handles)
     left, right = figure.subplots(1, 2, width_ratios=(3, 2))
-    for shift, name, color in ((0.2, "first", LOW), (-0.2, "total", HIGH)):
-        left.barh(
-            np.arange(d)[::-1] + shift,
-            found.values[name],
-            0.36,
-            xerr=found.widths[name],
-            color=color,
-            label=name,
-            capsize=2.5,
-        )
+    for shift, name, color in pairs:
+        look: dict[str, Any] = {"xerr": found.widths[name], "color": color, "capsize": 2.5}
+        left.barh(np.arange(d)[::-1] + shift, found.values[name], 0.36, **look)
     left.set_yticks(np.arange(d)[::-1], found.axes)
-    left.set_title("First order and total")
-    left.legend(loc="lower right")
+    left.set_title("One axis: first order and total")
     left.grid(visible=False, axis="y")
     second, widths = found.values["second"], found.widths["second"]
     image = right.imshow(second, cmap=COLOUR_MAP, vmin=0.0, vmax=max(float(np.nanmax(second)), 0.1))
@@ -106,6 +103,6 @@ def draw_indices(shown: View) -> Figure:
     names = [name.rpartition(".")[2] for name in found.axes]
     right.set_xticks(range(d), names, rotation=30, ha="right")
     right.set_yticks(range(d), names)
-    right.set_title("Second order")
+    right.set_title("Pairs: second order")
     right.grid(visible=False)
     return figure

@@ -7,7 +7,7 @@ import math
 import threading
 from collections.abc import Callable, Sequence
 from contextlib import nullcontext
-from ctypes import CDLL, c_double, c_int, c_void_p
+from ctypes import CDLL, c_double, c_int, c_size_t, c_uint, c_void_p
 from pathlib import Path
 from typing import Any
 
@@ -16,15 +16,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vdfmu.engine.cosim.access import DTYPES, Call, Heap, Transfer
-from vdfmu.engine.cosim.description import Description, Value, Variable, library_name
+from vdfmu.engine.cosim.description import Description, library_name
 from vdfmu.engine.cosim.integrator import Integrator
 from vdfmu.engine.cosim.messages import LogMessage, MessageBox
+from vdfmu.engine.cosim.variables import Value, Variable
 from vdfmu.errors import CosimError
 from vdfmu.text import shown
 
-__all__ = ["Slave", "Watch"]
+__all__ = ["Slave", "Starts", "Watch"]
 
 STATUS = ("ok", "warning", "discard", "error", "fatal", "pending")
+Floats = NDArray[np.float64]
+Starts = Sequence[tuple[Variable, Value]]
+"""Variables, and the values that they are set to."""
 Watch = Callable[[str, str, Any], Any]
 """Returns a function that notes component and call before it calls the given function."""
 _PASSED = ("ok", "warning", "discard", "pending")
@@ -47,9 +51,7 @@ def on_message(token: int | None, status: int, category: bytes, text: bytes) -> 
         message += f" ... ({len(text) - _LENGTH} bytes more)"
     label = STATUS[status] if 0 <= status < len(STATUS) else str(status)
     entry = _boxes.get(token or 0)
-    if (
-        entry is None
-    ):  # an instance that fmpy made itself: its proxy knows one receiver only, and now it is this one
+    if entry is None:  # of an instance of fmpy's own, whose proxy knows one receiver only, now this one
         print(f"[{label.upper()}] {message}")
         return
     name, box = entry
@@ -81,6 +83,8 @@ class Slave:
     """Of the functions."""
     state_name = ""
     """Of a saved state in their names."""
+    counted = True
+    """Whether their arrays of numbers come with their sizes."""
     derivatives_name = ""
     """Function that gets the derivatives of the states."""
     results: dict[str, Any] = {}  # noqa: RUF012
@@ -118,6 +122,8 @@ class Slave:
         self.integrator: Integrator | None = None
         self.in_event = False
         self.next_event = math.inf
+        self.line: Callable[[float], None] = lambda time: None
+        """Sets the inputs that run over the step to their values at a time."""
         self._values: dict[int, list[Value]] = {}
 
     # ------------------------------------------------------------------ of a version of FMI
@@ -126,13 +132,7 @@ class Slave:
         """Create the instance, with messages switched on; return its address."""
         raise NotImplementedError
 
-    def prepare(
-        self,
-        tolerance: float | None,
-        start: float,
-        stop: float,
-        values: Sequence[tuple[Variable, Value]],
-    ) -> None:
+    def prepare(self, tolerance: float | None, start: float, stop: float, values: Starts) -> None:
         """Say what is to be simulated, and set values before the initialization."""
         raise NotImplementedError
 
@@ -148,8 +148,8 @@ class Slave:
         """Return the call of a step of co-simulation from `clock` by `size` [s]."""
         raise NotImplementedError
 
-    def simulation_rates(self, variables: Sequence[Variable], slopes: NDArray[np.float64]) -> Call:
-        """Return the call that gives the slopes of real inputs for the next step of co-simulation."""
+    def slope_call(self, moved: Transfer) -> Call:
+        """Return the call that gets the derivatives of real outputs by time."""
         raise NotImplementedError
 
     def sizes(self) -> tuple[int, int]:
@@ -167,16 +167,30 @@ class Slave:
         return (self.integrator.step_call if self.integrator else self.simulation_call)(clock, size)
 
     def rate_call(
-        self,
-        variables: Sequence[Variable],
-        starts: NDArray[np.float64],
-        slopes: NDArray[np.float64],
-        clock: c_double,
+        self, variables: Sequence[Variable], starts: Floats, slopes: Floats, clock: c_double
     ) -> Call:
         """Return the call that lets real inputs run over a step, from their `starts` with their `slopes`."""
-        if self.integrator:
-            return self.integrator.rate_call(variables, starts, slopes, clock)
-        return self.simulation_rates(variables, slopes)
+        values = np.zeros(len(variables))
+        calls = self.access("Set", variables, values, Heap())
+
+        def run(*_: Any) -> int:
+            begin, first, slope = clock.value, starts.copy(), slopes.copy()
+
+            def line(time: float) -> None:
+                np.add(first, slope * (time - begin), values)
+                self.run(calls)
+
+            self.line = line
+            return 0
+
+        return run, None, None, None, None, "setRealInputDerivatives"
+
+    def slopes(self, variables: Sequence[Variable], values: NDArray[np.float64]) -> Call:
+        """Return the call that gets the derivatives of real outputs by time into `values`, in place."""
+        places = range(len(variables))
+        return self.slope_call(
+            Transfer("Get", variables, places, values, np.float64, Heap(), self._known, self._failure)
+        )
 
     def updated(self, time: float, update: Callable[[], tuple[bool, bool, float]]) -> None:
         """Update discrete states until they settle; `update` returns whether to go on, to end, and the next event."""
@@ -213,6 +227,19 @@ class Slave:
 
     # ------------------------------------------------------------------ values
 
+    def differentiate(
+        self, unknowns: Sequence[int], size: int, knowns: Sequence[int], seed: Floats
+    ) -> Floats:
+        """Return the directional derivatives of unknowns, `size` numbers, by value references; seed: of the knowns."""
+        found = np.zeros(size)
+        arguments: list[Any] = []
+        for references in (unknowns, knowns):
+            arguments += (c_uint * len(references))(*references), c_size_t(len(references))
+        for numbers in (seed, found):
+            arguments += [c_void_p(numbers.ctypes.data), c_size_t(numbers.size)][: 1 + self.counted]
+        self.call("GetDirectionalDerivative", *arguments)
+        return found
+
     def get(self, variable: Variable) -> Value:
         """Get one variable."""
         heap, values = Heap(), np.zeros(1, DTYPES[variable.kind])
@@ -223,7 +250,7 @@ class Slave:
         """Set one variable."""
         self.set_all([(variable, value)])
 
-    def set_all(self, values: Sequence[tuple[Variable, Value]]) -> None:
+    def set_all(self, values: Starts) -> None:
         """Set many variables with one call a type."""
         for variable, value in values:
             self._known(variable.reference)[variable.index] = value
@@ -257,8 +284,8 @@ class Slave:
 
     def run(self, calls: Sequence[Call]) -> None:
         """Make calls one after the other."""
-        for function, *arguments, name in calls:
-            status = function(*arguments)
+        for function, a, b, c, d, name in calls:
+            status = function(a, b, c, d)
             if status:
                 self.judge(status, name)
 

@@ -10,11 +10,10 @@ from typing import Any
 import fmpy
 import numpy as np
 from fmpy import fmi2
-from numpy.typing import NDArray
 
 from vdfmu.engine.cosim.access import Call, Transfer
-from vdfmu.engine.cosim.component import Slave, on_message
-from vdfmu.engine.cosim.description import Value, Variable
+from vdfmu.engine.cosim.component import Floats, Slave, Starts, on_message
+from vdfmu.engine.cosim.variables import Variable
 from vdfmu.errors import CosimError
 
 try:
@@ -41,6 +40,7 @@ class Slave2(Slave):
     """An instance of an FMU of FMI 2.0."""
 
     prefix, state_name, derivatives_name = "fmi2", "FMUstate", "GetDerivatives"
+    counted = False
     results = {"Instantiate": c_void_p, "FreeInstance": None}  # noqa: RUF012
     dtypes = {"Real": np.float64, "Integer": np.int32, "Boolean": np.int32, "String": np.uintp}  # noqa: RUF012
 
@@ -61,13 +61,7 @@ class Slave2(Slave):
             (self.folder / "resources").as_uri().encode(), byref(self._callbacks), c_int(0), c_int(not talkative),
         )  # fmt: skip
 
-    def prepare(
-        self,
-        tolerance: float | None,
-        start: float,
-        stop: float,
-        values: Sequence[tuple[Variable, Value]],
-    ) -> None:
+    def prepare(self, tolerance: float | None, start: float, stop: float, values: Starts) -> None:
         """See `Slave.prepare`."""
         self.tolerance = tolerance
         self.call(
@@ -90,18 +84,31 @@ class Slave2(Slave):
         """See `Slave.simulation_call`."""
         return self.function("DoStep"), self.argument, clock, size, 1, "doStep"
 
-    def simulation_rates(self, variables: Sequence[Variable], slopes: NDArray[np.float64]) -> Call:
-        """See `Slave.simulation_rates`."""
-        n = len(variables)
-        orders = (c_int * n)(*([1] * n))
-        function = self.function("SetRealInputDerivatives")
+    def rate_call(
+        self, variables: Sequence[Variable], starts: Floats, slopes: Floats, clock: c_double
+    ) -> Call:
+        """See `Slave.rate_call`."""
+        if self.integrator:
+            return super().rate_call(variables, starts, slopes, clock)
+        references = (c_uint * len(variables))(*(v.reference for v in variables))
+        values = byref(c_double.from_buffer(slopes))  # pyright: ignore[reportArgumentType]
+        return self._first_order("SetRealInputDerivatives", len(variables), references, values)
+
+    def slope_call(self, moved: Transfer) -> Call:
+        """See `Slave.slope_call`."""
+        called = self._first_order(
+            "GetRealOutputDerivatives", len(moved.references), moved.references, moved.pointer
+        )
+        return moved.around(called[0]), *called[1:]
+
+    def _first_order(self, name: str, n: int, references: Any, values: Any) -> Call:
+        """Return the call that gets or sets n first derivatives by time."""
+        orders, function = (c_int * n)(*([1] * n)), self.function(name)
 
         def call(component: Any, references: Any, count: Any, values: Any) -> int:
             return function(component, references, count, orders, values)
 
-        references = (c_uint * n)(*(v.reference for v in variables))
-        values = byref(c_double.from_buffer(slopes))  # pyright: ignore[reportArgumentType]
-        return call, self.argument, references, c_size_t.from_param(n), values, "setRealInputDerivatives"
+        return call, self.argument, references, c_size_t.from_param(n), values, name[0].lower() + name[1:]
 
     def sizes(self) -> tuple[int, int]:
         """See `Slave.sizes`."""
