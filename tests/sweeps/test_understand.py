@@ -111,6 +111,7 @@ def test_points_that_failed_are_said_where_indices_need_all(tmp_path):
         study(tmp_path / "u", CUBE, lambda *x: 0 * x[0], "saltelli", 8).indices()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("over", "sample", "n", "kinds"),
     [
