@@ -8,7 +8,7 @@ while those of all others stay closed: with the loop of all joints ``L(z) = -z^-
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -23,7 +23,7 @@ from vdfmu.scenario.values import system_values
 from vdfmu.ssp.description import SystemDescription
 from vdfmu.study.wired import System
 
-__all__ = ["Loop", "Margins", "loops", "smallest", "stability_margins"]
+__all__ = ["ArmLoops", "Loop", "Margins", "stability_margins"]
 
 Floats = npt.NDArray[np.float64]
 Complex = npt.NDArray[np.complex128]
@@ -142,14 +142,8 @@ class Loop:
         return Margins(*_margins(1.0 / np.diagonal(S, axis1=1, axis2=2) - 1.0, w[order]), radius)
 
 
-def loops(
-    scenario: Scenario,
-    settings: Mapping[str, Any] | None = None,
-    *,
-    times: Sequence[float] | Floats | None = None,
-    dry: bool = False,
-) -> list[Loop]:
-    """Linearise the loop of a scenario with trajectory, feedforward, controller and plant along its desired motion.
+class ArmLoops:
+    """The loop of a scenario with trajectory, feedforward, controller and plant along its desired motion.
 
     Parameters
     ----------
@@ -162,39 +156,71 @@ def loops(
         Whether the plant keeps its Coulomb and Stribeck friction. Its slope damps by far more than all else near
         standstill, and takes damping away at slow motion; viscous friction stays in any case.
 
+    Attributes
+    ----------
+    loops : list of Loop
+        One for each time.
+
     Raises
     ------
     UsageError
         If the system has other units, or feedback with states.
     """
-    system = System(SystemDescription(scenario, system_values(scenario, settings)))
-    units, run = system.units, system.python(system.evaluate)
-    wanted = [tuple(signal.split(".")) for signal in ("plant.tau", *_DESIRED.values())]
-    lacking = [f"{u}.{g}" for u, g in wanted if u not in units or g not in units[u].interface.groups]
-    if lacking:
-        raise UsageError(
-            f"margins: expected a system with trajectory, feedforward and plant; there is no {', '.join(lacking)}."
-        )
-    system.start()
-    plant = units["plant"]
-    if not dry:
-        for name in _DRY & plant.interface.groups.keys():
-            plant.group(name)[:] = 0.0
-    found: list[Loop] = []
-    for t in np.linspace(0.0, scenario.stop, _TIMES) if times is None else times:
-        for _ in range(2):  # the feedforward may see the plant's states
+
+    def __init__(
+        self,
+        scenario: Scenario,
+        settings: Mapping[str, Any] | None = None,
+        *,
+        times: Sequence[float] | Floats | None = None,
+        dry: bool = False,
+    ) -> None:
+        system = self._system = System(SystemDescription(scenario, system_values(scenario, settings)))
+        units, run = system.units, system.python(system.evaluate)
+        wanted = [tuple(signal.split(".")) for signal in ("plant.tau", *_DESIRED.values())]
+        lacking = [f"{u}.{g}" for u, g in wanted if u not in units or g not in units[u].interface.groups]
+        if lacking:
+            raise UsageError(
+                f"margins: expected a system with trajectory, feedforward and plant; there is no {', '.join(lacking)}."
+            )
+        system.start()
+        plant = units["plant"]
+        if not dry:
+            for name in _DRY & plant.interface.groups.keys():
+                plant.group(name)[:] = 0.0
+        self._x: list[Floats] = []
+        self.loops: list[Loop] = []
+        for t in np.linspace(0.0, scenario.stop, _TIMES) if times is None else times:
+            for _ in range(2):  # the feedforward may see the plant's states
+                run(t)
+                system.memory[system.solver_x] = np.concatenate([units[u].group(g) for u, g in wanted[1:]])
             run(t)
-            system.memory[system.solver_x] = np.concatenate([units[u].group(g) for u, g in wanted[1:]])
-        run(t)
-        K = feedback(system, "plant", ("tau",), t)
-        found.append(Loop(float(t), linearize(plant, ("tau",)), K, scenario.step))
-    return found
+            self._x.append(system.memory[system.solver_x])
+            K = feedback(system, "plant", ("tau",), t)
+            self.loops.append(Loop(float(t), linearize(plant, ("tau",)), K, scenario.step))
 
+    def margins(self, values: Mapping[str, float] | None = None, delay: int = 1) -> Margins:
+        """Smallest margins of each joint over all times.
 
-def smallest(margins: Iterable[Margins]) -> Margins:
-    """Smallest margins, and largest radius, of several."""
-    *each, radius = zip(*margins, strict=True)
-    return Margins(*(np.min(one, axis=0) for one in each), max(radius))
+        Parameters
+        ----------
+        values : mapping, optional
+            Other parameters of units but the plant, ``component.variable``.
+        delay : int
+            Samples that the feedback comes late: 0 with ``gauss-seidel``, 1 with ``jacobi`` and most importers.
+        """
+        system = self._system
+        for name, value in (values or {}).items():
+            component, _, variable = name.partition(".")
+            unit = system.units[component]
+            unit.memory[unit.interface.reference[variable]] = value
+        each: list[Margins] = []
+        for loop, x in zip(self.loops, self._x, strict=True):
+            system.memory[system.solver_x] = x
+            K = loop.K if values is None else feedback(system, "plant", ("tau",), loop.t)
+            each.append(loop.margins(K, delay))
+        *parts, radius = zip(*each, strict=True)
+        return Margins(*(np.min(part, axis=0) for part in parts), max(radius))
 
 
 def stability_margins(
@@ -205,11 +231,11 @@ def stability_margins(
     Parameters
     ----------
     delay : int
-        Samples that the feedback comes late: 0 with ``gauss-seidel``, 1 with ``jacobi`` and most importers.
+        As of :meth:`ArmLoops.margins`.
     **options
-        Of :func:`loops`.
+        Of :class:`ArmLoops`.
     """
-    return smallest(loop.margins(delay=delay) for loop in loops(scenario, settings, **options))
+    return ArmLoops(scenario, settings, **options).margins(delay=delay)
 
 
 def _margins(L: Complex, w: Floats) -> Floats:
