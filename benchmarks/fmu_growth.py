@@ -2,109 +2,213 @@
 
 from __future__ import annotations
 
+import json
 import os
+import resource
+import subprocess
+import sys
 import tempfile
 import time
 from dataclasses import astuple, dataclass
+from importlib import import_module
+from importlib.util import find_spec
 from pathlib import Path
+from statistics import median
+from typing import Any
 
 import numpy as np
+from fmpy import extract, read_model_description
+from fmpy.fmi2 import FMU2Slave
 
 from benchmarks.chains import random_motion, repeated_link
-from benchmarks.compiled import CompiledFunction, write_library
 from benchmarks.fit import fit_exponent
 from benchmarks.report import Report, Table
+from benchmarks.rigid import pinocchio_model
 from benchmarks.timing import Case, measure
 from vdfmu.equations.plant import equilibrium_torque
-from vdfmu.fmu.native.generate import kernel_source
-from vdfmu.kernel.structure import values
-from vdfmu.unit.program import Program, UnitFunctions
-from vdfmu.units import find_unit
+from vdfmu.fmu import build_fmus
+from vdfmu.kernel.cache import COMPILER, cache_folder
+from vdfmu.model import Robot
 
 __all__ = ["run"]
 
 TITLE = "Growth of the FMUs with the number of joints"
 _UNITS = ("trajectory", "feedforward", "controller", "plant")
-_JOINTS = (1, 2, 3, 6, 9, 12, 16, 24, 32, 48, 64)
+_JOINTS = (1, 2, 3, 6, 12, 24, 48, 64)
+_STEP = 1e-3
 
 
 @dataclass
 class _Row:
-    """Processor times, sizes, and the time of one step of the plant's solver."""
+    """A cold build of all four FMUs, and one step of 1 ms of the plant beside rigid-body libraries."""
 
     n: int
-    trace_s: float
-    operations: int
-    text_MB: float
-    step_operations: int
-    compile_step_s: float
-    step_library_kB: float
-    step_us: float = 0.0
+    python_s: float
+    compiler_s: float
+    wall_s: float
+    library_kB: float
+    memory_MB: float
+    step_us: float
+    others_us: dict[str, float]
 
 
 def run(report: Report, quick: bool = False) -> None:
-    """Trace all units and write their C; compile the plant's step and time it."""
+    """Build all units in an empty cache, each number of joints in a process of its own; time the plant."""
     rows: list[_Row] = []
-    cases: list[Case] = []
+    sizes = Table(
+        "fmu_growth_memory", "Library on disk and memory of a process that it adds with one instance",
+        [("n", "d")] + [(f"{unit} [{what}]", ".1f") for unit in _UNITS for what in ("MB on disk", "MB")],
+    )  # fmt: skip
     with tempfile.TemporaryDirectory() as folder:
-        for n in [n for n in _JOINTS if n <= (6 if quick else 64)]:
+        for n in [n for n in _JOINTS if n <= (7 if quick else 64)]:
             report.say(f"n = {n}")
-            row, case = _measured(n, Path(folder) / str(n))
-            rows.append(row)
-            cases.append(case)
-        measure(cases, 10 if quick else 40, limit=1.0)
-    for row, case in zip(rows, cases, strict=True):
-        row.step_us = 1e6 * case.best
+            place = Path(folder) / str(n)
+            built = _child({"VDFMU_CACHE_DIR": str(place / "cache")}, "build", n, place)
+            ran = {unit: _child({}, "instance", n, built["fmus"][unit]) for unit in _UNITS}
+            sizes.add(n, *(ran[unit][what] for unit in _UNITS for what in ("library_MB", "memory_MB")))
+            rows.append(
+                _Row(
+                    n,
+                    built["python_s"],
+                    built["compiler_s"],
+                    built["wall_s"],
+                    1e3 * sum(one["library_MB"] for one in ran.values()),
+                    sum(one["memory_MB"] for one in ran.values()),
+                    ran["plant"]["step_us"],
+                    _others(repeated_link(n), 10 if quick else 40),
+                )  # fmt: skip
+            )
+    others = list(rows[0].others_us)
     table = Table(
         "fmu_growth", TITLE,
-        [("n", "d"), ("trace [s]", ".1f"), ("operations", "d"), ("C text [MB]", ".1f"), ("of a step", "d"),
-         ("compile step [s]", ".1f"), ("its library [kB]", ".0f"), ("step [µs]", ".1f")],
-        [list(astuple(row)) for row in rows],
+        [("n", "d"), ("Python [s]", ".1f"), ("compiler [s]", ".1f"), ("wall [s]", ".1f"), ("libraries [kB]", ".0f"),
+         ("memory [MB]", ".1f"), ("step [µs]", ".1f"), *((f"{name} [µs]", ".1f") for name in others)],
+        [[*astuple(row)[:-1], *row.others_us.values()] for row in rows],
     )  # fmt: skip
     high = [row for row in rows if row.n >= 6]
     if len(high) > 2:
-        for what, y in (
-            ("operations", [r.step_operations for r in high]),
-            ("time", [r.step_us for r in high]),
-        ):
-            fit = fit_exponent([r.n for r in high], [float(v) for v in y])
+        measured = {"a step": [row.step_us for row in high]}
+        measured |= {name: [row.others_us[name] for row in high] for name in others}
+        for what, y in measured.items():
+            fit = fit_exponent([row.n for row in high], y)
             table.notes.append(
-                f"Exponent of a step's {what} for n = {high[0].n} to {high[-1].n}: {fit.slope:.2f}."
+                f"Exponent of the time of {what} for n = {high[0].n} to {high[-1].n}: {fit.slope:.2f}."
             )
     report.show(table)
-    report.facts["rows"] = [astuple(row) for row in rows]
+    report.show(sizes)
+    report.facts["rows"] = [[*astuple(row)[:-1], row.others_us] for row in rows]
 
 
-def _measured(n: int, folder: Path) -> tuple[_Row, Case]:
-    robot = repeated_link(n)
-    began = time.process_time()
-    operations = size = 0
-    for unit in map(find_unit, _UNITS):
-        functions = UnitFunctions(unit, robot if unit.needs_robot() else None, None)
-        program = Program(functions)
-        names = [c.function for c in (*program.update, *program.step)]
-        for call in (*program.start, *program.outputs, *program.derivatives):
-            names += [f"{call.function}{ending}" for ending in ("", "_forward", "_reverse")]
-        for name in names:
-            function = functions.casadi_function(name)
-            operations += function.n_instructions()
-            size += len(kernel_source(function))
-    traced = time.process_time() - began
-    plant = UnitFunctions(find_unit("plant"), robot, None)
-    folder.mkdir()
-    before = os.times()
-    library = write_library(plant, ["plant_step"], folder)
-    after = os.times()
-    step = CompiledFunction(library, plant, "plant_step")
-    q, q_dot, _ = random_motion(n)
-    tau_s = equilibrium_torque(robot, q)
-    state = {"x": np.concatenate([q, 0.01 * q_dot, 0.01 * q_dot, tau_s]), "tau": tau_s / robot.ell}
-    for name, value in (state | {"p": values(robot), "h": 1e-4, "tolerance": 1e-7}).items():
-        step.args[name][:] = value
-    step.run()
-    assert np.isfinite(step.results["x_new"]).all()
-    row = _Row(
-        n, traced, operations, size / 1e6, plant.casadi_function("plant_step").n_instructions(),
-        after.children_user - before.children_user, library.stat().st_size / 1e3,
-    )  # fmt: skip
-    return row, Case(f"step {n}", step.run, step)
+def _others(robot: Robot, rounds: int) -> dict[str, float]:
+    """Time of calls of rigid-body libraries from Python for the links of `robot`, each a call of compiled code [us]."""
+    pin: Any = import_module("pinocchio")
+    model = pinocchio_model(robot)
+    data = model.createData()
+    q, q_dot, tau = random_motion(robot.n)
+    cases = [
+        Case("Pinocchio aba", lambda: pin.aba(model, data, q, q_dot, tau)),
+        Case("Pinocchio ABA derivatives", lambda: pin.computeABADerivatives(model, data, q, q_dot, tau)),
+    ]
+    if find_spec("mujoco") is not None:
+        cases.append(_mujoco(robot, q, q_dot))
+    measure(cases, rounds, limit=1.0)
+    return {case.name: 1e6 * case.best for case in cases}
+
+
+def _mujoco(robot: Robot, q: np.ndarray, q_dot: np.ndarray) -> Case:
+    """One step of MuJoCo's integrator `implicit` from a state of the same rigid links."""
+    mujoco: Any = import_module("mujoco")
+
+    def text(values: Any) -> str:
+        return " ".join(repr(float(value)) for value in np.ravel(values))
+
+    bodies = ""
+    for i in range(robot.n):
+        I = robot.inertia[i]
+        bodies += (
+            f'<body pos="{text(robot.offset[i])}" xyaxes="{text(robot.rotation[i].T[:2])}"><joint axis="0 0 1"/>'
+            f'<inertial pos="{text(robot.centroid[i])}" mass="{text(robot.mass[i])}" '
+            f'fullinertia="{text([I[0, 0], I[1, 1], I[2, 2], I[0, 1], I[0, 2], I[1, 2]])}"/>'
+        )
+    model = mujoco.MjModel.from_xml_string(
+        f'<mujoco><option timestep="{_STEP}" integrator="implicit" gravity="{text(-robot.gravity)}"/>'
+        f"<worldbody>{bodies}{'</body>' * robot.n}</worldbody></mujoco>"
+    )
+    data = mujoco.MjData(model)
+
+    def step() -> None:
+        data.qpos[:], data.qvel[:] = q, q_dot
+        mujoco.mj_step(model, data)
+
+    return Case("MuJoCo implicit step", step, data)
+
+
+def _child(environment: dict[str, str], *arguments: object) -> Any:
+    """Return what :func:`_main` prints in a process of its own."""
+    command = [sys.executable, "-m", "benchmarks.fmu_growth", *map(str, arguments)]
+    support = os.environ.get("ZIG_GLOBAL_CACHE_DIR", str(cache_folder() / COMPILER))
+    given = os.environ | {"ZIG_GLOBAL_CACHE_DIR": support} | environment
+    return json.loads(subprocess.run(command, env=given, check=True, stdout=subprocess.PIPE).stdout)
+
+
+def _main(what: str, n: int, place: str) -> dict[str, Any]:
+    return _built(repeated_link(n), Path(place)) if what == "build" else _ran(repeated_link(n), place)
+
+
+def _built(robot: Robot, place: Path) -> dict[str, Any]:
+    began, wall = os.times(), time.perf_counter()
+    fmus = build_fmus(robot, place, units=_UNITS, backend="native")
+    ended = os.times()
+    return {
+        "fmus": {name: str(path) for name, path in fmus.items()},
+        "python_s": ended.user + ended.system - began.user - began.system,
+        "compiler_s": ended.children_user
+        + ended.children_system
+        - began.children_user
+        - began.children_system,
+        "wall_s": time.perf_counter() - wall,
+    }
+
+
+def _ran(robot: Robot, fmu: str) -> dict[str, Any]:
+    """Run one instance for 0.2 s in steps of 1 ms, the plant at rest under the torque that holds it."""
+    description: Any = read_model_description(fmu)
+    with tempfile.TemporaryDirectory() as folder:
+        extract(fmu, folder)
+        (library,) = Path(folder, "binaries").glob("*/*.*")
+        size = library.stat().st_size / 1e6
+        before = _memory()
+        slave = FMU2Slave(
+            guid=description.guid, unzipDirectory=folder, instanceName="unit",
+            modelIdentifier=description.coSimulation.modelIdentifier,
+        )  # fmt: skip
+        slave.instantiate()
+        slave.setupExperiment(startTime=0.0)
+        slave.enterInitializationMode()
+        torques = {v.name: v.valueReference for v in description.modelVariables if v.causality == "input"}
+        held = equilibrium_torque(robot, np.zeros(robot.n)) / robot.ell
+        for i, value in enumerate(held, 1):
+            if description.modelName.startswith("Plant"):
+                slave.setReal([torques[f"tau[{i}]"]], [value])
+        slave.exitInitializationMode()
+        spent: list[float] = []
+        for k in range(200):
+            began = time.perf_counter()
+            slave.doStep(k * _STEP, _STEP)
+            spent.append(time.perf_counter() - began)
+        memory = _memory() - before
+        slave.terminate()
+        slave.freeInstance()
+    return {"library_MB": size, "memory_MB": memory, "step_us": 1e6 * median(spent)}
+
+
+def _memory() -> float:
+    """Memory of the process [MB]: what it holds on Linux, the most that it had elsewhere."""
+    held = Path("/proc/self/statm")
+    if held.exists():
+        return int(held.read_text().split()[1]) * resource.getpagesize() / 1e6
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e3
+
+
+if __name__ == "__main__":
+    print(json.dumps(_main(sys.argv[1], int(sys.argv[2]), sys.argv[3])))

@@ -17,6 +17,7 @@ from vdfmu.errors import StorageError
 __all__ = ["pack_zip", "read_member", "regular_target", "replacing"]
 
 _EPOCH = (1980, 1, 1, 0, 0, 0)
+_PACKED = (".fmu", ".ssp", ".png")
 
 
 def pack_zip(path: Path, members: Mapping[str, bytes]) -> None:
@@ -24,7 +25,8 @@ def pack_zip(path: Path, members: Mapping[str, bytes]) -> None:
     with replacing(path) as stream, zipfile.ZipFile(stream, "w", zipfile.ZIP_DEFLATED) as archive:
         for name in sorted(members):
             entry = zipfile.ZipInfo(name, _EPOCH)
-            entry.compress_type = zipfile.ZIP_DEFLATED
+            packed = name.endswith(_PACKED)  # already: to pack it again would take time and save nothing
+            entry.compress_type = zipfile.ZIP_STORED if packed else zipfile.ZIP_DEFLATED
             entry.create_system = 3
             entry.external_attr = 0o644 << 16
             archive.writestr(entry, members[name])

@@ -208,9 +208,11 @@ def test_growth(report: Report) -> None:
 def test_growth_of_the_fmus(report: Report, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(fmu_growth, "_JOINTS", (1, 2, 7))
     fmu_growth.run(report, quick=True)
-    (table,) = report.tables
-    assert [row[0] for row in table.rows] == [1, 2]
-    assert all(low < high for low, high in zip(*(row[2:5] for row in table.rows), strict=True))
+    table, sizes = report.tables
+    assert [row[0] for row in table.rows] == [row[0] for row in sizes.rows] == [1, 2]
+    # the libraries of all units, and of the plant
+    assert table.rows[0][4] < table.rows[1][4]
+    assert sizes.rows[0][7] < sizes.rows[1][7]
 
 
 def test_master_step(report: Report) -> None:
@@ -406,7 +408,7 @@ def test_whole(report: Report) -> None:
     whole.run(report, quick=True)
     commands = report.facts["commands_s"]
     assert set(commands) > {"vdfmu --help", "vdfmu run, references kept"} and min(commands.values()) > 0.0
-    assert report.facts["csv_mb"] > 0.1
+    assert report.facts["results.csv_mb"] > report.facts["results.parquet_mb"] > 0.1
     assert report.facts["a state of a batch, compiled"] > 0.0
 
 

@@ -86,7 +86,7 @@ def test_a_row_is_in_the_file_after_two_seconds(tmp_path, monkeypatch):
     writer, _ = make(tmp_path / "rows.csv", 1)
     for k, now[0] in enumerate((0.0, 1.0, 2.1)):
         writer.store(k)
-    assert (tmp_path / "rows.csv").read_text() == "time,a.y[1]\ns,\n0,0.0\n1,0.125\n"
+    assert (tmp_path / "rows.csv").read_text() == "time,a.y[1]\ns,\n0,0\n1,1.25E-1\n"
 
 
 def test_a_full_disk_leaves_whole_rows_and_the_results_before(package, tmp_path):

@@ -1,6 +1,7 @@
 """Directional and adjoint derivatives of the traced functions, and the C text of traced functions."""
 
 import ctypes
+import re
 import subprocess
 
 import casadi as ca
@@ -11,7 +12,7 @@ from hypothesis import strategies as st
 
 from vdfmu.errors import KernelError, ModelError
 from vdfmu.kernel import c_code
-from vdfmu.kernel.c_code import c_function, c_prototype
+from vdfmu.kernel.c_code import c_function, c_prototype, c_texts
 from vdfmu.kernel.c_table import c_table
 from vdfmu.kernel.requirements import margins, requirements
 from vdfmu.kernel.structure import parameters, set_parameters, values
@@ -98,13 +99,36 @@ def test_c_text_computes_what_the_trace_computes(
         monkeypatch.setattr(c_code, "_WHOLE", 37)
         monkeypatch.setattr(c_code, "_PART", 37)
     text = c_table if form == "table" else c_function
-    functions, rng = owner(name, robot, kernel_of, functions_of), np.random.default_rng(77)
-    function = functions.casadi_function(name)
+    function = owner(name, robot, kernel_of, functions_of).casadi_function(name)
+    check_c_text(text(function), function, values(robot), tmp_path)
+
+
+@pytest.mark.parametrize("form", ["function", "in parts"])
+def test_c_text_of_the_step_calls_what_all_stages_share(robot, functions_of, form, tmp_path, monkeypatch):
+    if form == "in parts":
+        monkeypatch.setattr(c_code, "_WHOLE", 37)
+        monkeypatch.setattr(c_code, "_PART", 37)
+    function = functions_of("plant", robot).casadi_function("plant_step")
+    text = c_function(function)
+    for name in ("plant_derivatives", "plant_step_solve"):
+        called = re.findall(rf"^    {name}\(", text, re.MULTILINE)
+        defined = re.findall(rf"^void {name}\(.*\)\n{{", text, re.MULTILINE)
+        assert (len(called), len(defined)) == (6, 1)
+    check_c_text(text, function, values(robot), tmp_path)
+    # beside functions that have files of their own it is shorter by these
+    apart = "\n".join(c_texts(function, apart=["plant_derivatives"]))
+    assert "void plant_derivatives_part" not in apart
+    assert len(apart) < len(text)
+
+
+def check_c_text(text, function, p, tmp_path):
+    """Compile a text and compare its results with those of the trace."""
+    rng = np.random.default_rng(77)
     source, library = tmp_path / "kernel.c", tmp_path / "kernel.so"
-    source.write_text(f"#include <math.h>\n#include <stdint.h>\n{c_prototype(function)};\n{text(function)}")
+    source.write_text(f"#include <math.h>\n#include <stdint.h>\n{c_prototype(function)};\n{text}")
     warnings = ["-std=c11", "-Wall", "-Wextra", "-Wpedantic", "-Werror"]
     subprocess.run(["cc", *warnings, "-O1", "-shared", "-fPIC", "-o", library, source, "-lm"], check=True)
-    arguments = [np.ascontiguousarray(a) for a in nominal(function, values(robot), rng)]
+    arguments = [np.ascontiguousarray(a) for a in nominal(function, p, rng)]
     results = [np.full(function.size1_out(i), np.nan) for i in range(function.n_out())]
     pointers = [a.ctypes.data_as(ctypes.c_void_p) for a in (*arguments, *results)]
     ctypes.CDLL(str(library))[function.name()](*pointers)

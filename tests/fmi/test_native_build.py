@@ -6,8 +6,9 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
@@ -188,6 +189,32 @@ def test_a_missing_compiler_is_told_with_the_way_out(
     finally:
         compile._zig.cache_clear()
     assert not (tmp_path / "out").exists()
+
+
+def test_a_unit_is_compiled_while_the_next_is_traced(monkeypatch: pytest.MonkeyPatch, cold: Path) -> None:
+    begun = threading.Event()
+    first, here = compile._Workshop._object, this_platform()
+
+    def object_of(*arguments: object) -> None:
+        begun.set()
+        first(*arguments)
+
+    def jobs() -> Iterator[Job]:
+        yield Job("Small", SMALL, here)
+        assert begun.wait(60.0)  # s; far more than a process takes to start
+        yield Job("Other", {"other.c": b"double other(double x) { return x; }\n"}, here)
+        yield Job("Small", SMALL, here)
+
+    monkeypatch.setattr(compile._Workshop, "_object", object_of)
+    small, other, again = compile.compile_libraries(jobs())
+    assert small == again != other
+
+
+def test_objects_have_no_debug_information(cold: Path) -> None:
+    compile_library(SMALL, "x86_64-linux", name="Small")
+    stored = [file.read_bytes() for file in (cold / "native").iterdir()]
+    assert stored
+    assert not [one for one in stored if b".debug_info" in one]
 
 
 def test_a_file_that_the_compiler_refuses_is_named(cold: Path) -> None:

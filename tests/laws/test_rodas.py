@@ -1,10 +1,12 @@
 """The solver's step on linear problems: its stability function, A- and L-stability, order of both methods."""
 
+from functools import partial
+
 import casadi as ca
 import numpy as np
 import pytest
 
-from vdfmu.kernel.rodas import ALPHA, GAMMA, GAMMA_I, A, C, rodas_step
+from vdfmu.kernel.rodas import ALPHA, GAMMA, GAMMA_I, A, C, rodas_step, stage_equations
 from vdfmu.scalar.elimination import factorize, solve
 from vdfmu.scalar.symbol import from_sx, to_sx
 
@@ -38,8 +40,14 @@ def step_of(matrix):
     m = len(matrix)
     x, h = ca.SX.sym("x", m), ca.SX.sym("h")
     J = ca.SX(ca.DM(matrix))
-    x_new, error = rodas_step(lambda state, _: J @ state, x, h, ca.SX.eye(m), J, ca.SX(m, 1), np.arange(m))
-    return ca.Function("step", [x, h], [x_new, error])
+    return linear_step(J, x, h, ca.SX.eye(m), J, ca.SX(m, 1), np.arange(m))
+
+
+def linear_step(A, x, h, E, EJ, Ef_t, order, rate=0.0):
+    """Return a CasADi function of state and h: one step of x_dot = A x + rate t."""
+    factors, solve = stage_equations(h, E, EJ, Ef_t, order, x.numel())
+    step = rodas_step(lambda state, t: A @ state + rate * t, x, h, partial(solve, factors))
+    return ca.Function("step", [x, h], [*step])
 
 
 @pytest.mark.parametrize("z", [-1e9, -1e3, -30.0, -1.0, -1e-3, 0.3, 1.0])
@@ -114,8 +122,8 @@ def test_elimination_order_does_not_change_the_step():
     start = random.normal(size=5)
     results = []
     for order in (np.arange(5), np.array([3, 1, 4, 0, 2])):
-        x_new, _ = rodas_step(lambda state, _: J @ state, x, h, ca.SX.eye(5), J, ca.SX(5, 1), order)
-        results.append(ca.Function("step", [x, h], [x_new])(start, 0.1).full().ravel())
+        step = linear_step(J, x, h, ca.SX.eye(5), J, ca.SX(5, 1), order)
+        results.append(step(start, 0.1)[0].full().ravel())
     # Diagonally dominant, so any order is stable: as above.
     np.testing.assert_allclose(results[0], results[1], rtol=0, atol=1e4 * EPS)
 
@@ -129,11 +137,9 @@ def test_multiplying_the_stage_equations_by_a_mass_matrix_does_not_change_the_st
     start = random.normal(size=4)
     results = []
     for M in (np.eye(4), E):
-        x_new, _ = rodas_step(
-            lambda state, t: ca.SX(ca.DM(J)) @ state + t,
-            x, h, ca.SX(ca.DM(M)), ca.SX(ca.DM(M @ J)), ca.SX(ca.DM(M @ np.ones(4))), np.arange(4),
-        )  # fmt: skip
-        results.append(ca.Function("step", [x, h], [x_new])(start, 0.1).full().ravel())
+        equations = [ca.SX(ca.DM(part)) for part in (M, M @ J, M @ np.ones(4))]
+        step = linear_step(ca.SX(ca.DM(J)), x, h, *equations, np.arange(4), rate=1.0)
+        results.append(step(start, 0.1)[0].full().ravel())
     # As above, times the condition of E, up to 100.
     np.testing.assert_allclose(results[0], results[1], rtol=0, atol=1e6 * EPS)
 

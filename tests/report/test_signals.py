@@ -58,7 +58,7 @@ def test_each_component_gets_its_share_of_the_panels():
     caption = figure.texts[-1].get_text().replace("\n", " ")
     assert (
         caption
-        == f"s.ssp, jacobi, step 1 ms. {left} more variables are in results.csv; --record chooses others."
+        == f"s.ssp, jacobi, step 1 ms. {left} more variables are in the results; --record chooses others."
     )
 
 

@@ -59,6 +59,13 @@ UnitOption = Annotated[
     ),
 ]
 
+FormatOption = Annotated[
+    str,
+    typer.Option(
+        "--format", metavar="csv|parquet", help="Files of the results: csv, parquet, or csv,parquet for both."
+    ),
+]
+
 
 def run(
     scenario: ScenarioArgument = "tracking",
@@ -78,6 +85,7 @@ def run(
     unit: UnitOption = None,
     inputs: InputOption = None,
     input_hold: HoldOption = False,
+    formats: FormatOption = "csv",
 ) -> None:
     """Run a scenario: build what is stale, co-simulate, solve the references, compare, write tables and figures."""
     way = {
@@ -108,6 +116,7 @@ def run(
             units=parse_settings(unit, "--unit", "COMPONENT=UNIT, such as controller=my_unit.py"),
             inputs=inputs,
             input_hold=input_hold or None,
+            formats=formats.split(","),
             progress=bars.update,
             log=bars.log,
         )
@@ -174,6 +183,7 @@ def simulate(
         float | None,
         typer.Option(help="Memory in MB that isolated components have; default half of the machine's."),
     ] = None,
+    formats: FormatOption = "csv",
     plot: Annotated[bool, typer.Option("--plot", help="Draw the signals: signals.png.")] = False,
 ) -> None:
     """Run a system package, and write its signals.
@@ -208,6 +218,7 @@ def simulate(
             memory_limit=memory_limit,
             out=out,
             overwrite=overwrite,
+            formats=formats.split(","),
             progress=bars.update,
             log=bars.log,
             draw=draw,

@@ -4,23 +4,41 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Generator, Iterable, Mapping, Sequence
+from collections.abc import Generator, Iterable, Sequence
 from contextlib import contextmanager, suppress
 from itertools import islice
 from pathlib import Path
 from typing import Any
 
 from vdfmu.engine.cosim import Interrupted
+from vdfmu.engine.cosim.parquet import needed
 from vdfmu.engine.json_text import to_json
 from vdfmu.errors import CosimError, UsageError, VdfmuError
 from vdfmu.interrupt import InterruptGuard
 
-__all__ = ["DRAWN", "SYSTEM_OUTPUTS", "keep", "replacing_results", "write_summary", "written"]
+__all__ = [
+    "DRAWN",
+    "SYSTEM_OUTPUTS",
+    "keep",
+    "known_formats",
+    "replacing_results",
+    "write_summary",
+    "written",
+]
 
-SYSTEM_OUTPUTS = ("results.csv", "signals.png", "summary.json")
+SYSTEM_OUTPUTS = ("results.csv", "results.parquet", "signals.png", "summary.json")
 """Files that a run of a package writes, and replaces in the folder of an earlier one; no package is among them."""
 DRAWN = 20_000
 """Rows that a picture shows at most: 8 for each of its pixels."""
+
+
+def known_formats(formats: Sequence[str]) -> None:
+    """Raise UsageError for a format of results that there is not, or whose package is not installed."""
+    if not formats or not set(formats) <= {"csv", "parquet"}:
+        got = ",".join(formats) or "none"
+        raise UsageError(f"format: expected csv, parquet, or csv,parquet for both, got {got}.")
+    if "parquet" in formats:
+        needed()
 
 
 @contextmanager
@@ -43,7 +61,7 @@ def replacing_results(folder: Path, outputs: Sequence[str], overwrite: bool) -> 
         with InterruptGuard():
             _publish(partial, folder, outputs)
     except BaseException as error:
-        if _has_rows(partial / "results.csv"):
+        if _has_rows(partial / "results.csv") or (partial / "results.parquet").exists():
             others = f"; {folder} is as it was" if written(folder, outputs) else ""
             error.add_note(f"The rows so far are in {_set_aside(partial, outputs)}{others}.")
         else:
@@ -135,9 +153,9 @@ def write_summary(summary: dict[str, Any], folder: Path) -> None:
         ) from error
 
 
-def keep(error: CosimError | Interrupted, folder: Path, summary: Mapping[str, Any]) -> None:
+def keep(error: CosimError | Interrupted, folder: Path) -> None:
     """Write the summary of a failed run, with why it ended; the rows are there."""
     results = error.results
     if results is not None:
-        results.summary = {**summary, **results.summary, "error": str(error)}
+        results.summary["error"] = str(error)
         write_summary(results.summary, folder)

@@ -10,7 +10,7 @@ from typing import Any
 from vdfmu import __version__
 from vdfmu.engine.cosim import Interrupted, LogMessage, Results, simulate
 from vdfmu.engine.cosim.inputs import Inputs, read_inputs
-from vdfmu.engine.folder import DRAWN, SYSTEM_OUTPUTS, keep, replacing_results, write_summary
+from vdfmu.engine.folder import DRAWN, SYSTEM_OUTPUTS, keep, known_formats, replacing_results, write_summary
 from vdfmu.engine.ssp.read import DEFAULT, load_ssp
 from vdfmu.errors import CosimError, UsageError, VdfmuError
 from vdfmu.progress import Progress
@@ -43,11 +43,12 @@ def run_system(
     memory_limit: float | None = None,
     out: str | os.PathLike[str] | None = None,
     overwrite: bool = False,
+    formats: Sequence[str] = ("csv",),
     progress: Progress | None = None,
     log: Callable[[LogMessage], None] | None = None,
     draw: Callable[[Results, Path, Collection[str]], object] | None = None,
 ) -> Results:
-    """Run an SSP and write ``results.csv`` and ``summary.json``.
+    """Run an SSP and write its results and ``summary.json``.
 
     Parameters
     ----------
@@ -66,6 +67,8 @@ def run_system(
         this one is complete.
     overwrite : bool, optional
         Whether to replace files of these names too that no run wrote.
+    formats : sequence of "csv" and "parquet"
+        Of ``results.csv`` and ``results.parquet``, those to write; Parquet needs pyarrow.
     inputs, input_hold : optional
         Signals for inputs that nothing is connected to, as of :func:`vdfmu.engine.cosim.simulate`.
     progress : callable, optional
@@ -86,11 +89,12 @@ def run_system(
     UsageError, SspError
         Before the run, for what is wrong with the package or the options.
     CosimError, vdfmu.engine.cosim.Interrupted
-        A unit failed, or the user stopped the run. The rows so far are in ``partial/results.csv`` of the folder.
+        A unit failed, or the user stopped the run. The rows so far are in ``partial`` of the folder.
     """
     package = Path(package)
     if package.suffix.lower() != ".ssp":
         raise UsageError(f"{package}: expected a system package, NAME.ssp. 'vdfmu ssp' writes one.")
+    known_formats(formats)
     tables = read_inputs(inputs, input_hold)
     system = load_ssp(package, variant)
     folder = Path(out) if out is not None else default_folder(package)
@@ -111,14 +115,13 @@ def run_system(
                 system, start=start, stop=stop, step=step, algorithm=master, adaptive=adaptive, tolerance=tolerance,
                 parameters=settings, inputs=tables, record=record, ignore_unmatched=ignore_unmatched, isolate=isolate,
                 time_limit=time_limit, memory_limit=memory_limit, progress=advance, log=log,
-                stream=partial / "results.csv",
+                stream=[partial / f"results.{form}" for form in formats], about=summary,
             )  # fmt: skip
         except (CosimError, Interrupted) as error:
-            keep(error, partial, summary)
+            keep(error, partial)
             raise
         done = results.summary
-        factor = (done["stop"] - done["start"]) / done["wall_s"]
-        results.summary = summary | done | {"real_time_factor": factor}
+        done["real_time_factor"] = (done["stop"] - done["start"]) / done["wall_s"]
         write_summary(results.summary, partial)
         copies = {".".join(connection.end) for connection in system.connections}
         try:

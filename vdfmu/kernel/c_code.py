@@ -8,6 +8,7 @@ it. The arithmetic is that of the trace, operation by operation.
 from __future__ import annotations
 
 import math
+from collections.abc import Collection
 from typing import NamedTuple
 
 import casadi as ca
@@ -75,7 +76,7 @@ def c_function(function: ca.Function, whole: int | None = None) -> str:
     return "\n".join(c_texts(function, whole))
 
 
-def c_texts(function: ca.Function, whole: int | None = None) -> list[str]:
+def c_texts(function: ca.Function, whole: int | None = None, apart: Collection[str] = ()) -> list[str]:
     """Return a C11 function of a trace, as texts that can be compiled side by side; the last has the function itself.
 
     ``void name(const double *restrict argument, .., double *restrict result_out, ..)``, with a pointer for
@@ -83,18 +84,77 @@ def c_texts(function: ca.Function, whole: int | None = None) -> list[str]:
 
     A trace of more than `whole` operations, by default :data:`_WHOLE`, becomes a chain of functions
     ``name_part_1``, ..: the time in which compilers place variables in registers grows with the square of a function's
-    length. The values are the same bits.
+    length. The values are the same bits. Functions that it calls come before it, but for those in `apart`.
 
     Raises
     ------
     KernelError
         If the trace has an operation that this module does not know.
     """
+    if not function.is_a("SXFunction"):
+        return _calling(function, apart)
     operations = _operations(function)
     if len(operations) <= (_WHOLE if whole is None else whole):
         read = {name for operation in operations for name in operation.arguments}
         head = [f"(void){name};" for name in function.name_in() if name not in read]
         return [_definition(c_prototype(function), operations, head, [])]
+    return _chain(function, operations)
+
+
+_WHOLE = 18_000
+"""Operations that go into one C function; the shipped arms have no longer trace."""
+_PART = 1_000
+"""Operations of one part of a longer trace."""
+_ALONE = 3_000
+"""Operations of a called function from which on it has a text of its own."""
+_TOGETHER = 30
+"""Parts that one compiler gets, which takes some 200 MB for them."""
+
+
+def is_long(function: ca.Function) -> bool:
+    """Whether a trace is too long for one C function."""
+    return function.n_instructions() > _WHOLE
+
+
+def _calling(function: ca.Function, apart: Collection[str]) -> list[str]:
+    """Return the texts of a function that only calls others: long ones each by itself, the last has the others."""
+    places: dict[int, str] = {}  # part of CasADi's memory to the C name of what it holds
+    sizes: dict[str, int] = {}
+    callees: dict[str, ca.Function] = {}
+    lines: list[str] = []
+    for k in range(function.n_instructions()):
+        operation = function.instruction_id(k)
+        source, target = function.instruction_input(k), function.instruction_output(k)
+        if operation == ca.OP_INPUT:
+            places[target[0]] = function.name_in(source[0])
+        elif operation == ca.OP_OUTPUT:
+            size = function.numel_out(target[0])
+            name = f"{function.name_out(target[0])}_out"
+            lines.append(f"memcpy({name}, {places[source[0]]}, {size} * sizeof(double));")
+        elif operation == ca.OP_CALL:
+            callee = function.instruction_MX(k).which_function()
+            callees[callee.name()] = callee
+            read = [places[i] for i in source]
+            for i, place in enumerate(target):
+                places[place] = f"v{len(sizes)}"
+                sizes[places[place]] = callee.numel_out(i)
+            lines.append(f"{callee.name()}({', '.join([*read, *(places[i] for i in target)])});")
+        else:
+            raise KernelError(f"{function.name()}: expected calls only, got operation {operation}.")
+    declared = [f"double {name}[{size}];" for name, size in sizes.items()]
+    body = "\n".join(f"    {line}" for line in (*declared, *lines))
+    prototypes = "".join(f"{c_prototype(callee)};\n" for callee in callees.values())
+    texts: list[str] = []
+    together = [f"#include <string.h>\n\n{prototypes}"]
+    for callee in callees.values():
+        if callee.name() not in apart:
+            long = callee.n_instructions() > _ALONE
+            (texts if long else together).extend(c_texts(callee))
+    return [*texts, "\n".join([*together, f"{c_prototype(function)}\n{{\n{body}\n}}\n"])]
+
+
+def _chain(function: ca.Function, operations: list[_Operation]) -> list[str]:
+    """Return the texts of a long trace."""
     parts = [operations[i : i + _PART] for i in range(0, len(operations), _PART)]
     live: set[int] = set()  # values that later parts read
     texts: list[str] = []
@@ -122,19 +182,6 @@ def c_texts(function: ca.Function, whole: int | None = None) -> list[str]:
         *("\n".join(texts[i : i + _TOGETHER]) for i in range(0, len(texts), _TOGETHER)),
         f"{declared}\n{c_prototype(function)}\n{{\n    double w[{size}];\n{calls}}}\n",
     ]
-
-
-_WHOLE = 18_000
-"""Operations that go into one C function; the shipped arms have no longer trace."""
-_PART = 1_000
-"""Operations of one part of a longer trace."""
-_TOGETHER = 30
-"""Parts that one compiler gets, which takes some 200 MB for them."""
-
-
-def is_long(function: ca.Function) -> bool:
-    """Whether a trace is too long for one C function."""
-    return function.n_instructions() > _WHOLE
 
 
 class _Operation(NamedTuple):

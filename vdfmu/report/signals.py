@@ -62,7 +62,7 @@ def draw_signals(results: Results, hidden: Collection[str] = ()) -> Figure:
     caption = f"{Path(facts.get('package', '')).name}, {facts['algorithm']}, step {1e3 * facts['step']:g} ms."
     left = len(panels) - len(shown)
     if left:
-        caption += f" {left} more variables are in results.csv; --record chooses others."
+        caption += f" {left} more variables are in the results; --record chooses others."
     alone = len(shown) == 1
     most = _CURVES_ALONE if alone else _CURVES
     if any(len(p.curves) > most for p in shown):

@@ -221,7 +221,9 @@ def save(figure: Figure, path: Path) -> Path:
     stream = io.BytesIO()
     with matplotlib.style.context(["default", _RC]):
         # not by savefig, which draws all twice, for the layout first
-        FigureCanvasAgg(figure).print_png(stream, metadata={"Software": None})
+        FigureCanvasAgg(figure).print_png(
+            stream, metadata={"Software": None}, pil_kwargs={"compress_level": 3}
+        )
     temporary = path.with_name(f".{path.name}.{os.getpid()}.part")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)

@@ -23,7 +23,11 @@ def _is_zero(x: Any) -> bool:
 
 def pattern(A: np.ndarray) -> np.ndarray:
     """Where a matrix is not a structural zero, (n, n)."""
-    return np.array([[not _is_zero(x) for x in row] for row in A], dtype=bool).reshape(A.shape)
+    elements = list(A.flat)
+    filled = {
+        id(x): not _is_zero(x) for x in {id(x): x for x in elements}.values()
+    }  # structural zeros are one object
+    return np.array([filled[id(x)] for x in elements], dtype=bool).reshape(A.shape)
 
 
 def factorize(A: np.ndarray) -> np.ndarray:

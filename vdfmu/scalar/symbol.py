@@ -17,6 +17,10 @@ from vdfmu.errors import KernelError
 __all__ = ["Symbol", "SymbolArray", "from_sx", "to_sx"]
 
 
+_binary = ca.SX.binary
+"""Operation of two scalars; CasADi's operators take seven times as long to find the types of theirs."""
+
+
 def _sx(value: Any) -> ca.SX:
     return value.sx if isinstance(value, Symbol) else ca.SX(float(value))
 
@@ -80,24 +84,24 @@ class Symbol:
         return Symbol(ca.fabs(self.sx))
 
     def __add__(self, other: Any) -> Any:
-        return NotImplemented if _foreign(other) else Symbol(self.sx + _sx(other))
+        return NotImplemented if _foreign(other) else Symbol(_binary(ca.OP_ADD, self.sx, _sx(other)))
 
     def __sub__(self, other: Any) -> Any:
-        return NotImplemented if _foreign(other) else Symbol(self.sx - _sx(other))
+        return NotImplemented if _foreign(other) else Symbol(_binary(ca.OP_SUB, self.sx, _sx(other)))
 
     def __mul__(self, other: Any) -> Any:
-        return NotImplemented if _foreign(other) else Symbol(self.sx * _sx(other))
+        return NotImplemented if _foreign(other) else Symbol(_binary(ca.OP_MUL, self.sx, _sx(other)))
 
     def __truediv__(self, other: Any) -> Any:
-        return NotImplemented if _foreign(other) else Symbol(self.sx / _sx(other))
+        return NotImplemented if _foreign(other) else Symbol(_binary(ca.OP_DIV, self.sx, _sx(other)))
 
     __radd__, __rmul__ = __add__, __mul__
 
     def __rsub__(self, other: Any) -> Any:
-        return NotImplemented if _foreign(other) else Symbol(_sx(other) - self.sx)
+        return NotImplemented if _foreign(other) else Symbol(_binary(ca.OP_SUB, _sx(other), self.sx))
 
     def __rtruediv__(self, other: Any) -> Any:
-        return NotImplemented if _foreign(other) else Symbol(_sx(other) / self.sx)
+        return NotImplemented if _foreign(other) else Symbol(_binary(ca.OP_DIV, _sx(other), self.sx))
 
     def __pow__(self, exponent: Any) -> Symbol:
         return NotImplemented if _foreign(exponent) else Symbol(self.sx ** _sx(exponent))

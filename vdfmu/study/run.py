@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +16,7 @@ from vdfmu.engine.algorithms import ALGORITHMS
 from vdfmu.engine.cosim import Interrupted, LogMessage, Results, simulate
 from vdfmu.engine.cosim.inputs import Inputs, read_inputs
 from vdfmu.engine.cosim.simulator import check_coupling
-from vdfmu.engine.folder import DRAWN, SYSTEM_OUTPUTS, keep, replacing_results, write_summary
+from vdfmu.engine.folder import DRAWN, SYSTEM_OUTPUTS, keep, known_formats, replacing_results, write_summary
 from vdfmu.errors import CosimError, UsageError
 from vdfmu.fmu.build import build_notes, choose_backend
 from vdfmu.model import Robot, load_robot
@@ -123,10 +123,11 @@ def run(
     units: Mapping[str, Any] | None = None,
     inputs: Inputs = None,
     input_hold: bool | None = None,
+    formats: Sequence[str] = ("csv",),
     progress: Progress | None = None,
     log: Callable[[LogMessage], None] | None = None,
 ) -> Results:
-    """Run a scenario and write ``results.csv``, ``summary.json`` and figures.
+    """Run a scenario and write its results, ``summary.json`` and figures.
 
     Parameters
     ----------
@@ -163,6 +164,8 @@ def run(
         :func:`vdfmu.engine.cosim.simulate`.
     input_hold : bool, optional
         Whether their values hold until the next row.
+    formats : sequence of "csv" and "parquet"
+        Of ``results.csv`` and ``results.parquet``, those to write; Parquet needs pyarrow.
     progress : callable, optional
         Called with stage, done, total.
     log : callable, optional
@@ -178,12 +181,13 @@ def run(
     UsageError, ModelError, SspError
         Before the run, for what is wrong with scenario, robot, options or system.
     CosimError, vdfmu.engine.cosim.Interrupted
-        A unit failed, or the user stopped the run. The rows so far are in ``partial/results.csv`` of the folder.
+        A unit failed, or the user stopped the run. The rows so far are in ``partial`` of the folder.
     """
     scenario = prepare(
         scenario, robot=robot, step=step, stop=stop, master=master, adaptive=adaptive, units=units,
         inputs=inputs, input_hold=input_hold,
     )  # fmt: skip
+    known_formats(formats)
     folder = Path(out) if out is not None else Path("results") / scenario.name
     report = progress or (lambda stage, done, total: None)
     if scenario.kind == "contrast":
@@ -197,7 +201,7 @@ def run(
                 f"scenario {scenario.name} has no units, so there is nothing to set: {', '.join(names)}."
             )
         with replacing_results(folder, RUN_OUTPUTS, overwrite) as partial:
-            return _run_contrast(scenario, partial)
+            return _run_contrast(scenario, partial, formats)
 
     if backend is None and fmi_version != "2.0":
         backend = "native"
@@ -227,19 +231,20 @@ def run(
             "left_out": list(scenario.system.dropped),
         }
         try:
-            results = _simulate(scenario, package, report, log)
+            results = _simulate(
+                scenario, package, report, log, [partial / f"results.{form}" for form in formats], summary
+            )
         except (CosimError, Interrupted) as error:
-            keep(error, partial, summary)
+            keep(error, partial)
             raise
-        wall = results.summary["wall_s"]
-        summary |= results.summary | {"real_time_factor": scenario.stop / wall}
+        summary = results.summary
+        summary["real_time_factor"] = scenario.stop / summary["wall_s"]
         summary |= tracking_errors(results, scenario.robot)
         summary |= power_bond(results, scenario.robot)
         if has_signals(results, "plant.tau_s", "estimator.tau_s_hat", "estimator.tau_f_hat"):
             summary |= estimation_errors(results, scenario.master)
         summary["paper"] = dict(scenario.paper)
         summary |= implied_gains(scenario.paper, scenario.robot, values)
-        results.summary = summary
         write_summary(summary, partial)
         if reference:
             summary |= _references(scenario, package, values, results, report)
@@ -260,6 +265,8 @@ def _simulate(
     package: Path,
     report: Progress,
     log: Callable[[LogMessage], None] | None,
+    files: Sequence[Path],
+    about: Mapping[str, Any],
 ) -> Results:
     def progress(done: int, total: int) -> None:
         report("co-simulation", done, total)
@@ -267,17 +274,18 @@ def _simulate(
     return simulate(
         package, start=0.0, stop=scenario.stop, step=scenario.step, algorithm=scenario.master,
         adaptive=scenario.adaptive, inputs=scenario.inputs, progress=progress, log=log,
-        stream=package.with_name("results.csv"),
+        stream=files, about=about,
     )  # fmt: skip
 
 
-def _run_contrast(scenario: Scenario, folder: Path) -> Results:
+def _run_contrast(scenario: Scenario, folder: Path, formats: Sequence[str]) -> Results:
     from vdfmu.report.plots import contrast_figures
 
     study = contrast(scenario)
     results = study.results()
     results.summary = _head(scenario) | study.summary(dict(scenario.paper))
-    results.to_csv(folder / "results.csv")
+    for form in formats:
+        results.write(folder / f"results.{form}")
     contrast_figures(study, folder, scenario)
     write_summary(results.summary, folder)
     return results

@@ -96,7 +96,7 @@ def _rounds(
     out: dict[Any, tuple[list[Task], int]] = {}
     seen = time.monotonic()
     try:
-        sent = client.scatter(job, broadcast=False, hash=False, direct=False) if client.nthreads() else None
+        sent = None
         while True:
             places = 2 * sum(client.nthreads().values())
             if client.status != "running":
@@ -118,7 +118,9 @@ def _rounds(
                 out[future] = (chunk, 1 if again is None else again[1] + 1)
             if not out and places:
                 return
-            for future in [f for f in out if f.status not in ("pending",)]:
+            if any(future.status in ("lost", "cancelled") for future in out):
+                raise _LostError  # or the job, with the worker that had it
+            for future in [f for f in out if f.status != "pending"]:
                 chunk, tries = out.pop(future)
                 if future.status == "finished":
                     rows = future.result()
@@ -137,17 +139,14 @@ def _rounds(
                     )
                 else:
                     waiting.append((chunk, tries))
-                    sent = None if future.status == "lost" else sent
                 future.release()
             time.sleep(0.01)
-    except (CommClosedError, OSError, TimeoutError, RuntimeError) as error:
-        if isinstance(error, RuntimeError) and client.status == "running":
+    except (_LostError, CommClosedError, OSError, TimeoutError, AttributeError, RuntimeError) as error:
+        # a client that has lost its scheduler fails in any of these ways
+        if client.status == "running" and isinstance(error, (AttributeError, RuntimeError)):
             raise
         waiting += list(out.values())
         raise _LostError from None
-    except _LostError:
-        waiting += list(out.values())
-        raise
 
 
 def _explained(error: BaseException) -> BaseException:

@@ -9,7 +9,7 @@ name is ``own_x`` there.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from hashlib import sha256
 from pathlib import Path
 
@@ -19,7 +19,7 @@ import numpy.typing as npt
 
 from vdfmu.errors import UnitError
 from vdfmu.kernel.functions import Functions
-from vdfmu.kernel.rodas import rodas_step
+from vdfmu.kernel.rodas import rodas_step, stage_equations
 from vdfmu.kernel.structure import SOURCES as KERNEL_SOURCES
 from vdfmu.kernel.structure import source_digest, structure_key
 from vdfmu.kernel.trace import traced_function
@@ -189,7 +189,9 @@ class UnitFunctions(Functions):
         kind = "step" if name.startswith(f"{self.name}_step") else "jacobian"
         derivatives = f"{self.name}_derivatives{name.removeprefix(f'{self.name}_{kind}')}"
         stiff = _Stiff(self._traced(self._leaves[derivatives]), cut=kind == "step")
-        return stiff.step(name) if kind == "step" else stiff.jacobian(name)
+        if kind == "jacobian":
+            return stiff.jacobian(name)
+        return stiff.step(name, self.casadi_function(derivatives))
 
     def _traced(self, leaf: Leaf) -> SymbolicWatch:
         instance = self.unit(self.robot)
@@ -259,27 +261,39 @@ class _Stiff:
             self.EJ, self.E, along = balanced(self.x_dot, *at, *self.rates.values())
         self.Ef_t = along
 
-    def step(self, name: str) -> ca.Function:
-        """One Rodas4 step, inputs linear in time, and its local error relative to the tolerance, by component."""
-        x, h, tolerance = self.x, ca.SX.sym("h"), ca.SX.sym("tolerance")
-        f = ca.Function("f", list(self.inputs.values()), [self.x_dot])
+    def step(self, name: str, derivatives: ca.Function) -> ca.Function:
+        """One Rodas4 step, inputs linear in time, and its local error relative to the tolerance, by component.
 
-        def at(x_i: ca.SX, time: ca.SX) -> ca.SX:
-            moved = {
-                key: value + time * self.rates[key] for key, value in self.inputs.items() if key in self.rates
-            }
-            moved["x"] = x_i
-            if "t" in self.inputs:
-                moved["t"] = self.inputs["t"] + time
-            return f(*(moved.get(key, value) for key, value in self.inputs.items()))
+        It calls functions that are traced once: `derivatives`, and those named after it.
+        """
+        n_x, (h, tolerance, time) = self.x.numel(), (ca.SX.sym(one) for one in ("h", "tolerance", "time"))
+        rates = {f"rate_{key}": rate for key, rate in self.rates.items()}
+        factors, solve = stage_equations(h, self.E, self.EJ, self.Ef_t, self.order, n_x, name)
+        used = {**self.inputs, **rates, "h": h}
+        matrix = ca.Function(f"{name}_matrix", list(used.values()), [factors], list(used), ["factors"])
 
-        x_new, error = rodas_step(at, x, h, self.E, self.EJ, self.Ef_t, self.order)
+        moving = {key: value for key, value in self.inputs.items() if key in self.rates or key == "t"}
+        later = [value + time * self.rates.get(key, 1.0) for key, value in moving.items()]
+        move = ca.Function(f"{name}_move", [time, *moving.values(), *self.rates.values()], later)
+
+        x, x_new, error = (ca.SX.sym(one, n_x) for one in ("x", "x_new", "error"))
         nominal = 1.0  # SI unit, of every state
         ratio = error / (tolerance * (nominal + ca.fmax(ca.fabs(x), ca.fabs(x_new))))
-        norm = ca.sqrt(ca.sumsqr(ratio) / x.numel())
-        rates = {f"rate_{key}": rate for key, rate in self.rates.items()}
-        inputs = {**self.inputs, **rates, "h": h, "tolerance": tolerance}
-        return traced_function(name, inputs, {"x_new": x_new, "norm": norm, "ratio": ratio})
+        norm = ca.sqrt(ca.sumsqr(ratio) / n_x)
+        size = ca.Function(f"{name}_size", [x, x_new, error, tolerance], ca.cse([norm, ratio]))
+
+        given = self.inputs | rates | {"h": h, "tolerance": tolerance}
+        now = {key: ca.MX.sym(key, value.numel()) for key, value in given.items()}
+
+        def f(x_i: ca.MX, after: ca.MX) -> ca.MX:
+            moved = move.call([after, *(now[key] for key in (*moving, *rates))]) if moving else []
+            at = now | dict(zip(moving, moved, strict=True)) | {"x": x_i}
+            return derivatives(*(at[key] for key in derivatives.name_in()))
+
+        known = matrix(*(now[key] for key in matrix.name_in()))
+        x_end, last = rodas_step(f, now["x"], now["h"], partial(solve, known), name)
+        results = [x_end, *size(now["x"], x_end, last, now["tolerance"])]
+        return ca.Function(name, list(now.values()), results, list(now), ["x_new", "norm", "ratio"])
 
     def jacobian(self, name: str) -> ca.Function:
         """Jacobian of the derivatives with respect to the states."""

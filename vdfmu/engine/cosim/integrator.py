@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.integrate import DOP853, Radau
 
 from vdfmu.engine.cosim.access import Call, Heap
 from vdfmu.engine.cosim.description import Variable
@@ -50,7 +49,10 @@ class Integrator:
         n_x, n_z = slave.sizes()
         self._x, self._rates, self._z = np.zeros(n_x), np.zeros(n_x), np.zeros(n_z)
         self._nominals = np.ones(n_x)
+        from scipy.integrate import DOP853, Radau  # takes a third of a second to import
+
         self._method: Any = DOP853
+        self._stiff: Any = Radau
         self._h: float | None = None
         self.line: Callable[[float], None] = lambda time: None
         """Sets the inputs that run over the step to their values at a time."""
@@ -95,7 +97,7 @@ class Integrator:
             time, state_event, taken = self._continue(time, target)
             steps += taken
             if steps > _STIFF:
-                self._method = Radau
+                self._method = self._stiff
             slave.enter_event()
             at_event = state_event or time >= slave.next_event
             if at_event or time >= end:

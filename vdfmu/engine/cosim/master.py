@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 from vdfmu.engine.cosim.check import Value
 from vdfmu.engine.cosim.inputs import Inputs
@@ -34,7 +35,8 @@ def simulate(
     isolate: bool | None = None,
     time_limit: float | None = None,
     memory_limit: float | None = None,
-    stream: Path | None = None,
+    stream: Path | Sequence[Path] | None = None,
+    about: Mapping[str, Any] | None = None,
 ) -> Results:
     """Co-simulate a system of FMUs of FMI 2.0 and 3.0; those for model exchange are integrated.
 
@@ -91,11 +93,14 @@ def simulate(
         300.
     memory_limit : float, optional
         Memory [MB] that isolated components have. Default: half of that of the machine.
-    stream : Path, optional
+    stream : Path or two of them, optional
         CSV file to which the rows go as they come, in the form of `Results.to_csv` and at least every two seconds. An
         input with the values of another signal, or those of a row before, is left out: `copies` of the summary names
-        both. The results are read from disk then, where they take as much room again while they are in use; memory
-        does not grow with the number of rows, but for their times.
+        both. With the suffix ``.parquet`` a Parquet file, which is written when the run ends, by an error too, but not
+        if the process is killed; see `Results.write`. The results are read from disk then, where they take as much room
+        again while they are in use; memory does not grow with the number of rows, but for their times.
+    about : mapping, optional
+        Facts with which the summary begins, and that of a Parquet file.
 
     Returns
     -------
@@ -125,5 +130,11 @@ def simulate(
     simulator.grid(start, stop, step)  # what is wrong with it is said before anything is loaded
     with simulator:
         return simulator.run(
-            start=start, stop=stop, step=step, record=record, progress=progress, stream=stream
+            start=start,
+            stop=stop,
+            step=step,
+            record=record,
+            progress=progress,
+            stream=stream,
+            about=about,
         )

@@ -23,12 +23,13 @@ _SECONDS = 2.0
 
 
 class Recorder:
-    """Writes rows to a CSV file block by block, at least every two seconds.
+    """Writes rows to disk block by block, at least every two seconds.
 
     Parameters
     ----------
     path : Path
-        The CSV file; a file of that name is replaced.
+        The CSV file; a file of that name is replaced. A Parquet file is only named in messages, and the numbers go to
+        its folder: it is written when all rows are there.
     signals : sequence of Signal
         Copies of others are left out: ``summary.json`` has their names.
     data : mapping of str to (`ROWS`, columns) array
@@ -64,9 +65,11 @@ class Recorder:
         self._due = clock.perf_counter() + _SECONDS
         self.seconds = 0.0
         self._files: dict[str, BinaryIO] = {}
+        self._csv: BinaryIO | None = None
         try:
-            self._csv = open(path, "wb", buffering=0)  # noqa: SIM115 - closed with the recorder
-            self._write(self._csv, csv_head(self._signals).encode())
+            if path.suffix.lower() != ".parquet":
+                self._csv = open(path, "wb", buffering=0)  # noqa: SIM115 - closed with the recorder
+                self._write(self._csv, csv_head(self._signals).encode())
             for kind, block in data.items():
                 if block.shape[1]:
                     self._files[kind] = tempfile.TemporaryFile(dir=path.parent, buffering=0)  # noqa: SIM115
@@ -82,7 +85,8 @@ class Recorder:
     def finish(self, time: NDArray[np.float64]) -> dict[str, NDArray[Any]]:
         """Write the rows that are left, up to that of the last `time`; return all of them, by kind, from disk."""
         self._flush(time[self._first :])
-        self._csv.close()
+        if self._csv is not None:
+            self._csv.close()
         found: dict[str, NDArray[Any]] = {}
         for kind, block in self._data.items():
             shape = len(time), block.shape[1]
@@ -96,9 +100,11 @@ class Recorder:
     def _flush(self, time: NDArray[np.float64]) -> None:
         began = clock.perf_counter()
         rows = slice(0, len(time))
-        before = [(file, file.tell()) for file in (self._csv, *self._files.values())]
+        text = [] if self._csv is None else [self._csv]
+        before = [(file, file.tell()) for file in (*text, *self._files.values())]
         try:
-            self._write(self._csv, csv_lines(time, self._signals, self._data, rows).encode())
+            for file in text:
+                self._write(file, csv_lines(time, self._signals, self._data, rows).encode())
             for kind, file in self._files.items():
                 self._write(file, self._data[kind][rows].tobytes())
         except BaseException as error:  # a second Ctrl-C too

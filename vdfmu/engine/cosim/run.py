@@ -21,6 +21,7 @@ from vdfmu.engine.cosim.exchange import SampledStepper, largest_step
 from vdfmu.engine.cosim.exits import report_exits
 from vdfmu.engine.cosim.isolated import Isolated, Limits
 from vdfmu.engine.cosim.messages import LogMessage, MessageBox
+from vdfmu.engine.cosim.parquet import write_parquet
 from vdfmu.engine.cosim.recorder import ROWS, Recorder
 from vdfmu.engine.cosim.results import Results, copies_of
 from vdfmu.engine.cosim.unpacked import no_room, unpack_units
@@ -131,12 +132,12 @@ class Run:
         n: int,
         record: Sequence[str] | None,
         progress: Callable[[int, int], None] | None,
-        stream: Path | None = None,
+        stream: Sequence[Path] = (),
     ) -> Results:
         """Do the steps and return the results."""
         box, stepper = self.box, self.stepper
         advance, exchange = stepper.advance, self.exchange
-        signals, data, store = exchange.recorders(n + 1 if stream is None else ROWS, record)
+        signals, data, store = exchange.recorders(ROWS if stream else n + 1, record)
         recorder = None
         finite = exchange.finite
         pending = box.pending
@@ -155,14 +156,21 @@ class Run:
                 time[done] = self.summary["stop"]
             rows = slice(0, done + 1)
             kept = recorder.finish(time) if recorder else {kind: array[rows] for kind, array in data.items()}
-            return Results(time, signals, kept, self.summary, box.kept)
+            found = Results(time, signals, kept, self.summary, box.kept)
+            for path in stream if done >= 0 else ():
+                if path.suffix.lower() == ".parquet":
+                    write_parquet(found, path)
+            return found
 
         def save() -> str:
             results()
-            return f" The rows so far are in {stream}." if stream is not None and done >= 0 else ""
+            return (
+                f" The rows so far are in {' and '.join(map(str, stream))}." if stream and done >= 0 else ""
+            )
 
-        if stream is not None:
-            recorder = Recorder(stream, signals, data, store, times)
+        if stream:
+            text_first = sorted(stream, key=lambda path: path.suffix.lower() == ".parquet")
+            recorder = Recorder(text_first[0], signals, data, store, times)
             store = recorder.store
         self._save = save
         began = clock.perf_counter()

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from types import TracebackType
+from typing import Any
 
 import numpy as np
 
@@ -16,6 +17,7 @@ from vdfmu.engine.cosim.inputs import Inputs, outside, read_inputs
 from vdfmu.engine.cosim.isolated import Limits
 from vdfmu.engine.cosim.messages import LogMessage
 from vdfmu.engine.cosim.multirate import with_steps
+from vdfmu.engine.cosim.parquet import needed
 from vdfmu.engine.cosim.results import Results
 from vdfmu.engine.cosim.run import Run
 from vdfmu.engine.cosim.schedule import DEFAULT
@@ -108,7 +110,8 @@ class Simulator:
         parameters: Mapping[str, Value] | None = None,
         record: Sequence[str] | None = None,
         progress: Callable[[int, int], None] | None = None,
-        stream: Path | None = None,
+        stream: Path | Sequence[Path] | None = None,
+        about: Mapping[str, Any] | None = None,
     ) -> Results:
         """Run the system, from its start.
 
@@ -116,7 +119,7 @@ class Simulator:
         ----------
         parameters : mapping of str to value, optional
             For this run, before those of the simulator.
-        start, stop, step, record, progress, stream
+        start, stop, step, record, progress, stream, about
             As of :func:`vdfmu.simulate`.
 
         Raises
@@ -125,6 +128,9 @@ class Simulator:
             As of :func:`vdfmu.simulate`; UsageError outside the block, too.
         """
         begin, end, step, n = self.grid(start, stop, step)
+        files = [stream] if isinstance(stream, Path) else list(stream or ())
+        if any(path.suffix.lower() == ".parquet" for path in files):
+            needed()
         if self._checked is None:
             raise UsageError(
                 "Simulator: its runs are made in a block, 'with vdfmu.Simulator(...) as simulator:'."
@@ -141,12 +147,13 @@ class Simulator:
             run.box.pending += [LogMessage("", begin, "note", "", note) for note in reach]
             run.components.initialize(begin, end, self._tolerance, self._convergence or CONVERGENCE)
             run.summary |= {
+                **(about or {}),
                 "system": self._system.name, "algorithm": checked.algorithm, "adaptive": self._adaptive,
                 "order": list(checked.schedule.units), "start": begin, "stop": end, "step": step, "steps": n,
                 "isolated": run.isolated, "notes": [*checked.notes, *reach],
             }  # fmt: skip
             run.stepper = run.components.couple(self._adaptive, self._convergence, end - begin, record)
-            run.results = run.steps(begin, end, step, n, record, progress, stream)
+            run.results = run.steps(begin, end, step, n, record, progress, files)
         except BaseException as error:
             failed, self._run = self._run, None
             if failed is not None:

@@ -120,9 +120,13 @@ class Archive:
                 one = f"entries {other!r} and {name!r} are one file"
                 fault("PKG006", f"{one} where case or a final '/' does not count; rename one")
             members[name] = info
+        above: dict[str, list[str]] = {}
         for name in members:
-            above = [str(folder) for folder in PurePosixPath(name).parents]
-            if clash := next((f for f in above if f in members and not members[f].is_dir()), None):
+            folder = name.rstrip("/").rpartition("/")[0]
+            if folder not in above:
+                path = PurePosixPath(folder)
+                above[folder] = [str(each) for each in (path, *path.parents)]
+            if clash := next((f for f in above[folder] if f in members and not members[f].is_dir()), None):
                 fault("PKG006", f"entry {clash!r} is a file and the folder of {name!r}")
         total, limit = sum(info.file_size for info in infos), limits.TOTAL_LIMIT * self._budget.scale
         if not problems and total > limit:
@@ -269,9 +273,8 @@ class Archive:
 
 def is_inside(name: str) -> bool:
     """Whether a member name or relative path stays inside its package."""
-    path = PurePosixPath(name)
     return bool(name) and not (
-        path.is_absolute() or ".." in path.parts or "\\" in name or ":" in name or "\0" in name
+        name[0] == "/" or ".." in name.split("/") or "\\" in name or ":" in name or "\0" in name
     )
 
 

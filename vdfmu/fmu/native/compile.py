@@ -12,14 +12,15 @@ import re
 import struct
 import subprocess
 import tempfile
-from collections.abc import Generator, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor, as_completed
+from collections.abc import Generator, Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor, as_completed
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from hashlib import sha256
 from importlib.metadata import PackageNotFoundError, version
 from importlib.util import find_spec
+from itertools import chain
 from pathlib import Path, PurePosixPath
 
 from vdfmu.errors import FmuError
@@ -33,11 +34,10 @@ __all__ = ["Job", "compile_libraries", "compile_library", "compiler_version", "n
 
 _FLAGS = (
     "-std=c11", "-O3", "-ffp-contract=off", "-fno-math-errno", "-fvisibility=hidden",
-    "-Wall", "-Wextra", "-I.", "-DDISABLE_PREFIX",
+    "-Wall", "-Wextra", "-I.", "-DDISABLE_PREFIX", "-g0",
+    # the search for operations to join takes half of the time to compile traced functions, and gains none at run time
+    "-fno-slp-vectorize",
 )  # fmt: skip
-_SCALAR = ("-fno-slp-vectorize",)
-"""Flags of all but the solver's step: the search for operations to join takes half of the time to compile the traced
-functions, and makes these 3 % faster. The bits are the same."""
 _LINK_FLAGS = ("-shared", "-s")
 _INCLUDE = re.compile(rb'^\s*#\s*include\s*["<]([^">]+)[">]', re.MULTILINE)
 
@@ -128,7 +128,7 @@ class Job:
 
     def _key(self, kind: str, files: Mapping[str, bytes]) -> str:
         digest = sha256(
-            repr((kind, compiler_version(), self.target, _FLAGS, _SCALAR, _LINK_FLAGS, self.flags)).encode()
+            repr((kind, compiler_version(), self.target, _FLAGS, _LINK_FLAGS, self.flags)).encode()
         )
         for name, text in sorted(files.items()):
             digest.update(f"\n{name} {len(text)}\n".encode())
@@ -143,31 +143,42 @@ def compile_library(
     return compile_libraries([Job(name, sources, platform, tuple(flags))])[0]
 
 
-def compile_libraries(jobs: Sequence[Job]) -> list[bytes]:
+def compile_libraries(jobs: Iterable[Job]) -> list[bytes]:
     """Return the shared library of each job: from the cache, or compiled with all processors.
+
+    Jobs that are made one after the other are compiled while the next one is made.
 
     Raises
     ------
     FmuError
         If the compiler is not installed, refuses a file, or the disk is full.
     """
-    found = [load(cache_folder() / "native" / job.key) for job in jobs]
-    missing = [job for job, library in zip(jobs, found, strict=True) if library is None]
-    if missing:
+    found: dict[int, bytes] = {}
+
+    def not_found() -> Iterator[tuple[int, Job]]:
+        for i, job in enumerate(jobs):
+            library = load(cache_folder() / "native" / job.key)
+            if library is None:
+                yield i, job
+            else:
+                found[i] = library
+
+    missing = not_found()
+    first = next(missing, None)
+    if first is not None:
         _zig()
         try:
             with temporary_folder("vdfmu_native_") as folder, _Workshop(folder) as workshop:
-                made = workshop.make(missing)
+                made = workshop.make(chain([first], missing))
         except OSError as error:
             where = error.filename or tempfile.gettempdir()
             raise FmuError(
                 f"the native FMUs cannot be compiled: {where}: {error.strerror}. {_ROOM}"
             ) from error
-        for job, library in zip(missing, made, strict=True):
-            store(cache_folder() / "native" / job.key, library)
-        rest = iter(made)
-        found = [library if library is not None else next(rest) for library in found]
-    return [library for library in found if library is not None]
+        for i, (key, library) in made.items():
+            store(cache_folder() / "native" / key, library)
+            found[i] = library
+    return [found[i] for i in sorted(found)]
 
 
 _ROOM = "Free space there, or choose other folders with TMPDIR and VDFMU_CACHE_DIR."
@@ -206,19 +217,23 @@ class _Workshop:
         except OSError:
             return str(self._folder / "zig_support")
 
-    def make(self, jobs: Sequence[Job]) -> list[bytes]:
-        """Return the library of each job."""
-        places = [self._folder / str(i) for i in range(len(jobs))]
-        for job, place in zip(jobs, places, strict=True):
-            place.mkdir()
-            for name, text in job.sources.items():
-                (place / name).write_bytes(text)
+    def make(self, jobs: Iterable[tuple[int, Job]]) -> dict[int, tuple[str, bytes]]:
+        """Return the key and the library of each job, by its number."""
+        places: dict[int, tuple[Job, Path]] = {}
+        objects: dict[str, Path] = {}
         with self._pool() as pool:
-            objects = self._compile(pool, jobs, places)
-            links = [
-                pool.submit(self._link, job, place, objects) for job, place in zip(jobs, places, strict=True)
-            ]
-            return [link.result() for link in links]
+            tasks: list[Future[None]] = []
+            for i, job in jobs:
+                place = self._folder / str(i)
+                place.mkdir()
+                for name, text in job.sources.items():
+                    (place / name).write_bytes(text)
+                places[i] = job, place
+                tasks += self._compile(pool, job, place, objects)
+            for task in counted("compile", as_completed(tasks), len(tasks)):
+                task.result()
+            links = {i: pool.submit(self._link, *where, objects) for i, where in places.items()}
+            return {i: (places[i][0].key, link.result()) for i, link in links.items()}
 
     @contextmanager
     def _pool(self) -> Generator[ThreadPoolExecutor]:
@@ -232,31 +247,25 @@ class _Workshop:
                 raise
 
     def _compile(
-        self, pool: ThreadPoolExecutor, jobs: Sequence[Job], places: Sequence[Path]
-    ) -> dict[str, Path]:
-        """Return key to file of all objects. Two jobs with the same object compile it once, the longest first."""
-        objects: dict[str, Path] = {}
-        missing: list[tuple[int, Job, Path, str, str]] = []
-        for job, place in zip(jobs, places, strict=True):
-            for name, key in job.objects.items():
-                if key in objects:
-                    continue
-                objects[key] = place / f"{PurePosixPath(name).stem}.o"
-                stored = load(cache_folder() / "native" / key)
-                if stored is None:
-                    missing.append((-len(job.sources[name]), job, place, name, key))
-                else:
-                    objects[key].write_bytes(stored)
-        missing.sort(key=lambda item: item[0])
-        tasks = [pool.submit(self._object, *item[1:]) for item in missing]
-        for task in counted("compile", as_completed(tasks), len(tasks)):
-            task.result()
-        return objects
+        self, pool: ThreadPoolExecutor, job: Job, place: Path, objects: dict[str, Path]
+    ) -> list[Future[None]]:
+        """Start to compile the objects that no job before has, the longest first; `objects`: key to file of all."""
+        missing: list[tuple[str, str]] = []
+        for name, key in job.objects.items():
+            if key in objects:
+                continue
+            objects[key] = place / f"{PurePosixPath(name).stem}.o"
+            stored = load(cache_folder() / "native" / key)
+            if stored is None:
+                missing.append((name, key))
+            else:
+                objects[key].write_bytes(stored)
+        missing.sort(key=lambda item: -len(job.sources[item[0]]))
+        return [pool.submit(self._object, job, place, *item) for item in missing]
 
     def _object(self, job: Job, place: Path, name: str, key: str) -> None:
         file = f"{PurePosixPath(name).stem}.o"
-        flags = (*_FLAGS, *(() if name.endswith("_step.c") else _SCALAR))
-        self._run(job, place, name, ["-c", *flags, *job.target.flags, *job.flags, "-o", file, name])
+        self._run(job, place, name, ["-c", *_FLAGS, *job.target.flags, *job.flags, "-o", file, name])
         store(cache_folder() / "native" / key, (place / file).read_bytes())
 
     def _link(self, job: Job, place: Path, objects: Mapping[str, Path]) -> bytes:

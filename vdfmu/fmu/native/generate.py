@@ -6,7 +6,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 
 import casadi as ca
 
@@ -43,7 +43,7 @@ def generated_sources(interface: Interface, guid: str) -> dict[str, str]:
     unit = _Unit(interface, guid)
     files = {"config.h": unit.config(), "kernel.h": unit.kernel_header(), "unit.c": unit.source()}
     for function in unit.functions.values():
-        *parts, whole = _kernel_texts(function)
+        *parts, whole = _kernel_texts(function, unit.functions)
         files |= {f"kernel_{function.name()}_part_{k}.c": part for k, part in enumerate(parts, 1)}
         files[f"kernel_{function.name()}.c"] = whole
     return files
@@ -54,11 +54,12 @@ def kernel_source(function: ca.Function) -> str:
     return "\n".join(_kernel_texts(function))
 
 
-def _kernel_texts(function: ca.Function) -> list[str]:
-    """Return the C files of a traced function, itself in the last; derivatives in parts or as a table."""
+def _kernel_texts(function: ca.Function, apart: Collection[str] = ()) -> list[str]:
+    """Return the C files of a traced function, itself in the last, without what it calls of `apart`."""
     derivative = function.name().rpartition("_")[2] in DIRECTIONS
     table = derivative and is_long(function)
-    texts = [c_table(function)] if table else c_texts(function, _WHOLE_DERIVATIVE if derivative else None)
+    whole = _WHOLE_DERIVATIVE if derivative else None
+    texts = [c_table(function)] if table else c_texts(function, whole, apart)
     head = _head(f"The traced function {function.name()}, operation by operation.")
     head += f"#include <math.h>\n{'#include <stdint.h>' * table}\n"
     return [*(head + text for text in texts[:-1]), f"{head}{_wrapped(c_prototype(function))};\n\n{texts[-1]}"]

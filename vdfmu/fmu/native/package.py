@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from functools import lru_cache
 from importlib.metadata import files as installed_files
 from importlib.util import find_spec
@@ -45,13 +45,15 @@ def build_native_fmus(contents: Mapping[Path, Content], platforms: Sequence[str]
     """
     names = chosen_platforms(platforms)
     stale = {path: content for path, content in contents.items() if not _up_to_date(path, content, names)}
-    sources = {path: unit_sources(content) for path, content in stale.items()}
-    jobs = [
-        Job(content.model_name, sources[path] | fmi_headers(content.fmi_version), name)
-        for path, content in stale.items()
-        for name in names
-    ]
-    made = iter(compile_libraries(jobs))
+    sources: dict[Path, dict[str, bytes]] = {}
+
+    def jobs() -> Iterator[Job]:
+        for path, content in stale.items():
+            sources[path] = unit_sources(content)
+            files = sources[path] | fmi_headers(content.fmi_version)
+            yield from (Job(content.model_name, files, name) for name in names)
+
+    made = iter(compile_libraries(jobs()))
     for path, content in stale.items():
         libraries = {name: next(made) for name in names}
         try:
