@@ -125,6 +125,10 @@ class Loop:
         whole[size - m :, :n] = K
         return whole
 
+    def radius(self, K: Floats | None = None, delay: int = 1) -> float:
+        """Largest absolute eigenvalue of :meth:`closed`: below 1 the loop is stable."""
+        return float(np.abs(np.linalg.eigvals(self.closed(K, delay))).max())
+
     def margins(self, K: Floats | None = None, delay: int = 1) -> Margins:
         """Margins with feedback K, by default its own."""
         K = self.K if K is None else K
@@ -248,6 +252,8 @@ def _margins(L: Complex, w: Floats) -> Floats:
     for i, loop in enumerate(L.T):
         size = np.log(np.abs(loop))
         left = np.angle(-loop)  # the lag that is left until -1
+        if loop[-1].real < 0.0:  # at half the sampling frequency a loop is real
+            left[-1] = 0.0
         change = np.angle(loop[1:] / loop[:-1])
         turn = np.flatnonzero((left[1:] * left[:-1] <= 0.0) & (np.abs(left[:-1]) < np.pi / 2.0))
         share = np.clip(-left[turn] / change[turn], 0.0, 1.0)

@@ -16,9 +16,9 @@ __all__ = ["draw_tuning"]
 
 _BEFORE, _AFTER = "#888888", style.COLORS[0]
 _PANELS = {
-    "error": ("RMS error, the worst robot", "", "rad or m"),
-    "peak_torque": ("Peak torque, the worst robot", "", "N.m"),
-    "modulus": ("Modulus margin, one sample of delay", r"min $|1 + L|$", ""),
+    "error": ("RMS error", "", "rad or m"),
+    "peak_torque": ("Peak torque", "", "N.m"),
+    "modulus": ("Modulus margin", r"min $|1 + L|$", ""),
 }
 """Rows of the table that are drawn by joint: title, quantity, unit of measurement."""
 
@@ -44,7 +44,8 @@ def draw_tuning(history: Sequence[float], table: Sequence[tuple[str, float, floa
     ]
     figure = style.new_figure(
         "Tuning",
-        "Cost: relative to that of the start. Dots: values that keep to all limits; line: the best so far.",
+        "Cost: relative to that of the start; dots: values that keep to all limits, line: the best so far. Errors and "
+        "torques: those of the worst robot. Margin: with one sample of delay.",
         height=2.8 if not shown else 5.6,
         legend=handles if shown else (),
     )
