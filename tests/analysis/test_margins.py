@@ -58,6 +58,15 @@ def test_margins_of_an_integrator_have_their_closed_form(share):
     assert late.radius == pytest.approx(np.abs(np.roots([1, -1, share])).max(), rel=1e-12)
 
 
+def test_margins_may_allow_growth():
+    """The integrator with k h = 2.002 grows by 1 / s at half the sampling frequency."""
+    loop = Loop(0.0, Linear(np.zeros((1, 1)), np.ones((1, 1))), np.array([[-2.002 / STEP]]), STEP)
+    assert loop.margins(delay=0).modulus[0] == 0.0
+    allowed = dataclasses.replace(loop, growth=50.0).margins(delay=0)
+    # L = k h / (z - 1) at z = -exp(0.05), the last of the grid
+    assert allowed.modulus[0] == pytest.approx(1 - 2.002 / (1 + np.exp(0.05)), rel=1e-9)
+
+
 def test_an_unstable_loop_has_no_margin():
     loop = Loop(0.0, Linear(np.zeros((1, 1)), np.ones((1, 1))), np.array([[-1.1 / STEP]]), STEP)
     assert loop.margins(delay=0).modulus[0] > 0.0  # k h below 2

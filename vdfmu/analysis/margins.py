@@ -56,7 +56,8 @@ class Margins(NamedTuple):
     phase : smallest lag [rad] that does
     delay : smallest further delay [s] that does
     radius : float
-        Largest absolute eigenvalue of the closed loop; unless it is below 1, modulus, phase and delay are 0.
+        Largest absolute eigenvalue of the closed loop; unless it is below 1, or what the growth allows, modulus, phase
+        and delay are 0.
     """
 
     modulus: Floats
@@ -78,12 +79,15 @@ class Loop:
     K : (n, 4 n)
         Feedback: deviation of the motor torques by those of the plant's states.
     step : float [s]
+    growth : float [1/s]
+        Rate up to which what grows counts as stable: margins are those on the circle ``|z| = exp(growth step)``.
     """
 
     t: float
     plant: Linear
     K: Floats
     step: float
+    growth: float = 0.0
 
     @cached_property
     def sampled(self) -> Linear:
@@ -101,15 +105,17 @@ class Loop:
         """Frequencies [rad/s] at and around lightly damped poles, whose peaks a grid would miss."""
         s = np.log(poles[np.abs(poles) > 0.5]) / self.step
         s = s[(s.imag > _SLOWEST * np.pi / self.step)]
-        w = s.imag[:, None] + np.abs(s.real)[:, None] * _AROUND
+        w = s.imag[:, None] + np.abs(s.real - self.growth)[:, None] * _AROUND
         return np.unique(w[(w > 0.0) & (w < np.pi / self.step)])
 
     def response(self, w: Floats) -> Complex:
         """Response of the sampled plant's states to the motor torques at frequencies (m,) [rad/s]: (m, 4 n, n)."""
         A, B = self.sampled
-        return np.linalg.solve(
-            np.exp(1j * w * self.step)[:, None, None] * np.eye(len(A)) - A, B.astype(complex)
-        )
+        return np.linalg.solve(self.z(w)[:, None, None] * np.eye(len(A)) - A, B.astype(complex))
+
+    def z(self, w: Floats) -> Complex:
+        """Points of the circle on which the loop is calculated."""
+        return np.exp((self.growth + 1j * w) * self.step)
 
     def closed(self, K: Floats | None = None, delay: int = 1) -> Floats:
         """Matrix of the closed loop's states from one communication point to the next; K in place of its own."""
@@ -126,7 +132,7 @@ class Loop:
         return whole
 
     def radius(self, K: Floats | None = None, delay: int = 1) -> float:
-        """Largest absolute eigenvalue of :meth:`closed`: below 1 the loop is stable."""
+        """Return the largest absolute eigenvalue of :meth:`closed`: below 1 the loop is stable."""
         return float(np.abs(np.linalg.eigvals(self.closed(K, delay))).max())
 
     def margins(self, K: Floats | None = None, delay: int = 1) -> Margins:
@@ -135,13 +141,13 @@ class Loop:
         n = len(K)
         poles = np.linalg.eigvals(self.closed(K, delay))
         radius = float(np.abs(poles).max())
-        if not radius < 1.0:
+        if not radius < np.exp(self.growth * self.step):
             return Margins(np.zeros(n), np.ones(n), np.zeros(n), np.zeros(n), radius)
         w, G = self.grid
         more = np.setdiff1d(self.around(poles), w)
         order = np.argsort(w := np.concatenate([w, more]))
         G = np.concatenate([G, self.response(more)])[order]
-        late = np.exp(-1j * w[order] * self.step * delay)[:, None, None]
+        late = self.z(w[order])[:, None, None] ** -delay
         S = np.linalg.inv(np.eye(n) - late * (K @ G))
         return Margins(*_margins(1.0 / np.diagonal(S, axis1=1, axis2=2) - 1.0, w[order]), radius)
 
@@ -159,6 +165,9 @@ class ArmLoops:
     dry : bool
         Whether the plant keeps its Coulomb and Stribeck friction. Its slope damps by far more than all else near
         standstill, and takes damping away at slow motion; viscous friction stays in any case.
+    growth : float [1/s]
+        Rate up to which what grows counts as stable. A weakly damped mode of the arm may grow slowly at some places of
+        a motion that soon passes them.
 
     Attributes
     ----------
@@ -178,6 +187,7 @@ class ArmLoops:
         *,
         times: Sequence[float] | Floats | None = None,
         dry: bool = False,
+        growth: float = 0.0,
     ) -> None:
         system = self._system = System(SystemDescription(scenario, system_values(scenario, settings)))
         units, run = system.units, system.python(system.evaluate)
@@ -201,7 +211,7 @@ class ArmLoops:
             run(t)
             self._x.append(system.memory[system.solver_x])
             K = feedback(system, "plant", ("tau",), t)
-            self.loops.append(Loop(float(t), linearize(plant, ("tau",)), K, scenario.step))
+            self.loops.append(Loop(float(t), linearize(plant, ("tau",)), K, scenario.step, growth))
 
     def margins(self, values: Mapping[str, float] | None = None, delay: int = 1) -> Margins:
         """Smallest margins of each joint over all times.

@@ -64,6 +64,9 @@ def tune(
             "start."
         ),
     ] = None,
+    growth: Annotated[
+        float, typer.Option(help="Rate [1/s] up to which what grows counts as stable for the margin.")
+    ] = 0.0,
     method: Annotated[str, typer.Option(help="both, global or local.")] = "both",
     budget: Annotated[int, typer.Option(help="Evaluations; each runs all robots.")] = 300,
     seed: Annotated[int, typer.Option(help="Of the robots and of the search.")] = 0,
@@ -93,7 +96,8 @@ def tune(
 
     with Bars() as bars:
         found = run_tune(
-            scenario, vary, cost, limit=limit or (), spread=spread or (), spread_n=spread_n, over=over, margin=margin,
+            scenario, vary, cost, limit=limit or (), spread=spread or (), spread_n=spread_n, over=over,
+            margin=margin, growth=growth,
             method=method, budget=budget, seed=seed, settings=parse_settings(settings), robot=robot,
             units=parse_settings(unit, "--unit", "COMPONENT=UNIT, such as controller=my_unit.py") or None,
             step=step, stop=stop, master=master, inputs=inputs, input_hold=input_hold or None, backend=backend,

@@ -144,7 +144,8 @@ class Evaluations:
                 continue
             margins = self._margins[key] = self.problem.margins(np.array(key))
             missing = margins is not None and (
-                margins.radius >= 1.0 or (not always and bool((margins.modulus < self.problem.margin).any()))
+                not margins.modulus.any()
+                or (not always and bool((margins.modulus < self.problem.margin).any()))
             )
             if missing and self.scores:  # the start is run in any case, to compare with
                 self.missed += key not in self._by_values
@@ -211,10 +212,11 @@ class Evaluations:
             worst = max((max(of[n]) for n in names if n.partition("[")[0] == limit), default=np.inf)
             excess.append(np.inf if failed else worst / size)
         if margins is not None:
-            unstable = max(margins.radius - 1.0, 0.0)
+            unstable = 0.0 if margins.modulus.any() else margins.radius - 1.0
             excess += (problem.margin - margins.modulus + _STEEP * unstable).tolist()
-        if self.scores and len(cost) > 1:
-            excess += (cost / self.scores[0].cost - 1.0).tolist()
+        if len(cost) > 1:
+            start = self.scores[0].cost if self.scores else cost
+            excess += (cost / start - 1.0).tolist()
         measures = {
             name: float(np.max(of[name]))
             for name in names

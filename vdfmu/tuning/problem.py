@@ -102,6 +102,7 @@ def make_problem(
     spread_n: int = 8,
     over: str = "mean",
     margin: float | str | None = None,
+    growth: float = 0.0,
     seed: int = 0,
     settings: Mapping[str, Any] | None = None,
     options: Mapping[str, Any] | None = None,
@@ -142,10 +143,10 @@ def make_problem(
     if margin is not None:
         if any(axis.target.startswith("plant.") for axis in axes):
             raise UsageError("margin: expected other parameters than those of the plant to vary.")
-        loops = ArmLoops(loaded, settings)
+        loops = ArmLoops(loaded, settings, growth=growth)
         n_joints = len(loops.loops[0].K)
         required = loops.margins().modulus if margin == "same" else np.full(n_joints, _number(margin))
-        facts["tune"]["margin"] = required.tolist()
+        facts["tune"] |= {"margin": required.tolist(), "growth": growth}
     start = np.array([a.start for a in axes])
     return Problem(
         tuple(a.axis for a in axes),

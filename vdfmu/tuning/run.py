@@ -87,6 +87,7 @@ def tune(
     spread_n: int = 8,
     over: str = "mean",
     margin: float | str | None = None,
+    growth: float = 0.0,
     method: str = "both",
     budget: int = 300,
     seed: int = 0,
@@ -130,6 +131,8 @@ def tune(
     margin : float or "same", optional
         Modulus margin, min abs(1 + L), that every joint's loop of the nominal robot has at least along the motion,
         with one sample of delay; or that which it has at the start.
+    growth : float [1/s]
+        Rate up to which what grows counts as stable for the margin, see :class:`vdfmu.analysis.margins.ArmLoops`.
     method : "both", "global" or "local"
         Differential evolution over the whole range, then COBYQA from the best, or one of them.
     budget : int
@@ -173,7 +176,8 @@ def tune(
     }  # fmt: skip
     options = {name: value for name, value in given.items() if value is not None}
     problem = make_problem(
-        scenario, vary, cost, limit=limit, spread=spread, spread_n=spread_n, over=over, margin=margin, seed=seed,
+        scenario, vary, cost, limit=limit, spread=spread, spread_n=spread_n, over=over, margin=margin,
+        growth=growth, seed=seed,
         settings=settings, options=options, backend=backend,
     )  # fmt: skip
     plan = problem.plan

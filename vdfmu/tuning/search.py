@@ -18,6 +18,8 @@ METHODS = ("both", "global", "local")
 """Differential evolution with a half of the budget, then COBYQA; or one of them."""
 _MISSED = 10.0
 """Objective at the border of what the constraints allow; the start has 1."""
+_INSIDE = 0.005
+"""How far inside of what is allowed COBYQA ends: it comes to a border from either side."""
 _TRUST = (0.1, 1e-3)
 """First and last radius of the trust region, in the unit cube."""
 
@@ -95,7 +97,7 @@ def _local(at: Callable[..., list[Score]], u: Floats, start: Score, seed: int, b
     constraints = len(score(u).excess)
     minimize(
         cost, u, method="COBYQA", bounds=[(0.0, 1.0)] * len(u),
-        constraints=[NonlinearConstraint(excess, -np.inf, 0.0)] if constraints else (),
+        constraints=[NonlinearConstraint(excess, -np.inf, -_INSIDE)] if constraints else (),
         options={"initial_tr_radius": _TRUST[0], "final_tr_radius": _TRUST[1], "maxfev": 20 * budget},
     )  # fmt: skip
 
