@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import signal
 import socket
 import subprocess
 import sys
 import threading
 import time
 from collections.abc import Iterator
-from contextlib import closing, suppress
+from contextlib import closing
 
 import numpy as np
 import pytest
@@ -60,10 +59,6 @@ class Cluster:
     def close(self) -> None:
         """End all."""
         for process in (*self.workers, self.scheduler):
-            process.send_signal(signal.SIGTERM)
-        for process in (*self.workers, self.scheduler):
-            with suppress(subprocess.TimeoutExpired):
-                process.wait(10)
             process.kill()
             process.wait()
 

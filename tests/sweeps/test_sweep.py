@@ -16,8 +16,10 @@ from pathlib import Path
 import numpy as np
 import pyarrow.parquet
 import pytest
+from typer.testing import CliRunner
 
 import vdfmu
+from vdfmu.cli.commands import app
 from vdfmu.errors import UsageError, VdfmuError
 from vdfmu.sweeps.table import Sweep
 
@@ -159,7 +161,10 @@ def test_a_function_of_a_script_goes_to_the_workers(wild, tmp_path):
 SCRIPT = """
 import sys
 import numpy as np
+from typer.testing import CliRunner
+
 import vdfmu
+from vdfmu.cli.commands import app
 vdfmu.sweep(sys.argv[1], {"unit.at": np.linspace(0.0, 1.0, 40)}, out=sys.argv[2], workers=2, chunk=4, step=0.01,
             measure=["end=final(unit.y)", "count=integral(unit.y)"])
 """
@@ -397,3 +402,42 @@ print(seen[10000] - seen[2000])
 """
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert float(done.stdout) < 15.0  # MB
+
+
+def test_a_row_is_run_again_by_name(tmp_path, monkeypatch):
+    """The run of the worst point has its error: of the same FMUs, values and master, so to the rounding of a sum."""
+    monkeypatch.chdir(tmp_path)
+    over = {"plant.K_f0": "*0.5, 2", "feedforward.mode": "vdc, inverse", "master": ["jacobi", "gauss-seidel"]}
+    found = vdfmu.sweep(
+        "planar_tracking", over, stop=0.2, measure={"error": "rms(trajectory.q_d - plant.q)"},
+        settings={"controller.K_p": 800.0},
+    )  # fmt: skip
+    worst = found.row("worst")
+    done = CliRunner().invoke(app, ["run", "--from", "results/sweep_planar_tracking", "--no-reference"])
+    assert done.exit_code == 0, done.output
+    summary = json.loads(Path("results", "planar_tracking", "summary.json").read_bytes())
+    assert summary["master"] == worst["master"] and summary["stop"] == 0.2
+    assert summary["settings"]["controller.K_p"] == "800.0"
+    expected = np.degrees([worst["error[1]"], worst["error[2]"]])
+    np.testing.assert_allclose(summary["rms_position_error_deg"], expected, rtol=1e-12)
+    again = vdfmu.run(**found.options(3), reference=False, out="again")
+    row = found.row(3)
+    np.testing.assert_allclose(
+        np.radians(again.summary["rms_position_error_deg"][0]), row["error[1]"], rtol=1e-12
+    )
+
+
+def test_a_row_of_a_package_is_named(wild, tmp_path):
+    found = study(wild, tmp_path / "study")
+    with pytest.raises(UsageError, match=r"'vdfmu simulate .*wild.ssp' runs it, with unit.at="):
+        found.options(0)
+
+
+def test_the_command_says_what_it_found(wild, tmp_path):
+    words = ["sweep", str(wild), "--over", "unit.way=0, 1", "--measure", "end=final(unit.y)", "--step", "0.1"]
+    done = CliRunner().invoke(app, [*words, "--out", str(tmp_path / "study")])
+    assert done.exit_code == 0, done.output
+    assert "point 1 failed: a component crashed the process (SIGSEGV)" in done.output
+    assert "sweep.parquet: 2 points" in done.output
+    wrong = CliRunner().invoke(app, ["sweep", str(wild), "--over", "unit.way"])
+    assert isinstance(wrong.exception, UsageError) and "TARGET=FORM" in str(wrong.exception)

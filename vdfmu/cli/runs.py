@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -86,6 +86,16 @@ def run(
     inputs: InputOption = None,
     input_hold: HoldOption = False,
     formats: FormatOption = "csv",
+    study: Annotated[
+        Path | None,
+        typer.Option(
+            "--from", metavar="SWEEP", help="Run a point of a parameter study: sweep.parquet or its folder."
+        ),
+    ] = None,
+    row: Annotated[str, typer.Option(help="Of --from: worst, best, or the number of a point.")] = "worst",
+    by: Annotated[
+        str | None, typer.Option(help="Of worst and best: by which measure; default the first.")
+    ] = None,
 ) -> None:
     """Run a scenario: build what is stale, co-simulate, solve the references, compare, write tables and figures."""
     way = {
@@ -94,7 +104,20 @@ def run(
     }.get(Path(scenario).suffix.lower())
     if way:
         raise UsageError(f"{scenario}: expected a scenario; this {way}.")
-    chosen = load(scenario, robot)
+    given: dict[str, Any] = {
+        "units": parse_settings(unit, "--unit", "COMPONENT=UNIT, such as controller=my_unit.py")
+    }
+    given |= {"step": step, "stop": stop, "master": master, "adaptive": adaptive, "inputs": inputs}
+    given |= {"input_hold": input_hold or None, "settings": parse_settings(settings)}
+    if study is None:
+        given["scenario"] = load(scenario, robot)
+    else:
+        from vdfmu.sweeps.table import Sweep
+
+        point = Sweep(study).options(row, by)
+        given = point | {name: value for name, value in given.items() if value}
+        given["settings"] = point["settings"] | parse_settings(settings)
+        given["robot"] = robot or point.get("robot")
     from vdfmu.report import tables
     from vdfmu.report.sheets import sheets
     from vdfmu.study.run import RUN_OUTPUTS
@@ -102,20 +125,12 @@ def run(
 
     with Bars() as bars:
         results = run_study(
-            chosen,
-            step=step,
-            stop=stop,
-            master=master,
-            adaptive=adaptive,
+            **given,
             out=out,
             overwrite=overwrite,
             reference=not no_reference,
             backend=backend,
             fmi_version=fmi,
-            settings=parse_settings(settings),
-            units=parse_settings(unit, "--unit", "COMPONENT=UNIT, such as controller=my_unit.py"),
-            inputs=inputs,
-            input_hold=input_hold or None,
             formats=formats.split(","),
             progress=bars.update,
             log=bars.log,

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from vdfmu.errors import UsageError
 
-__all__ = ["Axis", "read_axes"]
+__all__ = ["Axis", "is_option", "read_axes"]
 
 _FORMS = {
     "lin": "lin(FROM, TO) or, with the number of values in a grid, lin(FROM, TO, N)",
@@ -25,6 +25,14 @@ _EXPECTED = (
     f"{'; '.join(_FORMS.values())}; or values, 1, 2, 5. A star before it, *lin(0.9, 1.1), makes them factors"
 )
 _CALL = re.compile(r"(\w+)\s*\((.*)\)")
+
+
+_OPTIONS = ("robot", "master", "step", "stop")
+
+
+def is_option(target: str) -> bool:
+    """Whether a target is no parameter but an option of a run, so that another value is another system."""
+    return target in _OPTIONS or target.startswith("unit:")
 
 
 @dataclass(frozen=True)
@@ -74,7 +82,7 @@ class Axis:
         if self.form == "values":
             return f"{self.target}={star}{', '.join(map(str, self.values))}"
         count = [str(len(self.values))] if self.values else []
-        return f"{self.target}={star}{self.form}({', '.join([*(f'{x:g}' for x in self.numbers), *count])})"
+        return f"{self.target}={star}{self.form}({', '.join([*(f'{x!r}' for x in self.numbers), *count])})"
 
 
 def read_axes(over: Mapping[str, Any] | Sequence[str]) -> list[Axis]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Generator, Sequence
 from typing import Any
 
 from vdfmu.errors import UsageError, VdfmuError
@@ -29,8 +29,7 @@ def run_there(
     address: str,
     time_limit: float | None,
     advance: Callable[[int], None],
-    patience: float = _PATIENCE,
-) -> Iterator[list[Row]]:
+) -> Generator[list[Row]]:
     """Yield the rows of chunks as they are done.
 
     The scheduler sends the chunks of a worker that is gone to another. If it is gone itself, this waits for another one
@@ -41,7 +40,7 @@ def run_there(
     UsageError
         If there is no scheduler at the address, or Dask is not installed.
     VdfmuError
-        If scheduler or workers are gone for longer than `patience`, or a chunk kills all workers that run it.
+        If scheduler or workers are gone for longer than `_PATIENCE`, or a chunk kills all workers that run it.
     """
     try:
         from distributed import Client
@@ -54,26 +53,30 @@ def run_there(
     except (OSError, ValueError, TimeoutError) as error:
         raise UsageError(f"scheduler: no Dask scheduler answers at {address}: {error}.") from None
     waiting: list[tuple[list[Task], int]] = []
-    while True:
+    while client is not None:
         try:
-            yield from _rounds(client, job, chunks, waiting, time_limit, advance, patience)
+            yield from _rounds(client, job, chunks, waiting, time_limit, advance)
             return
         except _LostError:
-            end = time.monotonic() + patience
-            client.close(timeout=1)
-            while True:
-                try:
-                    client = Client(address, timeout=5, set_as_default=False)
-                    break
-                except (OSError, TimeoutError):
-                    if time.monotonic() > end:
-                        raise VdfmuError(
-                            f"the scheduler at {address} is gone for {patience:g} s. What was done is kept: start it, "
-                            "and give the same command again."
-                        ) from None
-                    time.sleep(_ASKED)
+            pass
         finally:
             client.close(timeout=1)
+        client = _connected(Client, address)
+    raise VdfmuError(
+        f"the scheduler at {address} is gone for {_PATIENCE:g} s. What was done is kept: start it, and give the same "
+        "command again."
+    )
+
+
+def _connected(kind: Any, address: str) -> Any:
+    """Return a client of the scheduler as soon as there is one; None if it takes too long."""
+    end = time.monotonic() + _PATIENCE
+    while time.monotonic() < end:
+        try:
+            return kind(address, timeout=5, set_as_default=False)
+        except (OSError, TimeoutError):
+            time.sleep(_ASKED)
+    return None
 
 
 class _LostError(Exception):
@@ -87,8 +90,7 @@ def _rounds(
     waiting: list[tuple[list[Task], int]],
     time_limit: float | None,
     advance: Callable[[int], None],
-    patience: float,
-) -> Iterator[list[Row]]:
+) -> Generator[list[Row]]:
     """As `run_there`, with one scheduler; `waiting` has what is to be sent out, with the number of tries."""
     from distributed import KilledWorker
     from distributed.comm.core import CommClosedError
@@ -103,9 +105,9 @@ def _rounds(
                 raise _LostError
             if places:
                 seen = time.monotonic()
-            elif time.monotonic() - seen > patience:
+            elif time.monotonic() - seen > _PATIENCE:
                 raise VdfmuError(
-                    f"the scheduler has had no worker for {patience:g} s. What was done is kept."
+                    f"the scheduler has had no worker for {_PATIENCE:g} s. What was done is kept."
                 )
             if sent is None and places:
                 sent = client.scatter(job, broadcast=False, hash=False, direct=False)

@@ -18,13 +18,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vdfmu.engine.cosim.parquet import needed
 from vdfmu.errors import UsageError, VdfmuError
 from vdfmu.files import replacing
 from vdfmu.interrupt import InterruptGuard
 from vdfmu.sweeps.job import Row
 from vdfmu.sweeps.points import Points
 
-__all__ = ["LEDGER", "TABLE", "Ledger", "arrow"]
+__all__ = ["LEDGER", "TABLE", "Ledger"]
 
 TABLE = "sweep.parquet"
 """All points, once they are done."""
@@ -32,19 +33,6 @@ LEDGER = "sweep.json"
 """What the study is."""
 _PARTS = "parts"
 _METADATA = b"vdfmu"
-
-
-def arrow() -> Any:
-    """Return the modules ``pyarrow`` and ``pyarrow.parquet``; UsageError where they are not installed."""
-    try:
-        import pyarrow
-        import pyarrow.parquet
-    except ImportError as error:
-        raise UsageError(
-            f"a parameter study keeps its points in Parquet files, which needs pyarrow: {error}. Install it: "
-            "pip install 'vdfmu[sweep]'."
-        ) from None
-    return pyarrow, pyarrow.parquet
 
 
 class Ledger:
@@ -71,9 +59,9 @@ class Ledger:
     def __init__(
         self, folder: Path, facts: Mapping[str, Any], key: str, points: Points, overwrite: bool = False
     ) -> None:
-        self._arrow, self._parquet = arrow()
+        self._arrow, self._parquet = needed()
         self._folder, self._parts, self._key, self._points = folder, folder / _PARTS, key, points
-        self._facts = {**facts, "key": key}
+        self._facts: dict[str, Any] = {**facts, "key": key}
         self._overwrite = overwrite
         self.notes: list[str] = []
 
@@ -149,26 +137,28 @@ class Ledger:
         for file in [*([table] if table.exists() else []), *self._files()]:
             rows = self._parquet.read_table(file)
             kept = rows.filter(rows["failed"].is_null())
-            if kept.num_rows < rows.num_rows:
-                if kept.num_rows:
-                    points = kept["point"].to_numpy()
-                    self._write(kept, points[0], points[-1])
-                if file == table or not kept.num_rows or file != self._place(points[0], points[-1]):
-                    file.unlink()
+            if kept.num_rows == rows.num_rows:
+                continue
+            points = kept["point"].to_numpy()
+            place = self._place(points[0], points[-1]) if len(points) else None
+            if place is not None:
+                self._write(kept, place)
+            if place != file:
+                file.unlink()
 
     def add(self, rows: Sequence[Row]) -> None:
         """Keep the rows of consecutive points."""
         if not rows:
             return
-        self._write(self._table(rows), rows[0]["point"], rows[-1]["point"])
+        self._write(self._table(rows), self._place(rows[0]["point"], rows[-1]["point"]))
 
     def _place(self, first: int, last: int) -> Path:
         return self._parts / f"part_{first:08d}_{last:08d}.parquet"
 
-    def _write(self, table: Any, first: int, last: int) -> None:
+    def _write(self, table: Any, place: Path) -> None:
         buffer = self._arrow.BufferOutputStream()
         self._parquet.write_table(table, buffer, compression="zstd")
-        self._put(self._place(first, last), buffer.getvalue())
+        self._put(place, buffer.getvalue())
 
     def _table(self, rows: Sequence[Row]) -> Any:
         pa = self._arrow

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import queue
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator
 
 from vdfmu.sweeps.chunks import Chunks
 from vdfmu.sweeps.job import Row
@@ -24,7 +24,7 @@ def processors() -> int:
 
 def run_here(
     job: bytes, chunks: Chunks, workers: int, time_limit: float | None, advance: Callable[[int], None]
-) -> Iterator[list[Row]]:
+) -> Generator[list[Row]]:
     """Yield the rows of chunks as they are done, those of a broken off chunk too.
 
     A thread for each worker waits for its process; all files are written by the thread that calls this. `advance` is

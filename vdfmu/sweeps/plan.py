@@ -19,16 +19,14 @@ from vdfmu.engine.cosim.inputs import read_inputs
 from vdfmu.engine.ssp import load_ssp
 from vdfmu.errors import UsageError
 from vdfmu.progress import Progress
-from vdfmu.sweeps.axes import Axis, read_axes
+from vdfmu.sweeps.axes import Axis, is_option, read_axes
 from vdfmu.sweeps.job import Binding, Job, Task, WiredSystem, matching
 from vdfmu.sweeps.measures import Measure, read_measures
 from vdfmu.sweeps.points import Points, draw
 from vdfmu.temporary import temporary_folder
 
-__all__ = ["TRACKING", "Plan", "make_plan", "name_of"]
+__all__ = ["TRACKING", "Plan", "binding", "make_plan", "name_of"]
 
-_OPTIONS = ("robot", "master", "step", "stop")
-"""Targets that are options of a run."""
 _MOST_SYSTEMS = 200
 TRACKING = {
     "error": "rms(trajectory.q_d - plant.q)",
@@ -62,13 +60,14 @@ class Plan:
 
     def task(self, point: int) -> Task:
         """Return what a worker needs to know of a point."""
-        own = {t: column[point].item() for t, column in self.points.items() if not _is_option(t)}
+        own = {t: column[point].item() for t, column in self.points.items() if not is_option(t)}
         return point, int(self.chosen[point]), own
 
     @property
     def key(self) -> str:
-        """A digest of `facts`: that of the same study is the same."""
-        return hashlib.sha256(json.dumps(self.facts, sort_keys=True).encode()).hexdigest()
+        """A digest of `facts`, but for where files are: that of the same study is the same."""
+        facts = {name: fact for name, fact in self.facts.items() if name not in ("source", "options")}
+        return hashlib.sha256(json.dumps(facts, sort_keys=True).encode()).hexdigest()
 
 
 def make_plan(
@@ -93,7 +92,7 @@ def make_plan(
         For all that is wrong with it: nothing has run then.
     """
     axes, points = draw(read_axes(over), str(sample), n, seed)
-    switches = [axis for axis in axes if _is_option(axis.target)]
+    switches = [axis for axis in axes if is_option(axis.target)]
     for axis in switches:
         if axis.factor:
             raise UsageError(f"{axis.target}: expected values, got factors.")
@@ -133,11 +132,13 @@ def make_plan(
     facts: dict[str, Any] = {
         "vdfmu": __version__,
         "scenario": name_of(scenario),
+        "source": _plain(scenario),
         "axes": [str(axis) for axis in axes],
         "sample": str(sample),
         "n": count,
         "seed": seed,
         "settings": {name: str(value) for name, value in (settings or {}).items()},
+        "options": {name: _plain(value) for name, value in (options or {}).items()},
         "measures": {m.name: m.text for m in measures},
         "keep": list(keep),
         "points": _digest(*(column.astype(str).tobytes() for column in points.values())),
@@ -150,6 +151,17 @@ def make_plan(
     return Plan(points, chosen, Job(tuple(systems), tuple(measures), tuple(record), tuple(keep)), facts)
 
 
+def _plain(value: Any) -> Any:
+    """Return an option as JSON has it, where it is a number, a path or a name."""
+    if isinstance(value, Mapping):
+        return {str(name): _plain(one) for name, one in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_plain(one) for one in value]
+    if isinstance(value, os.PathLike):
+        return os.fspath(value)
+    return value if isinstance(value, (int, float)) else str(getattr(value, "name", value))
+
+
 def name_of(scenario: Any) -> str:
     """Return the name of a scenario, or that of a file without its ending."""
     return Path(scenario).stem if isinstance(scenario, (str, os.PathLike)) else str(scenario.name)
@@ -157,10 +169,6 @@ def name_of(scenario: Any) -> str:
 
 def _digest(*parts: bytes) -> str:
     return hashlib.sha256(b"\0".join(parts)).hexdigest()[:16]
-
-
-def _is_option(target: str) -> bool:
-    return target in _OPTIONS or target.startswith("unit:")
 
 
 def _is_package(scenario: Any) -> bool:
@@ -275,9 +283,10 @@ def _of_scenario(
         name.removeprefix("unit:"): value for name, value in switched.items() if name.startswith("unit:")
     }
     plain = {name: value for name, value in switched.items() if not name.startswith("unit:")}
-    loaded = prepare(scenario, **{**options, **plain, "units": units or None})
+    given: dict[str, Any] = {**options, **plain, "units": units or None}
+    loaded = prepare(scenario, **given)
     values = system_values(loaded, settings)
-    bindings = {axis.target: _binding(loaded, axis, values) for axis in axes}
+    bindings = {axis.target: binding(loaded, axis, values) for axis in axes}
     with temporary_folder("vdfmu_sweep_") as folder:
         package = write_ssp(
             loaded, cached_fmus(loaded, folder, backend), Path(folder, "system.ssp"), values, mixed=True
@@ -293,7 +302,7 @@ def _of_scenario(
     )
 
 
-def _binding(scenario: Any, axis: Axis, values: Mapping[str, Mapping[str, Any]]) -> Binding:
+def binding(scenario: Any, axis: Axis, values: Mapping[str, Mapping[str, Any]]) -> Binding:
     """Return what an axis sets; UsageError for what is unknown, or cannot have its values."""
     from vdfmu.scenario.values import override
 
@@ -315,7 +324,9 @@ def _binding(scenario: Any, axis: Axis, values: Mapping[str, Mapping[str, Any]])
         for c, each in override(scenario, {axis.target: 1.0}).items()
         for v in each
     }
-    without = [name for name, value in reached.items() if not isinstance(value, float)]
-    if without:
-        raise UsageError(f"{axis}: expected numbers to multiply, got those of {', '.join(without)}.")
-    return Binding(tuple(reached), nominal=tuple(float(value) for value in reached.values()))
+    nominal = [value for value in reached.values() if isinstance(value, float)]
+    if len(nominal) < len(reached):
+        raise UsageError(
+            f"{axis}: expected numbers to multiply, got {', '.join(map(str, reached.values()))}."
+        )
+    return Binding(tuple(reached), nominal=tuple(nominal))

@@ -89,14 +89,15 @@ def _shares(d: int, sample: str, n: int, seed: int) -> NDArray[np.float64]:
     """Points in the unit cube, one a row."""
     from scipy.stats import qmc
 
+    drawn: Any = {"seed": seed}  # rng from SciPy 1.15 on, which takes both
     if sample == "random":
         return np.random.default_rng(seed).random((n, d))
     if sample == "lhs":
-        return qmc.LatinHypercube(d, seed=seed).random(n)
+        return qmc.LatinHypercube(d, **drawn).random(n)
     if sample == "sobol":
         if n & (n - 1) == 0:
-            return qmc.Sobol(d, seed=seed).random_base2(n.bit_length() - 1)
-        return qmc.Sobol(d, seed=seed).random(2 ** n.bit_length())[:n]
+            return qmc.Sobol(d, **drawn).random_base2(n.bit_length() - 1)
+        return qmc.Sobol(d, **drawn).random(2 ** n.bit_length())[:n]
     problem = unit_problem(d)
     if sample == "saltelli":
         from SALib.sample import sobol

@@ -12,8 +12,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vdfmu.engine.cosim.parquet import needed
 from vdfmu.errors import UsageError
-from vdfmu.sweeps.ledger import LEDGER, TABLE, arrow
+from vdfmu.sweeps.axes import is_option
+from vdfmu.sweeps.ledger import LEDGER, TABLE
 
 __all__ = ["Sweep"]
 
@@ -41,7 +43,7 @@ class Sweep:
     """
 
     def __init__(self, path: str | os.PathLike[str], notes: Sequence[str] = ()) -> None:
-        _, parquet = arrow()
+        _, parquet = needed()
         self.path = Path(path)
         self.notes = list(notes)
         folder = self.path if self.path.is_dir() else self.path.parent
@@ -71,7 +73,7 @@ class Sweep:
 
     def table(self, columns: Sequence[str] | None = None) -> Any:
         """Return a ``pyarrow.Table`` of some columns, or all."""
-        pyarrow, parquet = arrow()
+        pyarrow, parquet = needed()
         for name in columns or ():
             if name not in self.columns:
                 close = difflib.get_close_matches(name, self.columns, n=3)
@@ -94,7 +96,7 @@ class Sweep:
         return self.table([column])[column].to_numpy(zero_copy_only=False)
 
     def __len__(self) -> int:
-        _, parquet = arrow()
+        _, parquet = needed()
         return sum(parquet.read_metadata(file).num_rows for file in self._files)
 
     @property
@@ -135,6 +137,40 @@ class Sweep:
                 raise UsageError(f"row: expected worst, best or a point up to {points.max()}, got {which}.")
             place = int(places[0])
         return self.table().slice(place, 1).to_pylist()[0]
+
+    def options(self, which: int | str = "worst", by: str | None = None) -> dict[str, Any]:
+        """Return what `vdfmu.run` takes for the run of a point: ``vdfmu.run(**sweep.options("worst"))``.
+
+        Raises
+        ------
+        UsageError
+            As of `row`; and for a study of a package, or of inputs that were no file.
+        """
+        from vdfmu.scenario.values import system_values
+        from vdfmu.study.run import prepare
+        from vdfmu.sweeps.axes import read_axes
+        from vdfmu.sweeps.plan import binding
+
+        row = self.row(which, by)
+        options = {"scenario": self.facts["source"], **self.facts["options"]}
+        settings: dict[str, Any] = dict(self.facts["settings"])
+        if options["scenario"].endswith(".ssp"):
+            values = ", ".join(f"{axis}={row[axis]}" for axis in self.axes)
+            raise UsageError(
+                f"{self.path}: is a study of a package: 'vdfmu simulate {options['scenario']}' runs it, with {values}."
+            )
+        own = [axis for axis in self.axes if not is_option(axis)]
+        for axis in self.axes:
+            if axis.startswith("unit:"):
+                options["units"] = {**options.get("units", {}), axis.removeprefix("unit:"): row[axis]}
+            elif axis not in own:
+                options[axis] = row[axis]
+        scenario = prepare(**options)
+        values = system_values(scenario, settings)
+        for axis in read_axes(self.facts["axes"]):
+            if axis.target in own:
+                settings |= binding(scenario, axis, values).values(row[axis.target])
+        return {**options, "settings": settings}
 
     def to_pandas(self) -> Any:
         """Return a ``pandas.DataFrame``."""

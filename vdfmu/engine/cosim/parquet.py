@@ -35,7 +35,7 @@ def needed() -> tuple[ModuleType, ModuleType]:
     except ImportError as error:
         raise UsageError(
             f"Parquet needs the package pyarrow, which cannot be imported: {error}. Install it with "
-            "'pip install vdfmu[parquet]', or write CSV, which needs no package: --format csv."
+            "'pip install vdfmu[parquet]'. The results of a run can be CSV, which needs no package: --format csv."
         ) from None
     return pyarrow, pyarrow.parquet
 
