@@ -155,7 +155,10 @@ def study(name: str, stop: float) -> Gradients:
         record = ["trajectory.q_d*", "feedforward.*", "plant.*"]
 
         def run_fmus(values_: np.ndarray) -> Any:
-            parameters = {"plant.mass": mass, **dict(zip(names, np.split(values_, 2), strict=True))}
+            parameters: dict[str, Any] = {
+                "plant.mass": mass,
+                **dict(zip(names, np.split(values_, 2), strict=True)),
+            }
             return simulator.run(parameters=parameters, record=record, step=scenario.step, stop=stop)
 
         def cost_fmus(values_: np.ndarray) -> float:

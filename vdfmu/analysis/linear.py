@@ -74,7 +74,9 @@ def linearize(unit: Evaluation, inputs: Sequence[str]) -> Linear:
 def held(continuous: Linear, step: float) -> Linear:
     """Discretise exactly: the states after a step through which the inputs are held."""
     n, m = continuous.B.shape
-    whole = expm(step * np.block([[continuous.A, continuous.B], [np.zeros((m, n + m))]]))
+    whole: Floats = np.asarray(
+        expm(step * np.block([[continuous.A, continuous.B], [np.zeros((m, n + m))]])), dtype=float
+    )
     return Linear(whole[:n, :n], whole[:n, n:])
 
 
@@ -89,7 +91,7 @@ def feedback(system: System, plant: str, inputs: Sequence[str], t: float) -> Flo
     UsageError
         If another unit that the system evaluates has states.
     """
-    others = [name for name, unit in system.units.items() if name != plant]
+    others = [name for name in system.units if name != plant]
     moving = [name for name in others if system.units[name].x.size or system.units[name].interface.is_sampled]
     if moving:
         raise UsageError(

@@ -101,14 +101,14 @@ class Loop:
         w = np.union1d(w, self.around(np.linalg.eigvals(self.sampled.A)))
         return w, self.response(w)
 
-    def around(self, poles: Complex) -> Floats:
+    def around(self, poles: Any) -> Floats:
         """Frequencies [rad/s] at and around lightly damped poles, whose peaks a grid would miss."""
         s = np.log(poles[np.abs(poles) > 0.5]) / self.step
         s = s[(s.imag > _SLOWEST * np.pi / self.step)]
         w = s.imag[:, None] + np.abs(s.real - self.growth)[:, None] * _AROUND
         return np.unique(w[(w > 0.0) & (w < np.pi / self.step)])
 
-    def response(self, w: Floats) -> Complex:
+    def response(self, w: Floats) -> Any:
         """Response of the sampled plant's states to the motor torques at frequencies (m,) [rad/s]: (m, 4 n, n)."""
         A, B = self.sampled
         return np.linalg.solve(self.z(w)[:, None, None] * np.eye(len(A)) - A, B.astype(complex))
@@ -149,7 +149,8 @@ class Loop:
         G = np.concatenate([G, self.response(more)])[order]
         late = self.z(w[order])[:, None, None] ** -delay
         S = np.linalg.inv(np.eye(n) - late * (K @ G))
-        return Margins(*_margins(1.0 / np.diagonal(S, axis1=1, axis2=2) - 1.0, w[order]), radius)
+        modulus, gain, phase, left = _margins(1.0 / np.diagonal(S, axis1=1, axis2=2) - 1.0, w[order])
+        return Margins(modulus, gain, phase, left, radius)
 
 
 class ArmLoops:
@@ -233,8 +234,8 @@ class ArmLoops:
             system.memory[system.solver_x] = x
             K = loop.K if values is None else feedback(system, "plant", ("tau",), loop.t)
             each.append(loop.margins(K, delay))
-        *parts, radius = zip(*each, strict=True)
-        return Margins(*(np.min(part, axis=0) for part in parts), max(radius))
+        modulus, gain, phase, left = np.min([m[:4] for m in each], axis=0)
+        return Margins(modulus, gain, phase, left, max(m.radius for m in each))
 
 
 def stability_margins(
@@ -252,7 +253,7 @@ def stability_margins(
     return ArmLoops(scenario, settings, **options).margins(delay=delay)
 
 
-def _margins(L: Complex, w: Floats) -> Floats:
+def _margins(L: Any, w: Floats) -> Floats:
     """Modulus, gain, phase and delay margin of loops L (m, n) at frequencies w (m,): (4, n).
 
     Between frequencies the logarithm of a loop is taken as linear.

@@ -170,11 +170,11 @@ def tune(
             raise UsageError(f"{name}: expected at least 1, got {value}.")
     import scipy
 
-    given = {
+    given: dict[str, Any] = {
         "robot": robot, "units": units, "step": step, "stop": stop, "master": master, "inputs": inputs,
         "input_hold": input_hold,
     }  # fmt: skip
-    options = {name: value for name, value in given.items() if value is not None}
+    options: dict[str, Any] = {name: value for name, value in given.items() if value is not None}
     problem = make_problem(
         scenario, vary, cost, limit=limit, spread=spread, spread_n=spread_n, over=over, margin=margin,
         growth=growth, seed=seed,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -66,15 +67,16 @@ def _global(at: Callable[[Floats], list[Score]], u: Floats, start: Score, seed: 
 
     d = len(u)
     size = max(8, 2 * d)
-    population = qmc.LatinHypercube(d, seed=seed).random(size)
+    drawn: Any = {"seed": seed}  # rng from SciPy 1.15 on, which takes both
+    population: Any = qmc.LatinHypercube(d, **drawn).random(size)
     # a half of it around the start, which is better than most
     near = size // 2
     population[:near] = np.clip(u + 0.3 * (population[:near] - 0.5), 0.0, 1.0)
     population[0] = u
     differential_evolution(
         lambda points: np.array([min(objective(score, start), 1e6) for score in at(points.T)]),
-        [(0.0, 1.0)] * d, init=population, vectorized=True, updating="deferred", polish=False, seed=seed, tol=0.0,
-        maxiter=20 * budget,
+        [(0.0, 1.0)] * d, init=population, vectorized=True, updating="deferred", polish=False, tol=0.0,
+        maxiter=20 * budget, **drawn,
     )  # fmt: skip
 
 
