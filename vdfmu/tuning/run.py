@@ -185,6 +185,7 @@ def tune(
     folder = Path("results") / f"tune_{plan.facts['scenario']}" if out is None else Path(out)
     report = progress or (lambda stage, done, total: None)
     with Ledger(folder, plan.facts, plan.key, {}, overwrite) as ledger:
+        ledger.reopen()
         known = Sweep(folder) if any(folder.rglob("*.parquet")) else None
         with Evaluations(
             problem, ledger, known, min(workers or processors(), max(problem.robots, 2)), budget, time_limit,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from contextlib import suppress
 from typing import Any
 
 import numpy as np
@@ -21,6 +22,8 @@ _MISSED = 10.0
 """Objective at the border of what the constraints allow; the start has 1."""
 _INSIDE = 0.005
 """How far inside of what is allowed COBYQA ends: it comes to a border from either side."""
+_PULLED = 5
+"""Evaluations at the end, between the best that keeps the margin and those of the lowest cost."""
 _TRUST = (0.1, 1e-3)
 """First and last radius of the trust region, in the unit cube."""
 
@@ -50,14 +53,32 @@ def search(evaluations: Evaluations, method: str, seed: int) -> tuple[Score, Sco
     def best() -> Score:
         return min(evaluations.scores, key=lambda score: objective(score, start))
 
+    kept = _PULLED if problem.loops is not None else 0
     for one, part in {"both": (("global", 0.5), ("local", 1.0))}.get(method, ((method, 1.0),)):
-        evaluations.budget = max(round(part * budget), 1)
-        try:
+        evaluations.budget = max(round(part * (budget - kept)), 1)
+        with suppress(SpentError):
             _SEARCHES[one](at, problem.place(best().values), start, seed, evaluations.budget)
-        except SpentError:
-            pass
     evaluations.budget = budget
+    with suppress(SpentError):
+        for other in sorted(evaluations.scores, key=lambda score: relative(score, start))[:_PULLED]:
+            _pull(evaluations, best(), other)
     return start, best()
+
+
+def _pull(evaluations: Evaluations, inner: Score, outer: Score) -> None:
+    """Evaluate the last point on the way between two that keeps the margin, which takes no run to find."""
+    problem = evaluations.problem
+    ends = problem.place(inner.values), problem.place(outer.values)
+    low, high = 0.0, 1.0
+    for _ in range(8):
+        share = (low + high) / 2.0
+        margins = problem.margins(problem.values(ends[0] + share * (ends[1] - ends[0])))
+        if margins is None or not (margins.modulus >= problem.margin).all():
+            high = share
+        else:
+            low = share
+    if low > 0.0:
+        evaluations.scores_of([problem.values(ends[0] + low * (ends[1] - ends[0]))])
 
 
 def _global(at: Callable[[Floats], list[Score]], u: Floats, start: Score, seed: int, budget: int) -> None:
