@@ -26,6 +26,8 @@ __all__ = ["Evaluations", "Score", "SpentError"]
 
 Floats = npt.NDArray[np.float64]
 
+_STEEP = 100.0
+"""Excess for each unit of the spectral radius beyond 1, where margins are 0."""
 _SECONDS = 5.0
 """Time [s] between two files of runs: what is lost at most when all is killed."""
 
@@ -167,16 +169,10 @@ class Evaluations:
         for key, robot in wanted:
             own = {target: column[robot] for target, column in spread.items()}
             tasks.append((self._next + len(tasks), 0, dict(zip(self.problem.names, key, strict=True)) | own))
-        first = self._next
         self._next += len(tasks)
-        try:
-            for (key, robot), task, row in zip(wanted, tasks, self._pool.map(self._one, tasks), strict=True):
-                row = {**row, **task[2], "robot": float(robot)}
-                self._rows[key, robot] = row
-                self._fresh.append(row)
-        except BaseException:
-            self._next = first + len(tasks)
-            raise
+        for (key, robot), task, row in zip(wanted, tasks, self._pool.map(self._one, tasks), strict=True):
+            self._rows[key, robot] = row = {**row, **task[2], "robot": float(robot)}
+            self._fresh.append(row)
         if monotonic() - self._kept_at > _SECONDS:
             self._keep()
         for key in keys:
@@ -231,7 +227,3 @@ class Evaluations:
             margins,
             measures,
         )
-
-
-_STEEP = 100.0
-"""Excess for each unit of the spectral radius beyond 1, where margins are 0."""
