@@ -29,7 +29,7 @@ from vdfmu.model import Robot, load_robot
 from vdfmu.unit.interface import Interface
 from vdfmu.units.plant import Plant
 
-__all__ = ["METHODS", "WorkPrecision", "run", "study"]
+__all__ = ["COSIM", "INTERVAL", "METHODS", "CoSimulation", "Point", "WorkPrecision", "run", "study"]
 
 TITLE = "Work and precision: the plant alone"
 COSIM, CVODE = "FMU, co-simulation", "FMU, model exchange, CVODE"
@@ -134,7 +134,7 @@ def study(
     with tempfile.TemporaryDirectory(prefix="vdfmu-bench-") as name:
         folder = Path(name)
         fmu = build_fmus(robot, folder / "fmus", units=["plant"], backend="native")["plant"]
-        cosim, exchange = _CoSimulation(fmu, times, robot.n), _ModelExchange(fmu, times, robot.n)
+        cosim, exchange = CoSimulation(fmu, times, robot.n), _ModelExchange(fmu, times, robot.n)
         scipy = _Scipy(robot, folder, times, exchange.start())
         solvers: dict[str, _Solver] = {COSIM: cosim, CVODE: exchange}
         solvers |= {name: _bind(scipy, name) for name in SCIPY}
@@ -214,13 +214,14 @@ class _Unpacked(Generic[Unit]):
         shutil.rmtree(self._folder, ignore_errors=True)
 
 
-class _CoSimulation(_Unpacked[FMU2Slave]):
+class CoSimulation(_Unpacked[FMU2Slave]):
     """The FMU's own solver."""
 
     def __init__(self, fmu: Path, times: np.ndarray, n: int) -> None:
         super().__init__(fmu, times, n, FMU2Slave)
 
     def __call__(self, tolerance: float) -> np.ndarray:
+        """Return the positions at the compared times."""
         self.initialize(tolerance)
         rows = [self.q()]
         for t, end in zip(self.times[:-1], self.times[1:], strict=True):

@@ -16,10 +16,13 @@ CONSTRAINTS = ROOT / "constraints.txt"
 FILES = {
     "base": ((), ()),
     "native": (("--extra=native",), ("base",)),
+    "parquet": (("--extra=parquet",), ("base",)),
+    "sweep": (("--extra=sweep",), ("parquet",)),
+    "federate": (("--extra=federate",), ("base",)),
     "docs": (("--extra=docs",), ("base",)),
     "dev": (("--extra=dev",), ("base",)),
-    "test": (("--extra=test",), ("docs", "native")),
-    "bench": (("--extra=bench",), ("native",)),
+    "test": (("--extra=test",), ("docs", "native", "sweep", "federate")),
+    "bench": (("--extra=bench",), ("native", "sweep")),
     "supply": (("--group=supply",), ()),
 }
 """Name of a file to the options that choose its packages, and to the files that it includes."""

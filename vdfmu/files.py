@@ -7,14 +7,14 @@ import secrets
 import stat
 import zipfile
 import zlib
-from collections.abc import Generator, Mapping
+from collections.abc import Generator, Iterable, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import BinaryIO
 
-from vdfmu.errors import StorageError
+from vdfmu.errors import StorageError, UsageError, VdfmuError
 
-__all__ = ["pack_zip", "read_member", "regular_target", "replacing"]
+__all__ = ["pack_zip", "read_member", "regular_target", "replacing", "storing", "write_whole"]
 
 _EPOCH = (1980, 1, 1, 0, 0, 0)
 _PACKED = (".fmu", ".ssp", ".png")
@@ -45,7 +45,12 @@ def replacing(path: Path) -> Generator[BinaryIO]:
     OSError
         If it cannot be written.
     """
-    target = regular_target(path)
+    with _replacing(regular_target(path)) as stream:
+        yield stream
+
+
+@contextmanager
+def _replacing(target: Path) -> Generator[BinaryIO]:
     temporary = target.with_name(f"{secrets.token_hex(8)}.tmp")
     handle = os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0), 0o666)
     try:
@@ -55,6 +60,33 @@ def replacing(path: Path) -> Generator[BinaryIO]:
     except BaseException:
         temporary.unlink(missing_ok=True)
         raise
+
+
+def write_whole(path: Path, blocks: Iterable[bytes]) -> None:
+    """Write a file of results, which appears under its name once it is whole.
+
+    Raises
+    ------
+    UsageError, VdfmuError
+        It cannot be written: for want of its folder, or of the right to; for another reason.
+    """
+    try:
+        with _replacing(path) as stream:
+            stream.writelines(blocks)
+    except OSError as error:
+        kind = UsageError if isinstance(error, (FileNotFoundError, PermissionError)) else VdfmuError
+        raise kind(f"cannot write {path}: {error.strerror or error}") from None
+
+
+@contextmanager
+def storing(path: Path) -> Generator[None]:
+    """Make a StorageError of what keeps `path` from being written in the block."""
+    try:
+        yield
+    except OSError as error:
+        raise StorageError(
+            f"{path}: cannot be written: {error}. Choose another folder or free space."
+        ) from error
 
 
 def regular_target(path: Path) -> Path:

@@ -106,9 +106,7 @@ class Listener:
 
     def _pass_on(self, text: str) -> None:
         if self._show and text:
-            with suppress(
-                OSError, ValueError, AttributeError
-            ):  # the error output is closed, or there is none
+            with suppress(OSError, ValueError, AttributeError):  # the error output is closed, or missing
                 sys.stderr.write(shown(text))
                 sys.stderr.flush()
 

@@ -7,6 +7,7 @@ import io
 import json
 import shutil
 from fractions import Fraction
+from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +17,7 @@ from rich.console import Console
 from benchmarks import (
     c_loops,
     coupling,
+    engines,
     fmu_growth,
     gradient,
     growth,
@@ -401,6 +403,33 @@ def test_work_precision(report: Report) -> None:
     work_precision.tabulate(found, report)
     report.save(work_precision.draw(found))
     saved(report)
+
+
+@needs_compiler
+def test_engines(report: Report) -> None:
+    found = engines.study(load_robot("planar_2dof"), stop=0.02, rounds=1, say=report.say)
+    methods = {p.method for p in found.points}
+    present = {name for name, package in engines.METHODS.items() if not package or find_spec(package)}
+    assert methods == present
+    for method in methods:
+        points = found.of(method)
+        # Error control and steps span three decades at least; without another model in between, so does the error.
+        assert points[-1].error < 0.1 * points[0].error
+        # A fall of 20 ms is one of 0.5 mrad: engines agree with the plant to a hundredth of it.
+        assert points[-1].error < 5e-6
+    engines.tabulate(found, report)
+    report.save(engines.draw(found))
+    saved(report)
+
+
+@needs_compiler
+def test_engines_that_are_not_installed_are_named_and_left_out(monkeypatch: pytest.MonkeyPatch) -> None:
+    said: list[str] = []
+    monkeypatch.setattr(engines, "find_spec", lambda _: None)
+    found = engines.study(load_robot("planar_2dof"), stop=0.02, rounds=1, say=said.append)
+    assert {p.method for p in found.points} == {work_precision.COSIM}
+    assert "without MuJoCo, RK4: mujoco is not installed (pip install .[bench])" in said
+    assert "without Drake, runge_kutta3: drake is not installed (pip install .[bench])" in said
 
 
 @needs_compiler

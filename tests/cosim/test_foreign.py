@@ -95,6 +95,11 @@ def packages(pack, xml, fmus, tmp_path):
         "ecos: quarter_truck": lambda: pack(
             [c("g", "Gain", "", external)], extra={"resources/a.ssv": "<ssv:ParameterSet/>"}
         ),
+        "ecos: quarter-truck": lambda: pack([ENUMERATION], extra={"resources/e.fmu": fmu(TAKES_AN_ITEM)}),
+        "OMSimulator: LOC": lambda: pack([renamed(chain[1], "resources/none.fmu")]),
+        "OMSimulator: embrace_TwoConf": lambda: pack(
+            chain, linked, bindings=xml.values(xml.real("g.k", 3.0) + xml.real("g.k", 2.0))
+        ),
         "OMSimulator: LinearTransformation": lambda: whole(
             [chain[0], c("g", "Gain", "u:input y:output", BUS)], [xml.connection(linked[0], TWICE)],
             ('version="1.0" name="test"', 'version="2.0" name="test"'),
@@ -121,7 +126,7 @@ def packages(pack, xml, fmus, tmp_path):
 
 TABLE = dict(
     re.findall(
-        r"^\| (\w+: \w+) \| (runs|[A-Z]{3}\d{3}) \|",
+        r"^\| (\w+: [\w-]+) \| (runs|[A-Z]{3}\d{3}) \|",
         (Path(__file__).parents[2] / "docs" / "importers.md").read_text(encoding="utf-8"),
         re.MULTILINE,
     )

@@ -5,10 +5,14 @@ These are of the explicit Euler method with the step of each model, as our look-
 
 from __future__ import annotations
 
+import zipfile
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from tests.cosim.reference import models
+from vdfmu.engine.check.reference import FOLDER, compare
 from vdfmu.engine.cosim import ALGORITHMS, simulate
 
 PUBLISHED = {
@@ -66,3 +70,32 @@ def test_the_published_inputs_of_feedthrough(system, tmp_path):
         if name != "Int64":  # of which a table of floats has 53 bits
             found = results[f"m.{name}_output"]
             assert found[1] == limits[name].min and found[-1] == limits[name].max
+
+
+LAG, VECTOR = (
+    replace(model, name=f"{model.name}Exchange", kinds=("ModelExchange",))
+    for model in (models.LAG, models.STATE_SPACE)
+)
+
+
+@pytest.mark.parametrize("factor", [1.0, 1.01])
+@pytest.mark.parametrize(("model", "version"), [(LAG, "2.0"), (LAG, "3.0"), (VECTOR, "3.0")])
+def test_the_check_compares_with_reference_results_of_model_exchange(built, tmp_path, model, version, factor):
+    """Of x' = u - x with u = 1 it is 1 - exp(-t), of the vector x' = x + u, y = x + u it is u exp(t)."""
+    path = tmp_path / "m.fmu"
+    path.write_bytes(built(model, version))
+    time = np.linspace(0.0, 1.0, 11)
+    output, u = ("x", np.ones(1)) if model is LAG else ("y", np.array([1.0, 2.0, 3.0]))
+    rows = [u * (1 - np.exp(-t) if model is LAG else np.exp(t)) * factor for t in time]
+
+    def cells(values):
+        return " ".join(map(repr, values.tolist()))
+
+    with zipfile.ZipFile(path, "a") as archive:
+        lines = [f"{t},{cells(row)}" for t, row in zip(time.tolist(), rows, strict=True)]
+        archive.writestr(f"{FOLDER}m_out.csv", "\n".join([f"time,{output}", *lines]))
+        archive.writestr(f"{FOLDER}m_in.csv", f"time,u\n0,{cells(u)}\n1,{cells(u)}\n")
+    findings = compare(path)
+    assert (findings.compared, findings.notes) == (["m_out.csv"], [])
+    # 1e-3 is allowed; FMPy's solver is at 1e-5
+    assert [problem.rule.number for problem in findings.problems] == ([] if factor == 1.0 else ["RUN003"])

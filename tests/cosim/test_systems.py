@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import zipfile
+
 import numpy as np
 import pytest
 
@@ -248,6 +250,75 @@ def test_a_signal_dictionary_joins_what_refers_to_it(pack, xml):
     system = load_ssp(path)
     assert [str(c) for c in system.connections] == ["r.y -> g.u"]
     assert simulate(path, stop=2.0, step=1.0)["g.u"].tolist() == [0.0, 0.0, 1.0]
+
+
+@pytest.mark.parametrize("version", ["1.0", "2.0"])
+def test_a_dictionary_in_a_file_has_units_of_its_own(pack, xml, version):
+    """The entry is in its own mm, the SSD's are others; conversion is done on both sides of it."""
+    dictionary = (
+        '<ssd:SignalDictionaries><ssd:SignalDictionary name="D" source="bus.ssb"/></ssd:SignalDictionaries>'
+    )
+    file = (
+        f'<ssb:SignalDictionary version="{version}" '
+        'xmlns:ssb="http://ssp-standard.org/SSP1/SystemStructureSignalDictionary" '
+        'xmlns:ssc="http://ssp-standard.org/SSP1/SystemStructureCommon">'
+        '<ssb:DictionaryEntry name="bus"><ssc:Real unit="mm"/></ssb:DictionaryEntry>'
+        f"<ssb:Units>{MM}</ssb:Units></ssb:SignalDictionary>"
+    )
+    reference = (
+        '<ssd:SignalDictionaryReference name="d" dictionary="D"><ssd:Connectors>'
+        '<ssd:Connector name="bus" kind="inout"/></ssd:Connectors></ssd:SignalDictionaryReference>'
+    )
+    inner = (
+        f'<ssd:System name="s"><ssd:Elements>{reference}{xml.component("g", "Radians", "m:input:Real:m")}'
+        + (
+            '</ssd:Elements><ssd:Connections><ssd:Connection startElement="d" startConnector="bus" endElement="g" '
+            'endConnector="m"/></ssd:Connections></ssd:System>'
+        )
+    )
+    path = pack(
+        [xml.component("r", "Radians", "y:output:Real:m"), reference, inner], ["r.y -> d.bus"],
+        dictionaries=dictionary, extra={"bus.ssb": file},
+        units='<ssc:Unit name="mm"><ssc:BaseUnit m="1" factor="2"/></ssc:Unit>'
+        '<ssc:Unit name="m"><ssc:BaseUnit m="1"/></ssc:Unit>',
+    )  # fmt: skip
+    if version == "2.0":
+        with zipfile.ZipFile(path) as archive:
+            members = {name: archive.read(name) for name in archive.namelist()}
+        members["SystemStructure.ssd"] = members["SystemStructure.ssd"].replace(
+            b'version="1.0" name="test"', b'version="2.0" name="test"'
+        )
+        with zipfile.ZipFile(path, "w") as archive:
+            for name, data in members.items():
+                archive.writestr(name, data)
+    system = load_ssp(path)
+    assert (system.version, [str(c) for c in system.connections]) == (version, ["r.y -> s.g.m"])
+    [connection] = system.connections
+    assert system.units[connection.hops[0].unit].factor == 1e-3
+    assert not system.faults
+    assert simulate(path, stop=1.0, step=1.0)["s.g.m"].tolist() == pytest.approx([1.0, 1.0], rel=4e-16)
+
+
+def test_entries_of_a_dictionary_are_there_once_and_as_their_references_say(pack, xml):
+    entries = '<ssb:DictionaryEntry name="bus"><ssc:Real/></ssb:DictionaryEntry>' * 2
+    dictionary = (
+        '<ssd:SignalDictionaries><ssd:SignalDictionary name="D"><ssb:SignalDictionary version="1.0" '
+        'xmlns:ssb="http://ssp-standard.org/SSP1/SystemStructureSignalDictionary">'
+        f"{entries}</ssb:SignalDictionary></ssd:SignalDictionary></ssd:SignalDictionaries>"
+    )
+    reference = (
+        '<ssd:SignalDictionaryReference name="d" dictionary="D"><ssd:Connectors>'
+        '<ssd:Connector name="bus" kind="inout"><ssc:Integer/></ssd:Connector><ssd:Connector name="no" kind="inout"/>'
+        "</ssd:Connectors></ssd:SignalDictionaryReference>"
+    )
+    with pytest.raises(SspError) as info:
+        load_ssp(pack([reference, xml.component("r", "Ramp", "y:output")], dictionaries=dictionary))
+    assert info.value.problems == [
+        "test.ssp: signal dictionary 'D': two entries are named 'bus'",
+        "test.ssp: signal dictionary of 'd' has an entry 'bus' of another type or size than the connector",
+        "test.ssp: signal dictionary of 'd' has no entry 'no'",
+    ]
+    assert {problem.rule.number for problem in info.value.problems} == {"SSP020"}
 
 
 def test_connectors_of_the_outermost_system_fit_what_they_join(pack, xml):

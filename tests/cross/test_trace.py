@@ -14,7 +14,7 @@ from vdfmu.equations.kinematics import end_effector_pose
 from vdfmu.equations.mapping import jacobian, joint_space_mass_matrix
 from vdfmu.equations.newton_euler import newton_euler
 from vdfmu.equations.pd import pd_control
-from vdfmu.equations.plant import equilibrium_torque, plant_derivative, plant_outputs
+from vdfmu.equations.plant import balance, equilibrium_torque, plant_derivative, plant_outputs
 from vdfmu.equations.trajectory import Desired, desired_motion
 from vdfmu.kernel import Kernel, parameters
 from vdfmu.kernel.requirements import margins, requirements
@@ -60,19 +60,30 @@ def plant_jacobian(robot, x, tau, F_e):
 
 
 def plant_step(robot, x, tau, F_e, rate_tau, rate_F_e, h, tolerance):
-    """Return one step of the plant by the stage equations of Hairer and Wanner, with numpy's solver."""
+    """Return one step of the plant by the stage equations of docs/solver.md, with numpy's solver."""
+
+    def residual(x, x_dot, t):
+        now = tau + t * rate_tau, F_e + t * rate_F_e
+        explicit = plant_derivative(robot, x, *now)
+        explicit[n : 3 * n] = np.concatenate(balance(robot, x, x_dot[n : 2 * n], *now))
+        return explicit - x_dot * np.repeat([1.0, 0.0, 1.0, 1.0], n)
+
+    n, zero = robot.n, np.zeros(len(x))
     J = plant_jacobian(robot, x, tau, F_e)
     W = np.eye(len(x)) / (h * GAMMA) - J
-    # the right-hand side is affine in tau and F_e: a difference is the derivative but for rounding
+    # the balance is affine in x_dot, tau and F_e: a difference is the derivative but for rounding
+    E = np.array([residual(x, zero, 0.0) - residual(x, unit, 0.0) for unit in np.eye(len(x))]).T
     f = plant_derivative(robot, x, tau, F_e)
     f_t = plant_derivative(robot, x, tau + rate_tau, F_e + rate_F_e) - f
     u: list[np.ndarray] = []
+    w: list[np.ndarray] = []
     for a, c, alpha, gamma in zip(A, C, ALPHA, GAMMA_I, strict=True):
-        x_i = x + sum((k * v for k, v in zip(a, u, strict=True)), np.zeros(len(x)))
-        drift = sum((k * v for k, v in zip(c, u, strict=True)), np.zeros(len(x))) / h
-        t = alpha * h
-        f_i = plant_derivative(robot, x_i, tau + t * rate_tau, F_e + t * rate_F_e)
-        u.append(np.linalg.solve(W, f_i + drift + gamma * h * f_t))
+        x_i = x + sum((k * v for k, v in zip(a, u, strict=True)), zero)
+        y_i = f + sum((k * v for k, v in zip(a, w, strict=True)), zero)
+        slope = y_i + sum((k * v for k, v in zip(c, u, strict=True)), zero) / h
+        unbalanced = np.linalg.solve(E, residual(x_i, y_i, alpha * h))
+        u.append(np.linalg.solve(W, slope + unbalanced + gamma * h * f_t))
+        w.append(u[-1] / (h * GAMMA) - slope)
     x_new = x_i + u[-1]
     ratio = u[-1] / (tolerance * (1.0 + np.maximum(np.abs(x), np.abs(x_new))))
     return {"x_new": x_new, "norm": np.sqrt(np.mean(ratio**2)), "ratio": ratio}

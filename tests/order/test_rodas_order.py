@@ -1,7 +1,5 @@
 """Observed order of the solver's step: 4, on a scalar problem and on the plant."""
 
-from functools import partial
-
 import casadi as ca
 import numpy as np
 import pytest
@@ -21,8 +19,8 @@ def test_order_four_on_a_scalar_problem():
     # The logistic equation, x_dot = x (1 - x), has x = 1 / (1 + 9 exp(-t)) from 0.1. It is autonomous and
     # smooth.
     x, h = ca.SX.sym("x", 1), ca.SX.sym("h")
-    factors, solve = stage_equations(h, ca.SX.eye(1), 1.0 - 2.0 * x, ca.SX(1, 1), np.arange(1), 1)
-    x_new, error = rodas_step(lambda s, _: s * (1.0 - s), x, h, partial(solve, factors))
+    stages = stage_equations(h, ca.SX.eye(1), 1.0 - 2.0 * x, ca.SX(1, 1), np.arange(1), 1)
+    x_new, error = rodas_step(lambda s, _: s * (1.0 - s), x, x * (1.0 - x), h, stages.factors, stages)
     step = ca.Function("step", [x, h], [x_new, error])
     exact = 1.0 / (1.0 + 9.0 * np.exp(-4.0))
     errors, estimates = [], []
@@ -44,8 +42,9 @@ def test_order_four_on_a_scalar_problem():
 def test_order_four_with_a_right_hand_side_that_changes_with_time():
     # x_dot = -2 t x^2 with x(0) = 1 has x = 1 / (1 + t^2).
     x, h, t = ca.SX.sym("x", 1), ca.SX.sym("h"), ca.SX.sym("t")
-    factors, solve = stage_equations(h, ca.SX.eye(1), -4.0 * t * x, -2.0 * x**2, np.arange(1), 1)
-    x_new, _ = rodas_step(lambda s, c: -2.0 * (t + c) * s**2, x, h, partial(solve, factors))
+    stages = stage_equations(h, ca.SX.eye(1), -4.0 * t * x, -2.0 * x**2, np.arange(1), 1)
+    x_dot = -2.0 * t * x**2
+    x_new, _ = rodas_step(lambda s, c: -2.0 * (t + c) * s**2, x, x_dot, h, stages.factors, stages)
     step = ca.Function("step", [x, t, h], [x_new])
     errors = []
     for steps in (64, 128, 256):
@@ -53,6 +52,26 @@ def test_order_four_with_a_right_hand_side_that_changes_with_time():
         for k in range(steps):
             state = float(step(state, k * 2.0 / steps, 2.0 / steps))
         errors.append(abs(state - 0.2))
+    # As above: the next term is smaller by the step, 2 / 128.
+    assert observed_orders(errors)[-1] == pytest.approx(ORDER, abs=0.1)
+
+
+def test_order_four_on_a_balance_whose_mass_changes_with_the_state():
+    # (1 + x^2) x_dot = 1 + t from x = 0: x + x^3 / 3 = t + t^2 / 2, which is 4 at t = 2. The mass in E is that of the
+    # start of a step; what it changes by is in the balance of the stages.
+    x, h, t = ca.SX.sym("x", 1), ca.SX.sym("h"), ca.SX.sym("t")
+    mass, x_dot = 1.0 + x**2, (1.0 + t) / (1.0 + x**2)
+    stages = stage_equations(h, mass, -2.0 * x * x_dot, ca.SX(1), np.arange(1), 1)
+    assert stages.carried == [0]
+    x_new, _ = rodas_step(lambda s, c, y: 1.0 + t + c - (1.0 + s**2) * y, x, x_dot, h, stages.factors, stages)
+    step = ca.Function("step", [x, t, h], [x_new])
+    exact = max(np.roots([1.0 / 3.0, 0.0, 1.0, -4.0]), key=lambda root: -abs(root.imag)).real
+    errors = []
+    for steps in (64, 128, 256):
+        state = 0.0
+        for k in range(steps):
+            state = float(step(state, k * 2.0 / steps, 2.0 / steps))
+        errors.append(abs(state - exact))
     # As above: the next term is smaller by the step, 2 / 128.
     assert observed_orders(errors)[-1] == pytest.approx(ORDER, abs=0.1)
 

@@ -1,4 +1,4 @@
-"""Tables show the numbers of the summary, whole, and the same ones on the terminal and in Markdown."""
+"""Tables show the numbers of the summary, whole, and the terminal the same ones."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from typing import Any
 import pytest
 from rich.console import Console
 
-from vdfmu.report.sheets import contrast_sheet, facts, reference_sheet, tracking_sheet
-from vdfmu.report.tables import run_panel, sheet_table, to_markdown
+from vdfmu.report.sheets import contrast_sheet, facts, reference_sheet, sheets, tracking_sheet
+from vdfmu.report.tables import run_panel, sheet_table
 
 TRACKING: dict[str, Any] = {
     "scenario": "two_joint",
@@ -176,7 +176,7 @@ def test_reference_rows():
 @pytest.mark.parametrize("summary", [without("reference"), {**TRACKING, "reference": {}}])
 def test_no_reference(summary):
     assert "No reference was solved." in shown(sheet_table(reference_sheet(summary)))
-    assert "reference" not in to_markdown(summary)
+    assert "reference" not in "".join(sheet.title for sheet in sheets(summary))
 
 
 @pytest.mark.parametrize(
@@ -232,26 +232,9 @@ def test_facts_that_a_study_does_not_have_are_left_out():
     assert [name for name, _ in facts(CONTRAST)] == ["Scenario", "Robot", "Step", "Stop"]
 
 
-@pytest.mark.parametrize(("sheet", "summary"), [(tracking_sheet, TRACKING), (contrast_sheet, CONTRAST)])
-def test_markdown_has_the_same_rows(sheet, summary):
-    text = to_markdown(summary)
-    for row in sheet(summary).rows:
-        assert "| " + " | ".join(row).replace("<", "\\<") + " |" in text
-    for line in text.splitlines():
-        assert "\n" not in line and (not line.startswith("|") or line.endswith("|"))
-    assert "manipulator\\_6dof" in text
-
-
-def test_markdown_has_references_and_warnings():
-    text = to_markdown(TRACKING)
-    assert "| continuous | 3.2e-06 | 0.023 |" in text
-    assert "- Joint 1: K\\_v\\*step is [bold]above[/bold] 0.5." in text
-    assert "Warnings" not in to_markdown({**TRACKING, "warnings": []})
-
-
 def test_summaries_are_only_read():
     before = copy.deepcopy((TRACKING, CONTRAST))
-    to_markdown(TRACKING), to_markdown(CONTRAST), shown(run_panel(TRACKING))
+    sheets(TRACKING), sheets(CONTRAST), shown(run_panel(TRACKING))
     assert (TRACKING, CONTRAST) == before
 
 

@@ -2,6 +2,7 @@
 
 import dataclasses
 
+import casadi as ca
 import numpy as np
 import pytest
 
@@ -260,10 +261,25 @@ def test_a_long_chain_moves_as_scipy_moves_it():
     np.testing.assert_allclose(solver.unit.x, other.x, rtol=1e-7, atol=1e-7)
 
 
+def callees(step):
+    """Return the functions that a step calls, one for each call."""
+    calls = [k for k in range(step.n_instructions()) if step.instruction_id(k) == ca.OP_CALL]
+    return [step.instruction_MX(k).which_function() for k in calls]
+
+
+def test_the_stages_of_a_step_balance_forces_and_solve_for_no_acceleration():
+    names = [function.name() for function in callees(step_of(Plant, load_robot("manipulator_6dof")))]
+    # The first of the six stages is at the start, where the matrix of the step gives the accelerations.
+    assert names.count("plant_step_balance") == 5
+    assert "plant_derivatives" not in names
+
+
 def test_operations_of_a_step_along_the_chain_grow_linearly():
-    counts = [step_of(Plant, repeated_link(n)).n_instructions() for n in (9, 12, 15)]
+    steps = [callees(step_of(Plant, repeated_link(n))) for n in (9, 12, 15)]
+    counts = [sum(function.n_instructions() for function in step) for step in steps]
     # Every joint adds the same operations; the first links and CasADi's choice of temporaries make up for 1 %.
     assert counts[2] - counts[1] == pytest.approx(counts[1] - counts[0], rel=0.01)
+    assert counts[1] > counts[0]
 
 
 # --------------------------------------------------------------------------------------------------- sampled states

@@ -37,6 +37,7 @@ for function, example in (
     (files.build, "vdfmu build tracking --backend native --fmi 3.0 --platform all --out fmus"),
     (files.container, "vdfmu container tracking --out tracking.fmu"),
     (files.ssp, "vdfmu ssp two_joint --format 2.0 --out two_joint.ssp"),
+    (files.reference, "vdfmu reference two_joint --out reference"),
     (files.check, "vdfmu check fmus/Plant.fmu"),
 ):
     app.command(epilog=f"Example: [bold]{example}[/bold]")(function)

@@ -1,4 +1,4 @@
-"""``vdfmu build``, ``container``, ``ssp`` and ``check``: FMUs and packages."""
+"""``vdfmu build``, ``container``, ``ssp``, ``reference`` and ``check``: FMUs and packages."""
 
 from __future__ import annotations
 
@@ -155,6 +155,27 @@ def ssp(
         else:
             name = chosen.name if form == "1.0" else f"{chosen.name}_{form}"
             say(str(write_ssp(chosen, fmus, out or Path(f"{name}.ssp"), values, version=form)))
+
+
+def reference(
+    scenario: ScenarioArgument = "tracking",
+    robot: RobotOption = None,
+    out: Annotated[
+        Path, typer.Option(help="Folder to write; what it has of the same names is replaced.")
+    ] = Path("reference"),
+    settings: SetOption = None,
+) -> None:
+    """Write a folder for other tools: the system as SSP 1.0 and 2.0, its results, a script that compares."""
+    chosen = load(scenario, robot)
+    from vdfmu.scenario.values import system_values
+    from vdfmu.ssp.versions import fmi_of_format
+    from vdfmu.study.package import write_reference
+
+    fmi_of_format("2.0", None)
+    with building():
+        written = write_reference(chosen, out, system_values(chosen, parse_settings(settings)))
+    for path in written:
+        say(str(path))
 
 
 def check(

@@ -116,7 +116,7 @@ SSP016 | A system keeps the limits of size and depth | split or join systems
 SSP017 | Elements of a system have names of their own | rename one
 SSP018 | Connectors of an element have names of their own | rename one
 SSP019 | A component and the system for which it stands have the same connectors | correct either
-SSP020 | Signal dictionaries exist and have the entries that are named | add the entry
+SSP020 | Signal dictionaries exist and have the entries that are named, once and of one type | correct either
 SSP021 note | Dotted names tell components and variables apart | rename a component
 SSP022 | Units are defined in the file that names them, by finite numbers | define the unit in `Units`
 SSP023 | The system has components | add one

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Collection, Mapping, Sequence
+from functools import partial as bound
 from pathlib import Path
 from typing import Any
 
@@ -105,17 +106,14 @@ def run_system(
         "inputs": [table.where for table in tables],
     }
 
-    def advance(done: int, total: int) -> None:
-        if progress is not None:
-            progress("co-simulation", done, total)
-
     with replacing_results(folder, SYSTEM_OUTPUTS, overwrite) as partial:
         try:
             results = simulate(
                 system, start=start, stop=stop, step=step, algorithm=master, adaptive=adaptive, tolerance=tolerance,
                 parameters=settings, inputs=tables, record=record, ignore_unmatched=ignore_unmatched, isolate=isolate,
-                time_limit=time_limit, memory_limit=memory_limit, progress=advance, log=log,
+                time_limit=time_limit, memory_limit=memory_limit, log=log,
                 stream=[partial / f"results.{form}" for form in formats], about=summary,
+                progress=progress and bound(progress, "co-simulation"),
             )  # fmt: skip
         except (CosimError, Interrupted) as error:
             keep(error, partial)

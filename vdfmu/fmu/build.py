@@ -7,8 +7,8 @@ from collections.abc import Mapping, Sequence
 from importlib import import_module
 from pathlib import Path
 
-from vdfmu.errors import StorageError, UsageError
-from vdfmu.files import regular_target
+from vdfmu.errors import UsageError
+from vdfmu.files import regular_target, storing
 from vdfmu.fmu.built import is_built, keep_record
 from vdfmu.fmu.content import BACKENDS, FMI_VERSIONS, Content
 from vdfmu.fmu.native import native_available
@@ -27,7 +27,7 @@ _SLOW_JOINTS = 9
 
 def _build_seconds(n: int) -> float:
     """Processor time of a first native build of all units for `n` joints [s], as measured for 6 to 64."""
-    return 27.0 * n / 6.0
+    return 1.7 * n + 2.0
 
 
 def build_notes(robot: Robot, backend: str | None = None) -> list[str]:
@@ -151,14 +151,10 @@ def build_fmus(
             continue
         from vdfmu.fmu.python.package import build_python_fmu
 
-        try:
+        with storing(path):
             out.mkdir(parents=True, exist_ok=True)
             build_python_fmu(content, path)
             keep_record(path, content.guid)
-        except OSError as error:
-            raise StorageError(
-                f"{path}: cannot be written: {error}. Choose another folder or free space."
-            ) from error
     return dict(zip(named, contents, strict=True))
 
 

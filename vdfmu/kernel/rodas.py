@@ -1,14 +1,14 @@
 """One step of Rodas4, an L-stable, stiffly accurate Rosenbrock method of order 4 with error estimate.
 
-Hairer and Wanner, Solving Ordinary Differential Equations II, 2nd ed. 1996, section VI.4. The step is traced
+Hairer and Wanner, Solving Ordinary Differential Equations II, 2nd ed. 1996, sections VI.3 and VI.4. The step is traced
 like the equations: its matrix with the elimination, and what a stage calculates once for all six.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from itertools import chain
-from typing import Any
+from typing import Any, NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -17,7 +17,7 @@ import numpy.typing as npt
 from vdfmu.scalar.elimination import factorize, pattern, solve
 from vdfmu.scalar.symbol import from_sx, to_sx
 
-__all__ = ["ORDER", "rodas_step", "stage_equations"]
+__all__ = ["ORDER", "Stages", "rodas_step", "stage_equations"]
 
 ORDER = 4
 GAMMA = 0.25
@@ -43,40 +43,59 @@ C = (
 )
 
 
+class Stages(NamedTuple):
+    """The equations of the stages of ``R(x, y, t) = 0`` with ``y = x_dot``, factorized.
+
+    Attributes
+    ----------
+    factors : (l, 1) elements of the factors, of E and of R_t that are not constant, each once
+    solve : function of them, of `right` (m, 1), of `slope` of the carried rows and of the factor of R_t [s], to the
+        increment. The right-hand side of the stage is ``right + (E - explicit) slope``, with R_t
+    explicit : (m, 1) 1 for rows ``f(x, t) - y``, whose y is never needed, else 0
+    carried : rows of which y is carried from stage to stage; none of a plain right-hand side
+    """
+
+    factors: ca.SX
+    solve: ca.Function
+    explicit: ca.DM
+    carried: list[int]
+
+
 def stage_equations(
-    h: ca.SX, E: ca.SX, EJ: ca.SX, Ef_t: ca.SX, order: npt.NDArray[np.int_], m: int, name: str = "rodas"
-) -> tuple[ca.SX, ca.Function]:
+    h: ca.SX, E: ca.SX, J: ca.SX, R_t: ca.SX, order: npt.NDArray[np.int_], m: int, name: str = "rodas"
+) -> Stages:
     """Factorize the matrix of the stage equations, and trace their solution.
 
     Parameters
     ----------
     h : (1, 1) step [s]
-    E, EJ : (m + k, m + k) an invertible matrix and its product with the Jacobian ``J = df/dx``. The stage
-        equations are multiplied by E; where E holds a mass matrix, ``E J`` is cheaper than J and needs no
-        inverse. With k rows and columns of algebraic equations and unknowns after the m states, the columns of E are 0
-        there.
-    Ef_t : (m + k, 1) product of E with the partial derivative of f with respect to time
+    E, J : (m + k, m + k) derivatives of R with respect to y, times -1, and to x, at the start. E is invertible; where
+        it holds a mass matrix, the step needs no inverse of it. With k rows and columns of algebraic equations and
+        unknowns after the m states, the columns of E are 0 there.
+    R_t : (m + k, 1) partial derivative of R with respect to time
     order : elimination order of the m + k unknowns; it decides the fill-in, not the result
     name : of the function, ``<name>_solve``
-
-    Returns
-    -------
-    factors : (l, 1) elements of the factors, of E and of Ef_t that are not constant, each once
-    solve : function of them, of the right-hand side (m, 1) of a stage and of the factor of Ef_t [s], to the increment
     """
     size = len(order)
-    W = from_sx(E / (h * GAMMA) - EJ).reshape(size, size)
+    W = from_sx(E / (h * GAMMA) - J).reshape(size, size)
     factorized = factorize(W[np.ix_(order, order)])
     filled = pattern(factorized)
+    explicit = ca.DM([E[i, :].nnz() == 1 and E[i, i].is_one() for i in range(m)])
+    rest = ca.sparsify(E[:, :m] - ca.vertcat(ca.diag(ca.SX(explicit)), ca.SX(size - m, m)))
+    carried = [j for j in range(m) if rest[:, j].nnz()]
     columns, rows = np.nonzero(filled.T)
-    factors, symbols, (kept, E, Ef_t) = _varying([to_sx(factorized[rows, columns]), E, Ef_t])
+    factors, symbols, (kept, rest, R_t) = _varying([to_sx(factorized[rows, columns]), rest[:, carried], R_t])
     LU = from_sx(ca.SX(ca.Sparsity.triplet(size, size, rows, columns), kept)).reshape(size, size)
-    right, delay = ca.SX.sym("right", m), ca.SX.sym("delay")
+    right, slope, delay = ca.SX.sym("right", m), ca.SX.sym("slope", len(carried)), ca.SX.sym("delay")
     u = np.empty(size, dtype=object)
-    u[order] = solve(LU, from_sx(E[:, :m] @ right + delay * Ef_t)[order], filled)
-    arguments = {"factors": symbols, "right": right, "delay": delay}
+    known = ca.vertcat(right, ca.SX(size - m, 1)) + rest @ slope + delay * R_t
+    u[order] = solve(LU, from_sx(known)[order], filled)
+    arguments = (
+        {"factors": symbols, "right": right} | ({"slope": slope} if carried else {}) | {"delay": delay}
+    )
     increment = ca.cse([to_sx(u[:m])])
-    return factors, ca.Function(f"{name}_solve", list(arguments.values()), increment, list(arguments), ["u"])
+    function = ca.Function(f"{name}_solve", list(arguments.values()), increment, list(arguments), ["u"])
+    return Stages(factors, function, explicit, carried)
 
 
 def _varying(expressions: list[ca.SX]) -> tuple[ca.SX, ca.SX, list[ca.SX]]:
@@ -97,36 +116,70 @@ def _varying(expressions: list[ca.SX]) -> tuple[ca.SX, ca.SX, list[ca.SX]]:
 
 
 def rodas_step(
-    f: Callable[[Any, Any], Any], x: Any, h: Any, solve: Callable[[Any, Any], Any], name: str = "rodas"
+    f: Callable[..., Any], x: Any, x_dot: Any, h: Any, factors: Any, stages: Stages, name: str = "rodas"
 ) -> tuple[Any, Any]:
-    """Take one step of the system ``x_dot = f(x, t)``.
+    """Take one step of the system ``R(x, x_dot, t) = 0``.
 
-    Of SX, the step is traced as a whole; of MX, it calls functions that are traced once: `f`, `solve` and those that
-    form the arguments of the two, ``<name>_point_1``, ``<name>_right_1``, ..
+    x_dot is carried along as the algebraic unknown of ``x_dot = y, 0 = R(x, y, t)``, for which Rodas4 was made: no
+    stage solves R for x_dot. Of rows ``f(x, t) - y`` y cancels, and the step is that for ordinary differential
+    equations.
+
+    Of SX, the step is traced as a whole; of MX, it calls functions that are traced once: `f`, that of `stages` and
+    those that form the arguments of the two, ``<name>_point_2``, ``<name>_right_1``, ..
 
     Parameters
     ----------
-    f : right-hand side of state and time since the start of the step
-    x : (m, 1) state at the start of the step
+    f : of state, time since the start of the step and, where y is carried, y of these rows: R, (m, 1), and f in
+        explicit rows
+    x, x_dot : (m, 1) state at the start of the step, and its derivative there
     h : (1, 1) step [s]
-    solve : as of :func:`stage_equations`, with its first argument given
+    factors, stages : as of :func:`stage_equations`; the factors may be numbers
 
     Returns
     -------
     x_new : (m, 1) state at the end, local error O(h^5)
     error : (m, 1) difference to the embedded solution of order 3
     """
-    m = x.numel()
+    m, l = x.numel(), len(stages.carried)
     start, rate, size = ca.SX.sym("x", m), ca.SX.sym("x_dot", m), ca.SX.sym("h")
-    given: list[ca.SX] = []  # increments before the stage
+    begin, point = ca.SX.sym("y_0", l), ca.SX.sym("y", l)
+    before: list[ca.SX] = []  # increments of x and, where it is carried, of y
+    rises: list[ca.SX] = []
     u: list[Any] = []
+    w: list[Any] = []
+    explicit = ca.SX(stages.explicit)
+    value: Any = ca.Function(f"{name}_begin", [rate], [explicit * rate])(x_dot)
+    y_0: Any = ca.Function(f"{name}_carried", [rate], [rate[stages.carried]])(x_dot) if l else None
+    y_i = y_0
     x_i = x
     for k, (a_i, c_i, alpha, gamma) in enumerate(zip(A, C, ALPHA, GAMMA_I, strict=True), 1):
-        at = start + sum((a * u_j for a, u_j in zip(a_i, given, strict=True)), start=ca.SX(m, 1))
-        right = rate + sum((c * u_j for c, u_j in zip(c_i, given, strict=True)), start=ca.SX(m, 1)) / size
-        x_i, time = ca.Function(f"{name}_point_{k}", [start, size, *given], [at, alpha * size])(x, h, *u)
-        equation = ca.Function(f"{name}_right_{k}", [rate, size, *given], [right, gamma * size])
-        u.append(solve(*equation(f(x_i, time), h, *u)))
-        given.append(ca.SX.sym(f"u_{k}", m))
+        given = [start, size, *before]
+        if k > 1:
+            at = start + _combined(a_i, before, m)
+            x_i, time = ca.Function(f"{name}_point_{k}", given, [at, alpha * size])(x, h, *u)
+            if l:
+                moved = begin + _combined(a_i, rises, l)
+                y_i = ca.Function(f"{name}_slope_{k}", [begin, *rises], [moved])(y_0, *w)
+            value = f(x_i, time, y_i) if l else f(x_i, time)
+        past = _combined(c_i, before, m) / size
+        right = rate + explicit * past
+        equation = ca.Function(f"{name}_right_{k}", [rate, size, *before], [right, gamma * size])
+        right_i, delay = equation(value, h, *u)
+        if l:
+            slope = ca.Function(f"{name}_along_{k}", [point, size, *before], [point + past[stages.carried]])
+            slope_i = slope(y_i, h, *u)
+            u.append(stages.solve(factors, right_i, slope_i, delay))
+            rise = ca.Function(
+                f"{name}_rise", [start, point, size], [start[stages.carried] / (size * GAMMA) - point]
+            )
+            w.append(rise(u[-1], slope_i, h))
+            rises.append(ca.SX.sym(f"w_{k}", l))
+        else:
+            u.append(stages.solve(factors, right_i, delay))
+        before.append(ca.SX.sym(f"u_{k}", m))
     # stiffly accurate: the last stage is the embedded solution of order 3, and its increment the error
     return ca.Function(f"{name}_end", [start, rate], [start + rate])(x_i, u[5]), u[5]
+
+
+def _combined(coefficients: Sequence[float], vectors: Sequence[ca.SX], m: int) -> ca.SX:
+    return sum((c * v for c, v in zip(coefficients, vectors, strict=True)), start=ca.SX(m, 1))

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -22,11 +22,11 @@ from vdfmu.engine.cosim.results import Results
 from vdfmu.model import Robot
 from vdfmu.report import style
 from vdfmu.report.captions import contrast_caption, paper_table, run_caption
+from vdfmu.report.contrast import Contrast
 from vdfmu.report.joints import UNITS, Group, group_joints, panel_letter
 from vdfmu.scenario import Scenario
 
 __all__ = [
-    "Contrast",
     "contrast_figures",
     "draw_contrast_differences",
     "draw_contrast_torques",
@@ -45,40 +45,6 @@ _BACK: dict[str, Any] = {"color": style.COLORS[5], "linewidth": 3.2}
 _ON_TOP: dict[str, Any] = {"color": "#000000", "linewidth": 1.1, "linestyle": (0, (5, 3))}
 _TORQUES = (r"control $\ell\,\tau$", r"feedforward $\ell\,\tau_m$")
 _DARK, _MIDDLE, _LIGHT = "#444444", "#888888", "#CCCCCC"
-
-
-class Contrast(Protocol):
-    """Link-side torques [N.m, N if prismatic] along one motion by several formulations."""
-
-    @property
-    def robot(self) -> Robot:
-        """The arm."""
-        ...
-
-    @property
-    def time(self) -> Floats:
-        """(m,) [s]."""
-        ...
-
-    @property
-    def tau_vd(self) -> Floats:
-        """(m, n), virtual decomposition."""
-        ...
-
-    @property
-    def tau_ne(self) -> Floats:
-        """(m, n), Newton-Euler."""
-        ...
-
-    @property
-    def tau_low_g(self) -> Floats:
-        """(m, n), either of them with the lower of the two gravities."""
-        ...
-
-    @property
-    def gravities(self) -> tuple[float, float]:
-        """The robot's gravity and the lower one [m/s2]."""
-        ...
 
 
 # --- what is written -------------------------------------------------------------------------------------
@@ -167,13 +133,8 @@ def draw_contrast_differences(contrast: Contrast, scenario: Scenario | None = No
     g, low = contrast.gravities
     paper = [] if scenario is None else scenario.paper.get("rms_torque_difference_nmm", [])
     groups = group_joints(robot, range(robot.n))
-    figure = style.new_figure(
-        "Differences of the joint torques",
-        contrast_caption(robot, time, scenario, 8),
-        height=8.6,
-        width=style.WIDTH + 2.0 * (len(groups) - 1),
-    )
-    grid: NDArray[Any] = figure.subplots(3, len(groups), squeeze=False)
+    caption = contrast_caption(robot, time, scenario, 8)
+    figure, grid = _unit_columns("Differences of the joint torques", caption, groups, 3)
     for column, (unit, joints, suffix) in enumerate(groups):
         noise, constant, rms = grid[:, column]
         if rounding[:, joints].any():
@@ -222,13 +183,8 @@ def draw_errors(results: Results, scenario: Scenario) -> Figure:
     """Figure 11: position tracking errors above torque compensation errors, link-side."""
     robot = scenario.robot
     groups = group_joints(robot, range(robot.n))
-    figure = style.new_figure(
-        "Position tracking and torque compensation errors",
-        run_caption(results, scenario, {4: 11}),
-        height=6.4,
-        width=style.WIDTH + 2.0 * (len(groups) - 1),
-    )
-    grid: NDArray[Any] = figure.subplots(2, len(groups), squeeze=False)
+    caption = run_caption(results, scenario, {4: 11})
+    figure, grid = _unit_columns("Position tracking and torque compensation errors", caption, groups, 2)
     for column, group in enumerate(groups):
         _position_errors(grid[0, column], results, group)
         _compensation_errors(grid[1, column], results, robot, group)
@@ -242,13 +198,8 @@ def draw_moving_positions(results: Results, scenario: Scenario) -> Figure:
     """Figure 13: desired and actual positions of the joints that move, above their tracking errors."""
     moving = _moving(results)
     groups = group_joints(scenario.robot, moving)
-    figure = style.new_figure(
-        "Joint positions and their tracking errors",
-        run_caption(results, scenario, {5: 13}),
-        height=6.4,
-        width=style.WIDTH + 2.0 * (len(groups) - 1),
-    )
-    grid: NDArray[Any] = figure.subplots(2, len(groups), squeeze=False)
+    caption = run_caption(results, scenario, {5: 13})
+    figure, grid = _unit_columns("Joint positions and their tracking errors", caption, groups, 2)
     q_d, q = results.array("trajectory.q_d"), results.array("plant.q")
     for column, group in enumerate(groups):
         axes: Axes = grid[0, column]
@@ -277,7 +228,7 @@ def draw_moving_torques(results: Results, scenario: Scenario) -> Figure:
         "Joint torques, link side, and their compensation errors",
         run_caption(results, scenario, {5: 14}),
         height=1.4 + 2.5 * (rows + 1),
-        width=style.WIDTH + 2.0 * (len(groups) - 1),
+        width=_width(groups),
         legend=_pair(*_TORQUES),
     )
     # fine enough that a panel a joint and a panel a unit both span whole cells
@@ -321,6 +272,19 @@ def _joint_panels(title: str, caption: str, n: int, legend: Sequence[Line2D]) ->
         axes.remove()
     style.label_time(panels[:n], columns)
     return figure, panels[:n]
+
+
+def _width(groups: Sequence[Group]) -> float:
+    """Width [in] of a figure with a column for each group of joints."""
+    return style.WIDTH + 2.0 * (len(groups) - 1)
+
+
+def _unit_columns(
+    title: str, caption: str, groups: Sequence[Group], rows: int
+) -> tuple[Figure, NDArray[Any]]:
+    """Return a figure with a column of panels for each group of joints, and the panels, (rows, groups)."""
+    figure = style.new_figure(title, caption, height=2.0 + 2.2 * rows, width=_width(groups))
+    return figure, figure.subplots(rows, len(groups), squeeze=False)
 
 
 def _pair(back: str, on_top: str) -> list[Line2D]:

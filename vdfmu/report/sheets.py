@@ -1,4 +1,4 @@
-"""The numbers of a run as rows of text: what the terminal and the documentation both show.
+"""The numbers of a run as rows of text, for the terminal.
 
 A summary is what ``summary.json`` holds. Its lists run over the joints; those of ``paper`` may end earlier.
 """

@@ -9,7 +9,6 @@ import contextlib
 import functools
 import io
 import math
-import os
 import textwrap
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -25,7 +24,7 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import ScalarFormatter
 from numpy.typing import NDArray
 
-from vdfmu.errors import UsageError, VdfmuError
+from vdfmu.files import write_whole
 
 Floats = NDArray[np.float64]
 P = ParamSpec("P")
@@ -224,14 +223,7 @@ def save(figure: Figure, path: Path) -> Path:
         FigureCanvasAgg(figure).print_png(
             stream, metadata={"Software": None}, pil_kwargs={"compress_level": 3}
         )
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.part")
-    try:
+    with contextlib.suppress(OSError):  # of which the writing then says more
         path.parent.mkdir(parents=True, exist_ok=True)
-        temporary.write_bytes(stream.getvalue())
-        os.replace(temporary, path)
-    except OSError as error:
-        with contextlib.suppress(OSError):
-            temporary.unlink()
-        kind = UsageError if isinstance(error, (FileNotFoundError, PermissionError)) else VdfmuError
-        raise kind(f"cannot write {path}: {error.strerror or error}") from None
+    write_whole(path, [stream.getvalue()])
     return path

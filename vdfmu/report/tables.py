@@ -1,4 +1,4 @@
-"""The tables of a run, for the terminal (rich) and for the documentation (Markdown).
+"""The tables of a run for the terminal.
 
 A summary is what ``summary.json`` holds; :mod:`vdfmu.report.sheets` says what the tables show of it.
 """
@@ -13,9 +13,9 @@ from rich.panel import Panel
 from rich.table import Table
 from rich.text import Text
 
-from vdfmu.report.sheets import Sheet, facts, sheets
+from vdfmu.report.sheets import Sheet, facts
 
-__all__ = ["run_panel", "sheet_table", "to_markdown"]
+__all__ = ["run_panel", "sheet_table"]
 
 Summary = Mapping[str, Any]
 
@@ -28,19 +28,6 @@ def run_panel(summary: Summary) -> Panel:
     for name, text in facts(summary):
         grid.add_row(Text(name), Text(text))
     return Panel(grid, title="Run", title_align="left", expand=False, box=box.ROUNDED)
-
-
-def to_markdown(summary: Summary) -> str:
-    """Return the facts, the tables and the warnings of a run in Markdown, the numbers as in the terminal."""
-    parts = [_markdown(("", ""), facts(summary))]
-    for sheet in sheets(summary):
-        parts.append(f"**{_plain(sheet.title)}**")
-        parts.append(_markdown(sheet.columns, sheet.rows))
-        parts.append(_plain(" ".join(sheet.notes)))
-    warnings = [f"- {_plain(text)}" for text in summary.get("warnings") or ()]
-    if warnings:
-        parts += ["**Warnings**", "\n".join(warnings)]
-    return "\n\n".join(parts) + "\n"
 
 
 def sheet_table(sheet: Sheet) -> Table:
@@ -61,18 +48,3 @@ def sheet_table(sheet: Sheet) -> Table:
     for row in sheet.rows:
         table.add_row(*(Text(cell) for cell in row))
     return table
-
-
-def _markdown(columns: tuple[str, ...], rows: list[tuple[str, ...]] | list[tuple[str, str]]) -> str:
-    """Return a table in Markdown, numbers to the right; without headings it is a list of facts."""
-    facts_only = not any(columns)
-    rule = [":---"] + [":---" if facts_only else "---:"] * (len(columns) - 1)
-    lines = [columns, tuple(rule), *rows]
-    return "\n".join("| " + " | ".join(_plain(cell) for cell in line) + " |" for line in lines)
-
-
-def _plain(text: str) -> str:
-    """Return text that Markdown shows as it is, in one line."""
-    for special in "\\|*_<>`":
-        text = text.replace(special, f"\\{special}")
-    return text.replace("\n", " ")

@@ -10,7 +10,7 @@ from typing import Any
 
 import fmpy
 
-from vdfmu.engine.cosim.description import element_names, start_values, type_of
+from vdfmu.engine.cosim.variables import element_names, start_values, type_of
 from vdfmu.errors import UsageError
 from vdfmu.unit.variable import Variable
 

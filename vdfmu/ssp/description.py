@@ -170,10 +170,8 @@ class SystemDescription:
         starts, ends = self._ends(source, "output"), self._ends(target, "input")
         (start_unit, _), (end_unit, _) = source.split(".", 1), target.split(".", 1)
         wholes = {s for s, _ in starts.values()}, {s for s, _ in ends.values()}
-        if (
-            all(len(found) == 1 and next(iter(found)).shape for found in wholes)
-            and starts.keys() == ends.keys()
-        ):
+        arrays = all(len(found) == 1 and next(iter(found)).shape for found in wholes)
+        if arrays and starts.keys() == ends.keys():
             return [Link((start_unit, wholes[0].pop()), (end_unit, wholes[1].pop()))]
         return [
             Link((start_unit, start), (end_unit, end), _counted(start, a), _counted(end, b))

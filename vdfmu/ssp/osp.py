@@ -10,7 +10,7 @@ from typing import Any
 from lxml import etree  # pyright: ignore[reportAttributeAccessIssue]  # lxml ships no stubs
 
 from vdfmu.errors import StorageError
-from vdfmu.files import replacing
+from vdfmu.files import replacing, storing
 from vdfmu.scenario import Scenario
 from vdfmu.ssp.description import SystemDescription
 from vdfmu.ssp.versions import require_fmi
@@ -62,7 +62,7 @@ def write_osp(
     names = {unit: Path(fmu).name for unit, fmu in fmus.items()}
     content = to_bytes(osp_structure(description, names))
     path = folder / "OspSystemStructure.xml"
-    try:
+    with storing(folder):
         folder.mkdir(parents=True, exist_ok=True)
         for unit, fmu in fmus.items():
             data = Path(fmu).read_bytes()
@@ -70,10 +70,6 @@ def write_osp(
             if not (target.is_file() and target.samefile(fmu)):
                 _write(target, data)
         _write(path, content)
-    except OSError as error:
-        raise StorageError(
-            f"{folder}: cannot be written: {error}. Choose another folder or free space."
-        ) from error
     return path
 
 

@@ -10,7 +10,7 @@ from typing import Any
 from vdfmu.data import data_path
 from vdfmu.engine.ssp.parse import validate
 from vdfmu.errors import StorageError
-from vdfmu.files import pack_zip, regular_target
+from vdfmu.files import pack_zip, regular_target, storing
 from vdfmu.scenario import Scenario
 from vdfmu.ssp.description import SystemDescription
 from vdfmu.ssp.documentation import system_page
@@ -85,15 +85,11 @@ def write_ssp(
                 mapping = mapping_file(binding.mapping, version)
                 members[f"resources/{name}"] = _checked(mapping, "ssm", name, version)
     members["documentation/index.html"] = system_page(description, ssd, icons, fmi_version)
-    try:
+    with storing(path):
         for unit, fmu in fmus.items():
             members[f"resources/{description.fmu_name(unit)}"] = Path(fmu).read_bytes()
         path.parent.mkdir(parents=True, exist_ok=True)
         pack_zip(path, members)
-    except OSError as error:
-        raise StorageError(
-            f"{path}: cannot be written: {error}. Choose another folder or free space."
-        ) from error
     return path
 
 

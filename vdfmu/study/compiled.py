@@ -69,7 +69,6 @@ class _Code:
     def __init__(self, system: System) -> None:
         self._system = system
         self.called: dict[str, ca.Function] = {}
-        self._by: dict[str, str] = {}
 
     def function(self, name: str, actions: Sequence[Action]) -> str:
         """Return ``void name(double *m, double t)``, with m the memory and t the time."""

@@ -6,6 +6,7 @@ import dataclasses
 import math
 import os
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial as bound
 from pathlib import Path
 from typing import Any
 
@@ -232,8 +233,9 @@ def run(
         }
         try:
             results = _simulate(
-                scenario, package, report, log, [partial / f"results.{form}" for form in formats], summary
-            )
+                scenario, package, progress=bound(report, "co-simulation"), log=log, about=summary,
+                stream=[partial / f"results.{form}" for form in formats],
+            )  # fmt: skip
         except (CosimError, Interrupted) as error:
             keep(error, partial)
             raise
@@ -260,21 +262,10 @@ def run(
         return results
 
 
-def _simulate(
-    scenario: Scenario,
-    package: Path,
-    report: Progress,
-    log: Callable[[LogMessage], None] | None,
-    files: Sequence[Path],
-    about: Mapping[str, Any],
-) -> Results:
-    def progress(done: int, total: int) -> None:
-        report("co-simulation", done, total)
-
+def _simulate(scenario: Scenario, package: Path, **options: Any) -> Results:
     return simulate(
         package, start=0.0, stop=scenario.stop, step=scenario.step, algorithm=scenario.master,
-        adaptive=scenario.adaptive, inputs=scenario.inputs, progress=progress, log=log,
-        stream=files, about=about,
+        adaptive=scenario.adaptive, inputs=scenario.inputs, **options,
     )  # fmt: skip
 
 
@@ -316,7 +307,9 @@ def _references(
             for part in results.blocks(BLOCK)
         )
     description = SystemDescription(scenario, values)
-    for key, name in _wanted(scenario):
+    sampled = REFERENCE_OF.get(scenario.master)
+    wanted = {"sampled": sampled} if sampled else {}
+    for key, name in (wanted | {"continuous": "continuous"}).items():
         stage = f"{name} reference"
         report(stage, 0, 1)
         solution = reference_blocks(
@@ -325,7 +318,7 @@ def _references(
             step=scenario.step,
             stop=scenario.stop,
             groups=compared(results),
-            progress=lambda done, total, stage=stage: report(stage, done, total),
+            progress=bound(report, stage),
         )
         try:
             differences[key], statistics = compare(results, solution, scenario.robot)
@@ -342,22 +335,13 @@ def _references(
     return found
 
 
-def _wanted(scenario: Scenario) -> list[tuple[str, str]]:
-    """Key of the summary and name of each reference that a run is compared with."""
-    sampled = REFERENCE_OF.get(scenario.master)
-    return [*([("sampled", sampled)] if sampled else []), ("continuous", "continuous")]
-
-
 def _separation(
     scenario: Scenario, package: Path, values: Mapping[str, Mapping[str, Any]], results: Results
 ) -> float:
     """Largest difference [rad, m] of link positions to the same run with rotor inertias larger by `_NUDGE` of them."""
     inertias = {f"I_m[{i + 1}]": values["plant"][f"I_m[{i + 1}]"] for i in range(scenario.robot.n)}
-    nudged = simulate(
-        package, start=0.0, stop=scenario.stop, step=scenario.step, algorithm=scenario.master,
-        adaptive=scenario.adaptive, inputs=scenario.inputs, record=["plant.q[*]"],
-        parameters={f"plant.{name}": (1.0 + _NUDGE) * inertia for name, inertia in inertias.items()},
-    )  # fmt: skip
+    parameters = {f"plant.{name}": (1.0 + _NUDGE) * inertia for name, inertia in inertias.items()}
+    nudged = _simulate(scenario, package, record=["plant.q[*]"], parameters=parameters)
     return float(np.abs(nudged.array("plant.q") - results.array("plant.q")).max())
 
 

@@ -9,7 +9,7 @@ name is ``own_x`` there.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property, partial
+from functools import cached_property
 from hashlib import sha256
 from pathlib import Path
 
@@ -19,7 +19,7 @@ import numpy.typing as npt
 
 from vdfmu.errors import UnitError
 from vdfmu.kernel.functions import Functions
-from vdfmu.kernel.rodas import rodas_step, stage_equations
+from vdfmu.kernel.rodas import Stages, rodas_step, stage_equations
 from vdfmu.kernel.structure import SOURCES as KERNEL_SOURCES
 from vdfmu.kernel.structure import source_digest, structure_key
 from vdfmu.kernel.trace import traced_function
@@ -237,7 +237,8 @@ class _Stiff:
         self.order = np.concatenate([np.arange(where[name].start, where[name].stop) for name in names])
         if type(unit).balance is Unit.balance:
             self.E, self.EJ = ca.SX.eye(n_x), ca.jacobian(self.x_dot, x)
-            along = _along(self.x_dot, changing, changes)
+            self.Ef_t = _along(self.x_dot, changing, changes)
+            self._residual = None
         else:
             balance = SymbolicWatch(unit, "balance", watch.fixed, watch)
             x_dot = balance.symbol("x_dot", n_x)
@@ -253,13 +254,14 @@ class _Stiff:
                 ca.jacobian(residual, unknown),
                 -ca.horzcat(ca.jacobian(residual, x_dot), ca.SX(residual.numel(), unknown.numel() - n_x)),
                 _along(residual, changing, changes),
+                residual[:n_x],
             ]
             if cuts:
                 _, symbols, values = zip(*cuts, strict=True)
                 _, parts = ca.substitute_inplace(list(symbols), list(values), parts, False)
-            balanced = ca.Function("balance", [x_dot, *at, *self.rates.values()], parts)
-            self.EJ, self.E, along = balanced(self.x_dot, *at, *self.rates.values())
-        self.Ef_t = along
+            linear = ca.Function("linear", [x_dot, *at, *self.rates.values()], parts[:3])
+            self.EJ, self.E, self.Ef_t = linear(self.x_dot, *at, *self.rates.values())
+            self._residual = ca.Function("residual", [x_dot, *at], parts[3:])
 
     def step(self, name: str, derivatives: ca.Function) -> ca.Function:
         """One Rodas4 step, inputs linear in time, and its local error relative to the tolerance, by component.
@@ -268,9 +270,14 @@ class _Stiff:
         """
         n_x, (h, tolerance, time) = self.x.numel(), (ca.SX.sym(one) for one in ("h", "tolerance", "time"))
         rates = {f"rate_{key}": rate for key, rate in self.rates.items()}
-        factors, solve = stage_equations(h, self.E, self.EJ, self.Ef_t, self.order, n_x, name)
+        stages = stage_equations(h, self.E, self.EJ, self.Ef_t, self.order, n_x, name)
         used = {**self.inputs, **rates, "h": h}
-        matrix = ca.Function(f"{name}_matrix", list(used.values()), [factors], list(used), ["factors"])
+        # the Jacobian needs most of the derivative at the start
+        made = {"factors": stages.factors, "x_dot": ca.densify(self.x_dot)}
+        started = ca.cse([*made.values()])
+        start = ca.Function(f"{name}_start", list(used.values()), started, list(used), list(made))
+        if stages.carried:
+            derivatives = self._balance(f"{name}_balance", stages)
 
         moving = {key: value for key, value in self.inputs.items() if key in self.rates or key == "t"}
         later = [value + time * self.rates.get(key, 1.0) for key, value in moving.items()]
@@ -285,15 +292,27 @@ class _Stiff:
         given = self.inputs | rates | {"h": h, "tolerance": tolerance}
         now = {key: ca.MX.sym(key, value.numel()) for key, value in given.items()}
 
-        def f(x_i: ca.MX, after: ca.MX) -> ca.MX:
+        def f(x_i: ca.MX, after: ca.MX, *y_i: ca.MX) -> ca.MX:
             moved = move.call([after, *(now[key] for key in (*moving, *rates))]) if moving else []
-            at = now | dict(zip(moving, moved, strict=True)) | {"x": x_i}
+            at = (
+                now | dict(zip(moving, moved, strict=True)) | {"x": x_i} | dict(zip(["y"], y_i, strict=False))
+            )
             return derivatives(*(at[key] for key in derivatives.name_in()))
 
-        known = matrix(*(now[key] for key in matrix.name_in()))
-        x_end, last = rodas_step(f, now["x"], now["h"], partial(solve, known), name)
+        factors, x_dot = start(*(now[key] for key in start.name_in()))
+        x_end, last = rodas_step(f, now["x"], x_dot, now["h"], factors, stages, name)
         results = [x_end, *size(now["x"], x_end, last, now["tolerance"])]
         return ca.Function(name, list(now.values()), results, list(now), ["x_new", "norm", "ratio"])
+
+    def _balance(self, name: str, stages: Stages) -> ca.Function:
+        """Residual of a stage, in explicit rows the derivative, of what is carried and the inputs."""
+        assert self._residual is not None
+        y = ca.SX.sym("y", len(stages.carried))
+        x_dot = ca.SX(self.x.numel(), 1)
+        x_dot[stages.carried] = y
+        at = {"y": y} | self.inputs
+        value = self._residual(x_dot, *self.inputs.values()) + stages.explicit * x_dot
+        return ca.Function(name, list(at.values()), ca.cse([ca.densify(value)]), list(at), ["value"])
 
     def jacobian(self, name: str) -> ca.Function:
         """Jacobian of the derivatives with respect to the states."""

@@ -1,7 +1,7 @@
 /* The functions of FMI 2.0 (FMI=2) or 3.0 (FMI=3) for a model of models.py, for model exchange and co-simulation.
 
-   Co-simulation takes steps of STEP by the explicit Euler method. With event mode it returns at an event, without it
-   handles the event itself. model.h, which models.py writes, has the data of the model, its table of variables and
+   Co-simulation takes steps of STEP by the explicit Euler method, or, with SECOND, by that of the middle. With event mode
+   it returns at an event, without it handles the event itself. Derivatives are those of a linear model. model.h, which models.py writes, has the data of the model, its table of variables and
 
        begin(I)          after the initialization: the first event
        outputs(I)        derivatives and outputs, from states, inputs and time
@@ -35,6 +35,7 @@ struct Instance {
     long steps;
     void *environment;
     void (*log)(void);
+    void (*update)(void *, double, bool, bool, bool, bool, bool *, double *);
     char resources[1024];
 };
 
@@ -100,9 +101,21 @@ static bool advance(Instance *I, double end)
 {
     while (I->time + 0.5 * STEP < end) {
         outputs(I);
+        if (SECOND) {
+            Instance middle = *I;
+            for (int k = 0; k < NX(I); k++)
+                STATES(&middle)[k] += STEP / 2 * RATES(I)[k];
+            outputs(&middle);
+            memcpy(RATES(I), RATES(&middle), sizeof(double) * (size_t)NX(I));
+        }
         for (int k = 0; k < NX(I); k++)
             STATES(I)[k] += STEP * RATES(I)[k];
         I->time = I->start + ++I->steps * STEP;
+        if (I->update && I->time + 0.5 * STEP < end) {
+            bool early = false;
+            double wanted = 0;
+            I->update(I->environment, I->time, true, true, true, false, &early, &wanted);
+        }
         if (found_event(I)) {
             if (I->event_mode) {
                 outputs(I);
@@ -114,6 +127,37 @@ static bool advance(Instance *I, double end)
     }
     outputs(I);
     return false;
+}
+
+/* ---------------------------------------------------------------- derivatives: of a linear model differences, exactly */
+
+static int differentiate(Instance *I, const unsigned *unknowns, size_t n, const unsigned *knowns, size_t m,
+                         const double *seed, double *result)
+{
+    Instance moved = *I, still = *I;
+    for (size_t k = 0; k < m; k++)
+        *(double *)((char *)&moved.d + find(knowns[k], FLOAT64)->place) += seed[k];
+    outputs(&moved), outputs(&still);
+    for (size_t k = 0; k < n; k++) {
+        const size_t place = find(unknowns[k], FLOAT64)->place;
+        result[k] = *(double *)((char *)&moved.d + place) - *(double *)((char *)&still.d + place);
+    }
+    return 0;
+}
+
+/* By time, with inputs that stay. */
+static int rates(Instance *I, const unsigned *vr, size_t n, double *result)
+{
+    Instance moved = *I;
+    outputs(I);
+    for (int k = 0; k < NX(I); k++)
+        STATES(&moved)[k] += RATES(I)[k];
+    outputs(&moved);
+    for (size_t k = 0; k < n; k++) {
+        const size_t place = find(vr[k], FLOAT64)->place;
+        result[k] = *(double *)((char *)&moved.d + place) - *(double *)((char *)&I->d + place);
+    }
+    return 0;
 }
 
 #if FMI == 2
@@ -211,6 +255,18 @@ fmi2Status fmi2SetString(fmi2Component c, const fmi2ValueReference *r, size_t n,
     return fmi2OK;
 }
 
+fmi2Status fmi2GetDirectionalDerivative(fmi2Component c, const fmi2ValueReference *u, size_t n, const fmi2ValueReference *k,
+                                        size_t m, const fmi2Real *seed, fmi2Real *x)
+{
+    return differentiate(c, u, n, k, m, seed, x);
+}
+fmi2Status fmi2GetRealOutputDerivatives(fmi2Component c, const fmi2ValueReference *r, size_t n, const fmi2Integer *order,
+                                        fmi2Real *x)
+{
+    (void)order;
+    return rates(c, r, n, x);
+}
+
 fmi2Status fmi2DoStep(fmi2Component c, fmi2Real time, fmi2Real h, fmi2Boolean keep)
 {
     (void)keep;
@@ -236,8 +292,10 @@ fmi3Instance fmi3InstantiateCoSimulation(fmi3String name, fmi3String token, fmi3
                                          const fmi3ValueReference *r, size_t n, fmi3InstanceEnvironment environment,
                                          fmi3LogMessageCallback log, fmi3IntermediateUpdateCallback update)
 {
-    (void)name, (void)token, (void)visible, (void)logs, (void)early, (void)r, (void)n, (void)log, (void)update;
-    return make(place, environment, events, false);
+    (void)name, (void)token, (void)visible, (void)logs, (void)early, (void)r, (void)n, (void)log;
+    Instance *I = make(place, environment, events, false);
+    I->update = update;
+    return I;
 }
 fmi3Instance fmi3InstantiateModelExchange(fmi3String name, fmi3String token, fmi3String place, fmi3Boolean visible,
                                           fmi3Boolean logs, fmi3InstanceEnvironment environment, fmi3LogMessageCallback log)
@@ -336,6 +394,19 @@ OK(fmi3GetIntervalDecimal, (fmi3Instance c, const fmi3ValueReference *r, size_t 
        x[k] = *interval;
        *interval = NAN;
    })
+
+fmi3Status fmi3GetDirectionalDerivative(fmi3Instance c, const fmi3ValueReference *u, size_t n, const fmi3ValueReference *k,
+                                        size_t m, const fmi3Float64 *seed, size_t ns, fmi3Float64 *x, size_t nx)
+{
+    (void)ns, (void)nx;
+    return differentiate(c, u, n, k, m, seed, x);
+}
+fmi3Status fmi3GetOutputDerivatives(fmi3Instance c, const fmi3ValueReference *r, size_t n, const fmi3Int32 *order,
+                                    fmi3Float64 *x, size_t nx)
+{
+    (void)order, (void)nx;
+    return rates(c, r, n, x);
+}
 
 fmi3Status fmi3DoStep(fmi3Instance c, fmi3Float64 time, fmi3Float64 h, fmi3Boolean keep, fmi3Boolean *needed, fmi3Boolean *end,
                       fmi3Boolean *early, fmi3Float64 *last)

@@ -57,6 +57,8 @@ class Model:
     simulation: dict[str, str] = field(default_factory=dict)
     items: tuple[str, ...] = ()
     resources: dict[str, bytes] = field(default_factory=dict)
+    second: bool = False
+    simulation_2: dict[str, str] = field(default_factory=dict)
 
     def reference(self, name: str) -> int:
         """Return the value reference, and index from 1, of a variable."""
@@ -95,7 +97,8 @@ def c_files(model: Model) -> dict[str, str]:
     nx = f"(int)(I)->d.{model.sizes[0]}" if array else len(model.states)
     values = "".join(f"    .{v.field} = {initial(v)},\n" for v in model.variables)
     return {
-        "model.h": f"typedef struct {{\n{fields}}} Data;\n#define STEP {model.step!r}\n#define NX(I) ({nx})\n"
+        "model.h": f"typedef struct {{\n{fields}}} Data;\n#define STEP {model.step!r}\n"
+        f"#define SECOND {int(model.second)}\n#define NX(I) ({nx})\n"
         f"#define NZ {model.indicators}\n#define STATES(I) {states}\n#define RATES(I) {rates}\n"
         f"#define SIZES(I) ((const uint64_t *)(const void *)&(I)->d.{(sizes or [ordered[0].field])[0]})\n",
         "model.c": f"static const Data initial = {{\n{values}}};\n"
@@ -186,7 +189,8 @@ def description_2(model: Model) -> Element:
     if "ModelExchange" in model.kinds:
         SubElement(root, "ModelExchange", common)
     if "CoSimulation" in model.kinds:
-        SubElement(root, "CoSimulation", common | {"canHandleVariableCommunicationStepSize": "true"})
+        more = {"canHandleVariableCommunicationStepSize": "true"} | model.simulation_2
+        SubElement(root, "CoSimulation", common | more)
     variables = SubElement(root, "ModelVariables")
     for v in model.variables:
         attributes = {

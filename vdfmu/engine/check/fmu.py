@@ -111,9 +111,7 @@ def _examine(path: Path, name: str, outer: Archive | None) -> tuple[Findings, st
     findings.add(broken)
     try:
         description = read_unit(path)
-    except (
-        Exception
-    ):  # fmpy raises bare exceptions where an element is not as it expects; `_rules` says which
+    except Exception:  # fmpy raises bare ones where an element is not as it expects; `_rules` says which
         description = mended
     if description is None:
         return findings, standard

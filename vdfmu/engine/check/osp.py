@@ -9,7 +9,7 @@ from urllib.parse import unquote, urlsplit
 
 from vdfmu.engine.check.findings import Findings
 from vdfmu.engine.check.fmu import check_unit, read_unit
-from vdfmu.engine.cosim.description import limit_fault, limits_of
+from vdfmu.engine.cosim.variables import limit_fault, limits_of
 from vdfmu.engine.rules import found
 from vdfmu.engine.ssp.parse import parse_xml
 from vdfmu.errors import SspError

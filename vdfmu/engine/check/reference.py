@@ -62,8 +62,6 @@ def compare(path: Path) -> Findings:
         for name in tables:
             short = posixpath.basename(name)
             try:
-                if description.coSimulation is None:
-                    raise _NotComparedError("the unit has no co-simulation")
                 version = description.fmiVersion or ""
                 if version == "1.0":
                     raise _NotComparedError("reference results are defined for FMI 2.0 and 3.0")
@@ -71,8 +69,8 @@ def compare(path: Path) -> Findings:
                 signals = _inputs_of(archive, name, variables)
                 results = (
                     _results_3(path, description, variables, expected, signals)
-                    if version.startswith("3")
-                    else _results_2(path, expected, signals)
+                    if version.startswith("3") and description.coSimulation is not None
+                    else _simulated(path, description, expected, signals)
                 )
                 findings.problems += [
                     found("RUN003", f"{short}: {problem}") for problem in _differences(expected, results)
@@ -209,16 +207,17 @@ def _differences(expected: Table, results: Mapping[str, Floats]) -> list[str]:
     return problems
 
 
-def _results_2(path: Path, expected: Table, signals: Table | None) -> dict[str, Floats]:
-    """Return the results of an FMU 2.0 at the times of a table."""
+def _simulated(path: Path, description: Any, expected: Table, signals: Table | None) -> dict[str, Floats]:
+    """Return the results of an FMU 2.0, or of one that FMPy's solver integrates, at the times of a table."""
     names, time = list(expected.columns), expected.time
     fed: Any = None
     if signals is not None:
-        kinds = [("time", float), *((name, float) for name in signals.columns)]
+        kinds: list[Any] = [("time", float)]
+        kinds += [(name, float, c.shape[1:] if c.shape[1] > 1 else ()) for name, c in signals.columns.items()]
         fed = np.zeros(len(signals.time), dtype=kinds)
         fed["time"] = signals.time
         for name, column in signals.columns.items():
-            fed[name] = column[:, 0]
+            fed[name] = column if column.shape[1] > 1 else column[:, 0]
     steps = np.diff(time)
     step = float(steps[steps > 0.0].min()) if np.any(steps > 0.0) else 1e-3
     count = (time[-1] - time[0]) / step
@@ -226,12 +225,14 @@ def _results_2(path: Path, expected: Table, signals: Table | None) -> dict[str, 
         raise _NotComparedError(
             f"two rows are {step:g} s apart; steps of that size from the first row to the last would be {count:.3g}"
         )
+    kind = "CoSimulation" if description.coSimulation is not None else "ModelExchange"
     result: Any = fmpy.simulate_fmu(
-        str(path), validate=False, fmi_type="CoSimulation", start_time=time[0], stop_time=max(time[-1], time[0] + step),
+        str(path), validate=False, fmi_type=kind, start_time=time[0], stop_time=max(time[-1], time[0] + step),
         output_interval=step, input=fed, output=names,
         remote_platform=None,  # pyright: ignore[reportArgumentType]
     )  # fmt: skip
-    return {name: np.interp(time, result["time"], result[name])[:, None] for name in names}
+    columns = {name: result[name].reshape(len(result), -1).T for name in names}
+    return {name: np.stack([np.interp(time, result["time"], x) for x in c], 1) for name, c in columns.items()}
 
 
 def _results_3(

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vdfmu.engine.cosim.description import Value, Variable
+from vdfmu.engine.cosim.variables import Value, Variable
 
 __all__ = ["DTYPES", "KINDS", "Call", "Heap", "Transfer"]
 

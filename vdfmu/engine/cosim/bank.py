@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from vdfmu.engine.cosim.access import DTYPES, Call, Heap
 from vdfmu.engine.cosim.checked import Checked
 from vdfmu.engine.cosim.component import Slave
-from vdfmu.engine.cosim.description import Variable
 from vdfmu.engine.cosim.link import Link, Port
+from vdfmu.engine.cosim.variables import Variable
 
 __all__ = ["Bank"]
 

@@ -6,10 +6,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 from vdfmu.engine.cosim.conversion import Value
-from vdfmu.engine.cosim.description import Description, Variable
+from vdfmu.engine.cosim.description import Description
 from vdfmu.engine.cosim.feed import Feed
 from vdfmu.engine.cosim.link import SOURCE, Link, Port
 from vdfmu.engine.cosim.schedule import Schedule
+from vdfmu.engine.cosim.variables import Variable
 from vdfmu.engine.ssp.structure import System
 
 __all__ = ["Checked"]

@@ -7,9 +7,10 @@ from contextlib import suppress
 from typing import Any
 
 from vdfmu.engine.cosim.conversion import Conversion, MisfitError, Value, as_type, compose
-from vdfmu.engine.cosim.description import Description, Variable, inspect_description, limit_fault, type_of
+from vdfmu.engine.cosim.description import Description, inspect_description
 from vdfmu.engine.cosim.link import Link, Port
 from vdfmu.engine.cosim.overrides import Starts, hint, why_not
+from vdfmu.engine.cosim.variables import Variable, limit_fault, type_of
 from vdfmu.engine.rules import Finding, found, within
 from vdfmu.engine.ssp.archive import Archive
 from vdfmu.engine.ssp.structure import Component, Connection, Connector, Index, Parameter, Shape, System, Unit

@@ -16,9 +16,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vdfmu.engine.cosim.access import DTYPES, Call, Heap, Transfer
-from vdfmu.engine.cosim.description import Description, Value, Variable, library_name
+from vdfmu.engine.cosim.description import Description, library_name
 from vdfmu.engine.cosim.integrator import Integrator
 from vdfmu.engine.cosim.messages import LogMessage, MessageBox
+from vdfmu.engine.cosim.variables import Value, Variable
 from vdfmu.errors import CosimError
 from vdfmu.text import shown
 
@@ -47,9 +48,7 @@ def on_message(token: int | None, status: int, category: bytes, text: bytes) -> 
         message += f" ... ({len(text) - _LENGTH} bytes more)"
     label = STATUS[status] if 0 <= status < len(STATUS) else str(status)
     entry = _boxes.get(token or 0)
-    if (
-        entry is None
-    ):  # an instance that fmpy made itself: its proxy knows one receiver only, and now it is this one
+    if entry is None:  # of an instance of fmpy's own, whose proxy knows one receiver only, now this one
         print(f"[{label.upper()}] {message}")
         return
     name, box = entry
@@ -118,6 +117,8 @@ class Slave:
         self.integrator: Integrator | None = None
         self.in_event = False
         self.next_event = math.inf
+        self.line: Callable[[float], None] = lambda time: None
+        """Sets the inputs that run over the step to their values at a time."""
         self._values: dict[int, list[Value]] = {}
 
     # ------------------------------------------------------------------ of a version of FMI
@@ -148,8 +149,14 @@ class Slave:
         """Return the call of a step of co-simulation from `clock` by `size` [s]."""
         raise NotImplementedError
 
-    def simulation_rates(self, variables: Sequence[Variable], slopes: NDArray[np.float64]) -> Call:
-        """Return the call that gives the slopes of real inputs for the next step of co-simulation."""
+    def slope_call(self, moved: Transfer) -> Call:
+        """Return the call that gets the derivatives of real outputs by time."""
+        raise NotImplementedError
+
+    def differentiate(
+        self, unknowns: Sequence[int], size: int, knowns: Sequence[int], seed: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """Return the directional derivatives of unknowns, `size` numbers, by value references; seed: of the knowns."""
         raise NotImplementedError
 
     def sizes(self) -> tuple[int, int]:
@@ -174,9 +181,27 @@ class Slave:
         clock: c_double,
     ) -> Call:
         """Return the call that lets real inputs run over a step, from their `starts` with their `slopes`."""
-        if self.integrator:
-            return self.integrator.rate_call(variables, starts, slopes, clock)
-        return self.simulation_rates(variables, slopes)
+        values = np.zeros(len(variables))
+        calls = self.access("Set", variables, values, Heap())
+
+        def run(*_: Any) -> int:
+            begin, first, slope = clock.value, starts.copy(), slopes.copy()
+
+            def line(time: float) -> None:
+                np.add(first, slope * (time - begin), values)
+                self.run(calls)
+
+            self.line = line
+            return 0
+
+        return run, None, None, None, None, "setRealInputDerivatives"
+
+    def slopes(self, variables: Sequence[Variable], values: NDArray[np.float64]) -> Call:
+        """Return the call that gets the derivatives of real outputs by time into `values`, in place."""
+        places = range(len(variables))
+        return self.slope_call(
+            Transfer("Get", variables, places, values, np.float64, Heap(), self._known, self._failure)
+        )
 
     def updated(self, time: float, update: Callable[[], tuple[bool, bool, float]]) -> None:
         """Update discrete states until they settle; `update` returns whether to go on, to end, and the next event."""

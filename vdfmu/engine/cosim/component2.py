@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from vdfmu.engine.cosim.access import Call, Transfer
 from vdfmu.engine.cosim.component import Slave, on_message
-from vdfmu.engine.cosim.description import Value, Variable
+from vdfmu.engine.cosim.variables import Value, Variable
 from vdfmu.errors import CosimError
 
 try:
@@ -90,18 +90,47 @@ class Slave2(Slave):
         """See `Slave.simulation_call`."""
         return self.function("DoStep"), self.argument, clock, size, 1, "doStep"
 
-    def simulation_rates(self, variables: Sequence[Variable], slopes: NDArray[np.float64]) -> Call:
-        """See `Slave.simulation_rates`."""
-        n = len(variables)
-        orders = (c_int * n)(*([1] * n))
-        function = self.function("SetRealInputDerivatives")
+    def rate_call(
+        self,
+        variables: Sequence[Variable],
+        starts: NDArray[np.float64],
+        slopes: NDArray[np.float64],
+        clock: c_double,
+    ) -> Call:
+        """See `Slave.rate_call`."""
+        if self.integrator:
+            return super().rate_call(variables, starts, slopes, clock)
+        references = (c_uint * len(variables))(*(v.reference for v in variables))
+        values = byref(c_double.from_buffer(slopes))  # pyright: ignore[reportArgumentType]
+        return self._first_order("SetRealInputDerivatives", len(variables), references, values)
+
+    def slope_call(self, moved: Transfer) -> Call:
+        """See `Slave.slope_call`."""
+        called = self._first_order(
+            "GetRealOutputDerivatives", len(moved.references), moved.references, moved.pointer
+        )
+        return moved.around(called[0]), *called[1:]
+
+    def _first_order(self, name: str, n: int, references: Any, values: Any) -> Call:
+        """Return the call that gets or sets n first derivatives by time."""
+        orders, function = (c_int * n)(*([1] * n)), self.function(name)
 
         def call(component: Any, references: Any, count: Any, values: Any) -> int:
             return function(component, references, count, orders, values)
 
-        references = (c_uint * n)(*(v.reference for v in variables))
-        values = byref(c_double.from_buffer(slopes))  # pyright: ignore[reportArgumentType]
-        return call, self.argument, references, c_size_t.from_param(n), values, "setRealInputDerivatives"
+        return call, self.argument, references, c_size_t.from_param(n), values, name[0].lower() + name[1:]
+
+    def differentiate(
+        self, unknowns: Sequence[int], size: int, knowns: Sequence[int], seed: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """See `Slave.differentiate`."""
+        found = np.zeros(size)
+        self.call(
+            "GetDirectionalDerivative", (c_uint * len(unknowns))(*unknowns), c_size_t(len(unknowns)),
+            (c_uint * len(knowns))(*knowns), c_size_t(len(knowns)), c_void_p(seed.ctypes.data),
+            c_void_p(found.ctypes.data),
+        )  # fmt: skip
+        return found
 
     def sizes(self) -> tuple[int, int]:
         """See `Slave.sizes`."""

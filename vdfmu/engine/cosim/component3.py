@@ -10,15 +10,17 @@ from functools import partial
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from vdfmu.engine.cosim.access import Call, Transfer
 from vdfmu.engine.cosim.component import Slave, on_message
-from vdfmu.engine.cosim.description import Value, Variable
+from vdfmu.engine.cosim.variables import Value, Variable
 from vdfmu.errors import CosimError
 
 __all__ = ["Slave3"]
 
 _RECEIVER = CFUNCTYPE(None, c_void_p, c_int, c_char_p, c_char_p)(on_message)
+_UPDATE = CFUNCTYPE(None, c_void_p, c_double, c_bool, c_bool, c_bool, c_bool, c_void_p, c_void_p)
 _EVENT, _END, _EARLY = range(3)
 """Answers of doStep."""
 _CLOSE = 1e-9
@@ -42,9 +44,20 @@ class Slave3(Slave):
 
     event_mode = event_needed = False
     """Whether the master handles events of its co-simulation; whether a step has ended at an event."""
+    updates = False
+    """Whether its inputs run on lines, in its intermediate updates."""
+    _begin, _end, _at, _held = math.nan, 0.0, 0.0, 0.0
+    """Begin and end of a step, the last update in it, and the time on the line whose values the inputs have [s]."""
+    _piece, _late = math.inf, 0.0
+    """Length of the last internal step [s]; `_lag` up to the last update."""
+    _opening = _piece, _late
+    """Those at the begin of the step."""
+    _failed: CosimError | None = None
+    """What failed in an intermediate update."""
 
     def make(self) -> int | None:
         """See `Slave.make`."""
+        self._update = _UPDATE(self._updated)
         whose = (
             self.name.encode(),
             self.description.guid.encode(),
@@ -56,7 +69,7 @@ class Slave3(Slave):
             )
         return self.function("InstantiateCoSimulation")(
             *whose, c_bool(False), c_bool(True), c_bool(self.event_mode), c_bool(self.event_mode), None, c_size_t(0),
-            c_void_p(self.token), _RECEIVER, None,
+            c_void_p(self.token), _RECEIVER, self._update if self.updates else None,
         )  # fmt: skip
 
     def prepare(
@@ -103,17 +116,77 @@ class Slave3(Slave):
         answers = *(byref(flags, i) for i in (_EVENT, _END, _EARLY)), byref(last)
 
         def do_step(component: Any, clock: c_double, size: c_double, keep: Any) -> int:
+            if self.updates:
+                self._run_line(clock.value, clock.value + size.value)
             status = step(component, clock, size, keep, *answers)
+            if self._failed is not None:
+                raise self._failed
             end = clock.value + size.value
             close = end - _CLOSE * size.value
-            while (
-                any_flag.value and status < 2 and not self._answered(flags, last.value, last.value >= close)
-            ):
+            while any_flag.value and status < 2:
+                if self._answered(flags, last.value, last.value >= close):
+                    break
                 rest = c_double(last.value), c_double(end - last.value)
                 status = step(component, *rest, keep, *answers)
             return status
 
         return do_step, self.argument, clock, size, c_bool(True), "doStep"
+
+    def _run_line(self, begin: float, end: float) -> None:
+        """Begin a step whose inputs run on lines."""
+        if begin != self._begin:  # a step that is repeated begins as it did
+            self._begin, self._opening = begin, (self._piece, self._late + self._lag(self._end))
+        self._piece, self._late = self._opening
+        self._at, self._end, self._failed = begin, end, None
+        self._hold(min(self._piece, end - begin))
+        self._piece = math.inf
+
+    def _updated(
+        self, _: int | None, time: float, requested: bool, _get: bool, finished: bool, *more: Any
+    ) -> None:
+        """Set the inputs in an intermediate update, between two internal steps."""
+        if requested and finished and self._at < time < self._end:
+            self._late += self._lag(time)
+            self._piece, self._at = time - self._at, time
+            try:
+                self._hold(min(self._piece, self._end - time))
+            except CosimError as error:
+                self._failed = error
+
+    def _lag(self, time: float) -> float:
+        """Return the integral of the time minus that of the value which is held, since the last update [s^2]."""
+        return (time - self._at) * (0.5 * (self._at + time) - self._held)
+
+    def _hold(self, length: float) -> None:
+        """Set the inputs for an internal step of a length that is a guess, so that their integral is that of the line.
+
+        What a wrong guess has left of the integral before is made up for.
+        """
+        self._held = self._at + 0.5 * length + self._late / length
+        self.line(self._held)
+
+    def slope_call(self, moved: Transfer) -> Call:
+        """See `Slave.slope_call`."""
+        n = len(moved.references)
+        orders, function = (c_int * n)(*([1] * n)), self.function("GetOutputDerivatives")
+
+        def call(references: Any, count: Any, values: Any, size: Any) -> int:
+            return function(self.argument, references, count, orders, values, size)
+
+        count, size = moved.counts
+        return moved.around(call), byref(moved.references), count, moved.pointer, size, "getOutputDerivatives"
+
+    def differentiate(
+        self, unknowns: Sequence[int], size: int, knowns: Sequence[int], seed: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """See `Slave.differentiate`."""
+        found = np.zeros(size)
+        self.call(
+            "GetDirectionalDerivative", (c_uint32 * len(unknowns))(*unknowns), c_size_t(len(unknowns)),
+            (c_uint32 * len(knowns))(*knowns), c_size_t(len(knowns)), c_void_p(seed.ctypes.data), c_size_t(seed.size),
+            c_void_p(found.ctypes.data), c_size_t(size),
+        )  # fmt: skip
+        return found
 
     def _answered(self, flags: Any, last: float, done: bool) -> bool:
         """Take what a step has answered beside its status; False if the rest of it, but for rounding, is to be done."""

@@ -68,6 +68,7 @@ class Components:
             if isinstance(slave, Slave3):
                 sampled = self.checked.algorithm not in CONTINUOUS and not own_steps
                 slave.event_mode = description.event_mode and sampled
+                slave.updates = description.updates_inputs and self.checked.algorithm in CONTINUOUS
             with InterruptGuard():  # of which units written in Python would make an error
                 slave.instantiate()
 

@@ -24,14 +24,15 @@ from fmpy.model_description import read_model_description
 from vdfmu import __version__
 from vdfmu.engine.cosim.check import check_system
 from vdfmu.engine.cosim.checked import Checked
-from vdfmu.engine.cosim.description import Description, Value
+from vdfmu.engine.cosim.description import Description
 from vdfmu.engine.cosim.link import Link
 from vdfmu.engine.cosim.schedule import cycles, topological
+from vdfmu.engine.cosim.variables import Value
 from vdfmu.engine.ssp.archive import Archive
 from vdfmu.engine.ssp.read import load_ssp
 from vdfmu.engine.ssp.structure import System
-from vdfmu.errors import FmuError, UsageError
-from vdfmu.files import pack_zip
+from vdfmu.errors import UsageError
+from vdfmu.files import pack_zip, storing
 from vdfmu.temporary import temporary_folder
 
 __all__ = ["write_container"]
@@ -87,11 +88,8 @@ def write_container(
             "solve it; break the loop, or run the system without a container."
         )
     path = Path(path)
-    try:
-        with temporary_folder("vdfmu_container_") as folder:
-            _write(checked, path, step, Path(folder))
-    except OSError as error:
-        raise FmuError(f"{path}: cannot be written: {error}. Choose another folder or free space.") from error
+    with storing(path), temporary_folder("vdfmu_container_") as folder:
+        _write(checked, path, step, Path(folder))
     return path
 
 

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from vdfmu.engine.cosim.component import Slave
 from vdfmu.engine.cosim.coupled import Block, Coupled, Unit
 from vdfmu.engine.cosim.exchange import Exchange, largest_step
+from vdfmu.engine.cosim.interface import interface_inverse
 from vdfmu.engine.cosim.messages import MessageBox
 from vdfmu.errors import CosimError
 
@@ -172,6 +173,9 @@ class ContinuousStepper:
         if self._last > 0.0:
             np.multiply(start - self._previous, h / self._last, self._outputs)
             np.add(self._outputs, start, self._outputs)
+            for slave, call, own, rates in self._coupled.rates:
+                slave.run([call])
+                self._outputs[own] = start[own] + h * rates
             self._outputs[self._coupled.discrete] = start[self._coupled.discrete]
         self.exchange.feed(time + h)
         predicted = self._outputs.copy()
@@ -269,16 +273,17 @@ class ContinuousStepper:
         """Return the errors of the outputs in the step, relative to their sizes; infinite where they are not numbers.
 
         Predicted and computed value of a signal y differ by h (h + h_last) / 2 times its second derivative, to first
-        order; the line between its values at the ends of the step departs from it by at most h^2 / 8 times that. In a
-        step far shorter than the last that would make an error of a jump small, which it is not; but an output that
-        passes an input on starts with the error that its prediction had in the last step, which is no jump.
+        order, or by h^2 / 2 times that where the component gives the first derivative; the line between its values at
+        the ends of the step departs from it by at most h^2 / 8 times that. In a step far shorter than the last that
+        would make an error of a jump small, which it is not; but an output that passes an input on starts with the
+        error that its prediction had in the last step, which is no jump.
         """
         difference = np.abs(self._outputs - predicted) / self._scale()
         difference[np.isnan(difference)] = math.inf
         sizes = np.zeros(difference.size)
         if self._last > 0.0:  # else there is no prediction yet
             least = np.where(self._coupled.passing, h, max(h, _LEAST * self._last))
-            line = least / (4.0 * (h + self._last))
+            line = least / (4.0 * (h + self._last * ~self._coupled.derived[self._coupled.lines]))
             sizes[self._coupled.lines] = line * difference[self._coupled.lines]
             sizes[self._extrapolated] = difference[self._extrapolated]
         return sizes
@@ -291,6 +296,8 @@ class ContinuousStepper:
         torn, outputs = block.torn, self._outputs
         reported = len(self.box.pending)
         first = True
+        if block.solver.inverse is None:
+            block.solver.inverse = interface_inverse(block, self._coupled, h)
 
         def repeat(guess: Floats) -> Floats:
             nonlocal first

@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from vdfmu.engine.cosim.description import RANGES, Value, Variable, type_of
+from vdfmu.engine.cosim.variables import RANGES, Value, Variable, type_of
 from vdfmu.engine.ssp.structure import Hop, Transformation, Unit
 
 

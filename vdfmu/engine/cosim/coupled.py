@@ -36,6 +36,8 @@ class Unit:
     starts: Floats
     ends: Floats
     slopes: Floats
+    runs: bool
+    """Whether inputs run over a step; else they hold over a part of it."""
     held: Indices
     """Those that keep their value at the start of the step."""
 
@@ -76,6 +78,10 @@ class Coupled:
     switches : list of (array, array, array of int)
         Of each type: outputs, those at the start of the step, and which of them are read and discrete.
     blocks : list of Block
+    rates : list of (Slave, Call, array of int, array)
+        What gets the derivatives of outputs by time, which outputs, and where the derivatives are then.
+    derived : array of bool
+        Which real outputs those are.
     """
 
     def __init__(self, exchange: Exchange) -> None:
@@ -95,11 +101,25 @@ class Coupled:
         self.lines = np.array(sorted(lines), np.intp)
         direct = {bank.position[port] for port in exchange.checked.schedule.direct if port in bank.position}
         self.passing = np.isin(self.lines, list(direct))
+        self.derived = np.zeros(self.outputs.size, bool)
+        self.rates: list[tuple[Slave, Call, Indices, Floats]] = []
+        for name, slave in exchange.slaves.items():
+            own = self.read_of(name)
+            if slave.description.derives_outputs and own.size:
+                rates = np.zeros(own.size)
+                call = slave.slopes([bank.variables[i][1] for i in own], rates)
+                self.rates.append((slave, call, own, rates))
+                self.derived[own] = True
         self.switches: list[tuple[NDArray[Any], NDArray[Any], Indices]] = []
         for each, before in zip(exchange.banks, self.begun, strict=True):
             read = {each.position[k.start] for k in each.links if k.discrete and k.start[0] != SOURCE}
             read -= set() if each is not bank else set(np.flatnonzero(~self.discrete))
             self.switches.append((each.outputs, before, np.array(sorted(read), np.intp)))
+
+    def read_of(self, name: str) -> Indices:
+        """Return which real outputs of a component have lines that a step uses."""
+        window = self.bank.output_windows[name]
+        return self.lines[(self.lines >= window.start) & (self.lines < window.stop)]
 
     def begin(self) -> None:
         """Keep the outputs and the inputs at the start of a step."""
@@ -119,17 +139,19 @@ class Coupled:
         exchange, bank = self.exchange, self.bank
         slave, window, calls = exchange.slaves[name], bank.input_windows[name], exchange.calls(name)
         moving = slave.description.interpolates_inputs
-        if moving and window.stop > window.start:
-            calls.insert([call[-1] for call in calls].index("doStep"), self._rate_call(slave, window))
         # An input that cannot run is needed at the end of the step if an output depends on it directly. Any other is
         # integrated: the middle of a line has the line's integral, and a discrete one stays as it is at the start.
         schedule = exchange.checked.schedule
         gathers = [self._gather_of(each, name) for each in exchange.banks]
         links = bank.links[window]
         through = [not k.discrete and not moving and k.end in schedule.through for k in links]
+        # what a component computes last from an input set within the step is not of the end of the line
+        runs = moving or (slave.description.updates_inputs and not any(through))
         hold = np.array([
-            1.0 if k.discrete or needed else 0.0 if moving else 0.5 for k, needed in zip(links, through, strict=True)
+            1.0 if k.discrete or needed else 0.0 if runs else 0.5 for k, needed in zip(links, through, strict=True)
         ])  # fmt: skip
+        if runs and links:
+            calls.insert([call[-1] for call in calls].index("doStep"), self._rate_call(slave, window))
         parts = [(hold, calls)]
         if any(through) and slave.description.varies_steps:
             # The unit may integrate such an input, too. Half the step with the value at the start and half with that
@@ -141,7 +163,7 @@ class Coupled:
         return Unit(
             slave, [gather for gather in gathers if gather is not None], parts,
             self.inputs[window], self.starts[window], self.ends[window], self.slopes[window],
-            np.array(held, np.intp),
+            runs, np.array(held, np.intp),
         )  # fmt: skip
 
     def _gather_of(self, bank: Bank, name: str) -> Callable[[], None] | None:

@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 
 from vdfmu.engine.cosim.access import Call
 from vdfmu.engine.cosim.component3 import Slave3
-from vdfmu.engine.cosim.description import Variable
 from vdfmu.engine.cosim.exchange import Exchange, SampledStepper, largest_step
+from vdfmu.engine.cosim.variables import Variable
 from vdfmu.errors import CosimError
 
 __all__ = ["EventStepper", "Events"]
@@ -163,10 +163,8 @@ class Events:
                 for unit in self._units.values():
                     unit.slave.leave_event()
                 return
-            for (
-                name,
-                unit,
-            ) in self._units.items():  # in the order of the steps: what ticks another comes first or again
+            # in the order of the steps: what ticks another comes first or again
+            for name, unit in self._units.items():
                 if name in involved:
                     involved.discard(name)
                     self._event(unit, time, ticks.pop(name, set()), ticks)

@@ -17,11 +17,11 @@ from vdfmu.engine.cosim.bank import Bank
 from vdfmu.engine.cosim.broyden import Broyden
 from vdfmu.engine.cosim.checked import Checked
 from vdfmu.engine.cosim.component import Slave
-from vdfmu.engine.cosim.description import Value
 from vdfmu.engine.cosim.inputs import Course
 from vdfmu.engine.cosim.link import SOURCE, Link
 from vdfmu.engine.cosim.messages import MessageBox
 from vdfmu.engine.cosim.results import Signal
+from vdfmu.engine.cosim.variables import Value
 from vdfmu.errors import CosimError, UsageError
 
 _TEXTS = ("String", "Binary")

@@ -10,9 +10,10 @@ from typing import NamedTuple
 import numpy as np
 
 from vdfmu.engine.cosim.conversion import Conversion, between
-from vdfmu.engine.cosim.description import Description, Variable, limit_fault
+from vdfmu.engine.cosim.description import Description
 from vdfmu.engine.cosim.inputs import Course, Table
 from vdfmu.engine.cosim.link import SOURCE, Link, Port
+from vdfmu.engine.cosim.variables import Variable, limit_fault
 from vdfmu.engine.ssp.structure import BASE_UNITS, Unit
 from vdfmu.errors import UsageError
 from vdfmu.measure import coherent, measure

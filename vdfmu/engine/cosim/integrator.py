@@ -6,15 +6,14 @@ with an update of its discrete states.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from ctypes import c_double, c_size_t, c_void_p
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vdfmu.engine.cosim.access import Call, Heap
-from vdfmu.engine.cosim.description import Variable
+from vdfmu.engine.cosim.access import Call
 from vdfmu.errors import CosimError
 
 if TYPE_CHECKING:
@@ -54,8 +53,6 @@ class Integrator:
         self._method: Any = DOP853
         self._stiff: Any = Radau
         self._h: float | None = None
-        self.line: Callable[[float], None] = lambda time: None
-        """Sets the inputs that run over the step to their values at a time."""
         self._values("GetNominalsOfContinuousStates", self._nominals)
 
     def step_call(self, clock: c_double, size: c_double) -> Call:
@@ -66,25 +63,6 @@ class Integrator:
             return 0
 
         return step, None, None, None, None, "doStep"
-
-    def rate_call(
-        self, variables: Sequence[Variable], starts: Floats, slopes: Floats, clock: c_double
-    ) -> Call:
-        """Return the call that lets real inputs run over a step, from their `starts` with their `slopes`."""
-        values = np.zeros(len(variables))
-        calls = self.slave.access("Set", variables, values, Heap())
-
-        def run(*_: Any) -> int:
-            begin, first, slope = clock.value, starts.copy(), slopes.copy()
-
-            def line(time: float) -> None:
-                np.add(first, slope * (time - begin), values)
-                self.slave.run(calls)
-
-            self.line = line
-            return 0
-
-        return run, None, None, None, None, "setRealInputDerivatives"
 
     def step(self, time: float, end: float) -> None:
         """Step from `time` to `end`."""
@@ -166,7 +144,7 @@ class Integrator:
 
     def _set(self, time: float, x: Floats) -> None:
         self.slave.call("SetTime", c_double(time))
-        self.line(time)
+        self.slave.line(time)
         if x.size:
             np.copyto(self._x, x)
             self._values("SetContinuousStates", self._x)

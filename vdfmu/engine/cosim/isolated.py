@@ -48,7 +48,8 @@ CALLS = (
     "getContinuousStates", "setContinuousStates", "getDerivatives", "getContinuousStateDerivatives",
     "getNominalsOfContinuousStates", "getEventIndicators", "completedIntegratorStep", "getNumberOfContinuousStates",
     "getNumberOfEventIndicators", "enterConfigurationMode", "exitConfigurationMode", "enterEventMode", "enterStepMode",
-    "updateDiscreteStates", "setClock", "getClock", "getIntervalDecimal",
+    "updateDiscreteStates", "setClock", "getClock", "getIntervalDecimal", "getRealOutputDerivatives",
+    "getOutputDerivatives", "getDirectionalDerivative",
 )  # fmt: skip
 _TICK = 0.1
 """Interval at which the master looks after the process [s]."""

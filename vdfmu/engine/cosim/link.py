@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from vdfmu.engine.cosim.conversion import Conversion
-from vdfmu.engine.cosim.description import Variable
+from vdfmu.engine.cosim.variables import Variable
 
 __all__ = ["SOURCE", "Link", "Port"]
 

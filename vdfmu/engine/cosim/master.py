@@ -130,11 +130,5 @@ def simulate(
     simulator.grid(start, stop, step)  # what is wrong with it is said before anything is loaded
     with simulator:
         return simulator.run(
-            start=start,
-            stop=stop,
-            step=step,
-            record=record,
-            progress=progress,
-            stream=stream,
-            about=about,
+            start=start, stop=stop, step=step, record=record, progress=progress, stream=stream, about=about
         )

@@ -6,7 +6,8 @@ import difflib
 from collections.abc import Iterable, Mapping
 
 from vdfmu.engine.cosim.conversion import Value, as_type
-from vdfmu.engine.cosim.description import Description, Variable
+from vdfmu.engine.cosim.description import Description
+from vdfmu.engine.cosim.variables import Variable
 from vdfmu.engine.ssp.structure import spread
 from vdfmu.errors import UsageError
 

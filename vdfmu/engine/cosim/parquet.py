@@ -53,12 +53,20 @@ def write_parquet(results: Results, path: Path) -> None:
         with replacing(path) as file, parquet.ParquetWriter(file, schema, **options) as writer:
             for block in results.blocks(_GROUP):
                 columns = [block.time, *(block[s.name] for s in signals[1:])]
-                writer.write_table(pa.table([np.ascontiguousarray(c) for c in columns], schema=schema))
+                arrays = [_array(pa, column) for column in columns]
+                writer.write_table(pa.Table.from_arrays(arrays, schema=schema))
     except OSError as error:
         raise VdfmuError(
             f"{path}: the rows cannot be written: {error.strerror or error}. Free space, or choose another "
             "folder with --out."
         ) from None
+
+
+def _array(pa: ModuleType, column: NDArray[Any]) -> Any:
+    """Return a column as pyarrow has it; of its own conversion pyarrow would import pandas, which takes long."""
+    kinds = {"f": pa.float64(), "i": pa.int32(), "b": pa.bool_()}
+    values = np.packbits(column, bitorder="little") if column.dtype.kind == "b" else np.ascontiguousarray(column)
+    return pa.Array.from_buffers(kinds[column.dtype.kind], len(column), [None, pa.py_buffer(values)])
 
 
 def read_parquet(path: Path) -> Results:

@@ -8,16 +8,17 @@ import io
 import json
 import math
 import mmap
-import os
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from itertools import chain
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vdfmu.errors import UsageError, VdfmuError
+from vdfmu.errors import UsageError
+from vdfmu.files import write_whole
 
 KINDS = ("real", "integer", "boolean")
 _BLOCK = 512
@@ -177,16 +178,6 @@ class Results:
                 if isinstance(array.base, mmap.mmap) and hasattr(mmap, "MADV_DONTNEED"):
                     array.base.madvise(mmap.MADV_DONTNEED)
 
-    def with_reals(self, signals: Mapping[str, tuple[NDArray[np.float64], str]]) -> Results:
-        """Return the same results with more signals, each an array (m,) and its unit."""
-        real = self._data["real"]
-        added = [
-            Signal(name, "real", unit, real.shape[1] + i)
-            for i, (name, (_, unit)) in enumerate(signals.items())
-        ]
-        data = self._data | {"real": np.column_stack([real, *[array for array, _ in signals.values()]])}
-        return Results(self.time, [*self._signals.values(), *added], data, self.summary, self.messages)
-
     def write(self, path: str | Path) -> None:
         """Write a file of results: in Parquet if its suffix is ``.parquet``, else as `to_csv`.
 
@@ -238,21 +229,10 @@ class Results:
         VdfmuError
             The file cannot be written.
         """
-        path = Path(path)
-        temporary = path.with_name(f".{path.name}.{os.getpid()}.part")
-        try:
-            with open(temporary, "w", encoding="utf-8", newline="") as file:
-                signals = list(self._signals.values())
-                file.write(csv_head(signals))
-                for first in range(0, len(self.time), _BLOCK):
-                    rows = slice(first, first + _BLOCK)
-                    file.write(csv_lines(self.time[rows], signals, self._data, rows))
-            os.replace(temporary, path)
-        except OSError as error:
-            kind = UsageError if isinstance(error, (FileNotFoundError, PermissionError)) else VdfmuError
-            raise kind(f"cannot write {path}: {error.strerror or error}") from None
-        finally:
-            temporary.unlink(missing_ok=True)
+        signals = list(self._signals.values())
+        blocks = (slice(first, first + _BLOCK) for first in range(0, len(self.time), _BLOCK))
+        lines = (csv_lines(self.time[rows], signals, self._data, rows) for rows in blocks)
+        write_whole(Path(path), (text.encode() for text in chain([csv_head(signals)], lines)))
 
     @classmethod
     def from_csv(cls, path: str | Path) -> Results:

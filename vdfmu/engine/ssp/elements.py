@@ -80,9 +80,9 @@ class Scope:
             self.files[key] = Document(kind, root, where)
         return self.files[key].root
 
-    def define(self, root: Any) -> None:
-        """Add the unit definitions of an SSD to those of the tree."""
-        for name, unit in read_units(root.iterfind("ssd:Units/ssc:Unit", NAMESPACES)).items():
+    def define(self, root: Any, kind: str = "ssd") -> None:
+        """Add the unit definitions of an SSD, or of a signal dictionary, to those of the tree."""
+        for name, unit in read_units(root.iterfind(f"{kind}:Units/ssc:Unit", NAMESPACES)).items():
             known = self.units.get(name)
             if known is None or (known.exponents, known.factor, known.offset) == (
                 unit.exponents, unit.factor, unit.offset,

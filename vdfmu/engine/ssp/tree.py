@@ -13,6 +13,7 @@ from vdfmu.engine.ssp import limits
 from vdfmu.engine.ssp.elements import Node, Scope, read_connector, read_connectors
 from vdfmu.engine.ssp.experiment import read_step
 from vdfmu.engine.ssp.parse import NAMESPACES, version_of
+from vdfmu.engine.ssp.structure import Connector
 from vdfmu.errors import SspError
 
 FMU_TYPE = "application/x-fmu-sharedlibrary"
@@ -202,11 +203,15 @@ class TreeReader:
             except SspError as error:
                 self.problems += error.problems
                 continue
-            entries = (
-                read_connector(entry, "inout", scope)
-                for entry in root.iterfind("ssb:DictionaryEntry", NAMESPACES)
-            )
-            known = {entry.name: entry for entry in entries}
+            own = replace(scope, aliases=dict(scope.aliases), document=source or item.get("name"))
+            own.define(root, "ssb")
+            known: dict[str, Connector] = {}
+            for part in root.iterfind("ssb:DictionaryEntry", NAMESPACES):
+                entry = read_connector(part, "inout", own)
+                if entry.name in known:
+                    text = f"{where}: two entries are named {entry.name!r}"
+                    self.problems.append(found("SSP020", text, part))
+                known[entry.name] = entry
             node.dictionaries[item.get("name")] = ((*node.path, item.get("name")), known)
 
     def dictionary_reference(self, element: Any, parent: Node, name: str) -> Node:
@@ -221,8 +226,15 @@ class TreeReader:
             return node
         node.path, entries = ("signal dictionary", *named[0]), named[1]
         for name_, connector in node.connectors.items():
-            if name_ not in entries:
-                text = f"{scope.label}: signal dictionary of {name!r} has no entry {name_!r}"
+            entry = entries.get(name_)
+            text = f"{scope.label}: signal dictionary of {name!r} has "
+            if entry is None:
+                self.problems.append(found("SSP020", f"{text}no entry {name_!r}", connector.place))
+            elif connector.type not in (None, entry.type) or connector.dimensions not in (
+                (),
+                entry.dimensions,
+            ):
+                text += f"an entry {name_!r} of another type or size than the connector"
                 self.problems.append(found("SSP020", text, connector.place))
         node.connectors = {
             c.name: replace(entries[c.name], kind=c.kind)

@@ -143,9 +143,7 @@ class Wiring:
         suppressed = read_boolean(item.get("suppressUnitConversion"))
         hop = Hop(transformation, suppressed, target.unit, target.type, place_of(item))
         around = any(kind.startswith("system ") for kind in (first_kind, second_kind))
-        if (
-            around and not node.path
-        ):  # paths from component to component do not lead over the outermost system
+        if around and not node.path:  # no path from component to component leads over the outermost system
             for rule, what in _misfits(node, begin, target, hop):
                 fault(rule, what)
         shapes = begin.dimensions[len(start) :], target.dimensions[len(end) :]

@@ -1,0 +1,109 @@
+"""The folder of packages and results for users of other tools, and its script, in a Python with nothing else."""
+
+from __future__ import annotations
+
+import csv
+import subprocess
+import sys
+
+import pytest
+from typer.testing import CliRunner
+
+from vdfmu.cli.commands import app
+from vdfmu.engine.cosim import simulate
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("reference") / "made"
+    done = CliRunner().invoke(app, ["reference", "planar_tracking", "--out", str(folder)])
+    assert done.exit_code == 0, done.output
+    return folder
+
+
+def compare(folder, mine, *options, table="planar_tracking_jacobi.csv"):
+    command = [sys.executable, "-I", "-S", folder / "compare.py", mine, folder / table, *options]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    return done.returncode, done.stdout + done.stderr
+
+
+def rows_of(folder):
+    with open(folder / "planar_tracking_jacobi.csv", newline="") as file:
+        return list(csv.reader(file))
+
+
+def written(path, rows, delimiter=","):
+    with open(path, "w", newline="") as file:
+        csv.writer(file, delimiter=delimiter).writerows(rows)
+    return path
+
+
+def test_the_folder_stands_alone(folder):
+    names = {path.name for path in folder.iterdir()}
+    assert names == {
+        "planar_tracking.ssp", "planar_tracking_2.0.ssp", "planar_tracking_jacobi.csv",
+        "planar_tracking_gauss-seidel.csv", "README.md", "compare.py",
+    }  # fmt: skip
+    text = (folder / "README.md").read_text()
+    assert "{" not in text
+    assert "planar_tracking_2.0.ssp" in text
+    assert "step 0.001 s" in text
+
+
+@pytest.mark.parametrize("package", ["planar_tracking.ssp", "planar_tracking_2.0.ssp"])
+def test_a_run_of_either_package_agrees(folder, tmp_path, package):
+    for algorithm in ("jacobi", "gauss-seidel"):
+        simulate(folder / package, algorithm=algorithm).to_csv(tmp_path / "mine.csv")
+        code, said = compare(folder, tmp_path / "mine.csv", table=f"planar_tracking_{algorithm}.csv")
+        assert code == 0, said
+        assert "45 of 45 signals agree, 1001 rows; largest error 0," in said
+
+
+def test_a_perturbed_signal_is_found_with_its_time(folder, tmp_path):
+    rows = rows_of(folder)
+    k = rows[0].index("plant.q[1]")
+    rows[500][k] = repr(float(rows[500][k]) + 1e-3)
+    code, said = compare(folder, written(tmp_path / "mine.csv", rows))
+    assert code == 1
+    assert (
+        f"plant.q[1]: expected {float(rows_of(folder)[500][k]):.9g} at t = {float(rows[500][0]):g} s" in said
+    )
+    assert "44 of 45 signals agree" in said
+    assert compare(folder, tmp_path / "mine.csv", "--tolerance", "0.1")[0] == 0
+
+
+def test_results_that_are_a_row_late_and_of_another_master_differ(folder, tmp_path):
+    rows = rows_of(folder)
+    late = [*rows[:3], *([now[0], *before[1:]] for before, now in zip(rows[2:], rows[3:], strict=False))]
+    assert compare(folder, written(tmp_path / "late.csv", late))[0] == 1
+    assert compare(folder, folder / "planar_tracking_gauss-seidel.csv")[0] == 1
+
+
+def test_names_of_other_tools_are_understood(folder, tmp_path):
+    rows = rows_of(folder)
+    head = ["Time [s]", *(f"root::{name.replace('.', '::', 1)} [rad]" for name in rows[0][1:])]
+    code, said = compare(folder, written(tmp_path / "mine.csv", [head, *rows[2:]], ";"))
+    assert code == 0, said
+    # every other row is read on a line: off by h^2 / 8 q'' = 2e-5 for h = 4 ms and some 10 rad/s^2
+    _, said = compare(folder, written(tmp_path / "half.csv", [head, *rows[2::2]], ";"), "--tolerance", "1e-4")
+    assert "plant.q[" not in said
+    assert "no number" not in said
+
+
+def test_what_is_missing_or_ends_early_counts(folder, tmp_path):
+    rows = [[row[0], *row[2:]] for row in rows_of(folder)]
+    mine = written(tmp_path / "mine.csv", rows)
+    code, said = compare(folder, mine)
+    assert (code, "not in" in said) == (1, True)
+    assert compare(folder, mine, "--partial")[0] == 0
+    code, said = compare(folder, written(tmp_path / "short.csv", rows_of(folder)[:-10]))
+    assert code == 1
+    assert "got no number" in said
+
+
+def test_a_file_that_cannot_be_read(folder, tmp_path):
+    for text in ("", "a,b\n1,2\n", "time,a\n", "time,a\n1\n"):
+        (tmp_path / "mine.csv").write_text(text)
+        code, said = compare(folder, tmp_path / "mine.csv")
+        assert (code, "cannot be read" in said) == (2, True)
+    assert compare(folder, tmp_path / "none.csv")[0] == 2

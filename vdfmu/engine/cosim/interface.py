@@ -1,0 +1,90 @@
+"""The interface Jacobian of a loop, from the directional derivatives of its components."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vdfmu.engine.cosim.coupled import Block, Coupled, Unit
+
+__all__ = ["interface_inverse"]
+
+Floats = NDArray[np.float64]
+
+
+def interface_inverse(block: Block, coupled: Coupled, h: float) -> Floats | None:
+    """Return the inverse of the derivative of a loop's residual by the guess: see `Broyden`.
+
+    Each component is taken as x' = A x + B u, y = C x + D u, with the matrices at the start of a step of `h` [s]. None
+    if one of them gives no directional derivatives, or if there is no inverse.
+    """
+    if not all(unit.slave.description.derives_unknowns for unit in block.units):
+        return None
+    passes = [_sensitivity(unit, coupled, h) for unit in block.units]
+    residual = np.empty((block.torn.size, block.torn.size))
+    for column, torn in enumerate(block.torn):
+        changes = np.zeros(coupled.outputs.size)
+        changes[torn] = 1.0
+        for each in passes:
+            each(changes)
+        residual[:, column] = changes[block.torn]
+    residual -= np.eye(block.torn.size)
+    try:
+        inverse: Any = np.linalg.inv(residual)
+    except np.linalg.LinAlgError:
+        return None
+    return inverse if np.isfinite(inverse).all() else None
+
+
+def _sensitivity(unit: Unit, coupled: Coupled, h: float) -> Callable[[Floats], None]:
+    """Return the function that brings changes of outputs at the end of a step through a component."""
+    slave, bank = unit.slave, coupled.bank
+    outputs = coupled.read_of(slave.name)
+    own = bank.links[bank.input_windows[slave.name]]
+    moving = [i for i, k in enumerate(own) if not k.discrete]
+    links = [own[i] for i in moving]
+    sources = [bank.position[k.start] for k in links]
+    factors = np.array([k.conversion.factor for k in links])
+    ends = [bank.variables[i][1] for i in outputs]
+    states = slave.description.states
+    n = sum(length for *_, length in states)
+    # each array with all of its elements, as its directional derivatives are
+    begins: list[tuple[int, int]] = [(x, length) for x, _, length in states]
+    begins += dict.fromkeys((k.sink.reference, k.sink.length) for k in links)
+    finals = [(rate, length) for _, rate, length in states]
+    finals += dict.fromkeys((v.reference, v.length) for v in ends)
+
+    def places(wanted: list[tuple[int, int]], among: list[tuple[int, int]]) -> list[int]:
+        elements = [(reference, i) for reference, length in among for i in range(length)]
+        at = {element: i for i, element in reversed(list(enumerate(elements)))}
+        return [at[element] for element in wanted]
+
+    size = sum(length for _, length in finals)
+    knowns = [reference for reference, _ in begins]
+    unknowns = [reference for reference, _ in finals]
+    seeds = np.eye(sum(length for _, length in begins))
+    jacobian = np.array([slave.differentiate(unknowns, size, knowns, seed) for seed in seeds])
+    jacobian = jacobian.reshape(len(seeds), size).T
+    inputs = [n + i for i in places([(k.sink.reference, k.sink.index) for k in links], begins[len(states) :])]
+    rows = [n + i for i in places([(v.reference, v.index) for v in ends], finals[len(states) :])]
+    m = len(links)
+    motion = np.zeros((n + 2 * m, n + 2 * m))  # x' = A x + B u, u' = w, w' = 0
+    motion[:n, : n + m] = jacobian[:n, [*range(n), *inputs]]
+    motion[n : n + m, n + m :] = np.eye(m)
+    from scipy.linalg import expm  # takes long to import
+
+    part = expm(h / len(unit.parts) * motion)
+    state = np.zeros((n + 2 * m, m))
+    for hold, _ in unit.parts:
+        state[n : n + m] = np.diag(hold[moving])
+        state[n + m :] = np.diag(1.0 - hold[moving]) / h if unit.runs else 0.0
+        state = part @ state
+    gain = jacobian[np.ix_(rows, [*range(n), *inputs])] @ state[: n + m]
+
+    def through(changes: Floats) -> None:
+        changes[outputs] = gain @ (factors * changes[sources])
+
+    return through
