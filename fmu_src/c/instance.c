@@ -4,6 +4,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "processor.h"
 #include "solver.h"
 #include "state.h"
 
@@ -201,6 +202,7 @@ Instance *instance_new(const Host *host, const char *call, const char *name, con
         I->host = *host;
         I->kind = kind;
         I->call = call;
+        I->solver_step = unit.solver_step_avx2 && processor_has_avx2() ? unit.solver_step_avx2 : unit.solver_step;
     }
     if (!I || !allocate(I, name)) {
         fail(&nameless, "out of memory.");

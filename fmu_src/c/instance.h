@@ -78,6 +78,7 @@ typedef struct {
     size_t *size_at;         /* (n) number of values of a value reference, 0 if there is none */
     unsigned char *quick_at; /* (n) what a value reference allows without a closer look, of the bits below */
     double *before, *d;      /* (n) room for a copy of the memory, for a derivative; `before` owns these four */
+    SolverStep *solver_step; /* the copy for this processor */
     double *x_new, *ratio;   /* (n_x) room for the solver */
     bool set_requested;      /* in the intermediate update under way */
     State *states;

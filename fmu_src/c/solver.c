@@ -3,8 +3,6 @@
 #include <math.h>
 #include <string.h>
 
-#include "unit.h"
-
 #define ORDER 4.0
 #define SAFETY 0.9
 #define SHRINK 0.2
@@ -46,7 +44,7 @@ bool solver_advance(const Solver *s, double t, double duration, SolverFailure *f
             h = 0.5 * rest;
 
         double error;
-        unit.solver_step(s->m, s->rate, h, s->tolerance, s->x_new, &error, s->ratio);
+        s->step(s->m, s->rate, h, s->tolerance, s->x_new, &error, s->ratio);
         const double factor = error > 0.0 ? SAFETY * pow(error, -1.0 / ORDER) : GROW;
         if (error <= 1.0) {
             done = last ? duration : done + h;

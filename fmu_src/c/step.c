@@ -118,6 +118,7 @@ static Status integrate(Instance *I, Step *s)
     memcpy(I->before, I->m, bytes);
     I->m[unit.time] = s->point;
     const Solver solver = {
+        .step = I->solver_step,
         .m = I->m, .before = I->before, .rate = I->rate, .rates = c->rates, .h = &c->h, .tolerance = tolerance_of(I),
         .x_new = I->x_new, .ratio = I->ratio, .accepted = I->host.update ? intermediate_update : NULL, .context = s,
     };

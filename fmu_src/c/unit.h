@@ -55,6 +55,9 @@ typedef struct {
     const size_t *row, *begin, *column;
 } Pattern;
 
+typedef void SolverStep(const double *m, const double *rate, double h, double tolerance,
+                        double *x_new, double *norm, double *ratio);
+
 typedef struct {
     const char *name;  /* "Plant" */
     const char *guid;  /* "{...}", also the instantiation token of FMI 3 */
@@ -94,8 +97,8 @@ typedef struct {
 
     /* One step of the solver over h [s]; the inputs are m[i] + rate[i] * (time since the start of the step). NULL if the
      * unit has no states. `ratio` is the local error by component over the tolerance, `norm` its root mean square. */
-    void (*solver_step)(const double *m, const double *rate, double h, double tolerance,
-                        double *x_new, double *norm, double *ratio);
+    SolverStep *solver_step;
+    SolverStep *solver_step_avx2; /* the same bits, for processors with AVX2; NULL if there is none */
 } Unit;
 
 extern const Unit unit;

@@ -29,6 +29,7 @@ app = typer.Typer(
 for function, example in (
     (runs.run, "vdfmu run tracking --set controller.K_p=1500 --out results/soft"),
     (runs.simulate, "vdfmu simulate tracking.ssp --master jacobi --out results/jacobi"),
+    (runs.federate, "vdfmu federate tracking.ssp --split plant --split feedforward,controller"),
     (
         tunes.tune,
         "vdfmu tune tracking --vary controller.K_p --vary controller.K_v --cost 'rms(trajectory.q_d - plant.q)' "

@@ -10,7 +10,7 @@ import casadi as ca
 
 from vdfmu.errors import FmuError, KernelError
 from vdfmu.fmu.native.compile import native_available
-from vdfmu.fmu.native.generate import kernel_source
+from vdfmu.fmu.native.kernels import kernel_source
 from vdfmu.fmu.native.loaded import SHOWN, loaded
 from vdfmu.kernel.c_code import c_prototype
 from vdfmu.study.wired import Action, Carry, Clock, Run, System

@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from vdfmu.errors import FmuError, KernelError
 from vdfmu.fmu.native.compile import native_available
-from vdfmu.fmu.native.generate import kernel_source
+from vdfmu.fmu.native.kernels import kernel_source
 from vdfmu.fmu.native.loaded import SHOWN, loaded
 from vdfmu.kernel.c_code import c_prototype
 
