@@ -12,6 +12,8 @@ Python API
     A whole scenario: co-simulation, references, comparison, files.
 ``simulate``, ``load_ssp``
     The master, for systems of FMUs of FMI 2.0 and 3.0.
+``federate``
+    The same in several processes, on one or several machines.
 ``Simulator``
     The same for many runs of one system, whose components stay loaded.
 ``sweep``
@@ -36,6 +38,7 @@ if TYPE_CHECKING:
     )
     from vdfmu.engine.cosim import Results, Simulator, simulate
     from vdfmu.engine.cosim.container import write_container
+    from vdfmu.engine.federation import federate
     from vdfmu.engine.ssp import load_ssp
     from vdfmu.engine.ssp.limits import package_limit
     from vdfmu.errors import VdfmuError
@@ -55,6 +58,7 @@ _WHERE = {
     "Sweep": "vdfmu.sweeps.table",
     "VdfmuError": "vdfmu.errors",
     "build_fmus": "vdfmu.fmu",
+    "federate": "vdfmu.engine.federation",
     "forward_dynamics": "vdfmu.dynamics",
     "forward_kinematics": "vdfmu.dynamics",
     "gravity_torque": "vdfmu.dynamics",
@@ -84,6 +88,7 @@ __all__ = [
     "VdfmuError",
     "__version__",
     "build_fmus",
+    "federate",
     "forward_dynamics",
     "forward_kinematics",
     "gravity_torque",

@@ -108,20 +108,13 @@ def forward_dynamics(
 
     Parameters
     ----------
-    robot : Robot
-    q, q_dot : (n,) or (m, n) [rad or m, per s]
     tau : (n,) or (m, n) [N m or N], link-side
-    F_e : (6,) or (m, 6) [N, N m], optional
-        Wrench on the surroundings in {O}.
+    robot, q, q_dot, F_e
+        As of :func:`inverse_dynamics`, with its errors.
 
     Returns
     -------
     q_ddot : (n,) or (m, n) [rad/s2 or m/s2]
-
-    Raises
-    ------
-    KernelError
-        For a wrong shape or a number that is not finite.
     """
     kernel = _kernel(robot)
     n = kernel.robot.n
@@ -132,20 +125,11 @@ def forward_dynamics(
 def gravity_torque(robot: Robot, q: npt.ArrayLike) -> npt.NDArray[np.float64]:
     """Joint torques that hold the rigid arm at rest against gravity, Eq. (44)-(47) with (62).
 
-    Parameters
-    ----------
-    robot : Robot
-    q : (n,) or (m, n) [rad or m]
-        One position or a batch of m.
+    For one position `q`, (n,) [rad or m], or a batch, (m, n); errors as of :func:`inverse_dynamics`.
 
     Returns
     -------
     G : (n,) or (m, n) [N m or N], link-side
-
-    Raises
-    ------
-    KernelError
-        For a wrong shape or a number that is not finite.
     """
     rest = np.zeros(robot_argument(robot).n)
     return inverse_dynamics(robot, q, rest, rest)
@@ -154,21 +138,12 @@ def gravity_torque(robot: Robot, q: npt.ArrayLike) -> npt.NDArray[np.float64]:
 def mass_matrix(robot: Robot, q: npt.ArrayLike) -> npt.NDArray[np.float64]:
     """Mass matrix of the rigid arm by the mapping matrices (37)-(43), without the rotors.
 
-    Parameters
-    ----------
-    robot : Robot
-    q : (n,) or (m, n) [rad or m]
-        One position or a batch of m.
+    For one position `q`, (n,) [rad or m], or a batch, (m, n); errors as of :func:`inverse_dynamics`.
 
     Returns
     -------
     M : (n, n) or (m, n, n) [kg m2, kg m, kg]
         Symmetric positive definite; ``M @ q_ddot`` are link-side torques.
-
-    Raises
-    ------
-    KernelError
-        For a wrong shape or a number that is not finite.
     """
     n = robot_argument(robot).n
     return _at_position(robot, "mass_matrix", q, (n, n))
@@ -177,21 +152,12 @@ def mass_matrix(robot: Robot, q: npt.ArrayLike) -> npt.NDArray[np.float64]:
 def jacobian(robot: Robot, q: npt.ArrayLike) -> npt.NDArray[np.float64]:
     """Jacobian of the end effector, Eq. (37)-(38): ``V_O = J_q @ q_dot``.
 
-    Parameters
-    ----------
-    robot : Robot
-    q : (n,) or (m, n) [rad or m]
-        One position or a batch of m.
+    For one position `q`, (n,) [rad or m], or a batch, (m, n); errors as of :func:`inverse_dynamics`.
 
     Returns
     -------
     J_q : (6, n) or (m, 6, n) [m, rad, and per rad or m]
         Linear part first, in the end-effector frame {O}; ``J_q.T @ F_e`` are the torques for a wrench in {O}.
-
-    Raises
-    ------
-    KernelError
-        For a wrong shape or a number that is not finite.
     """
     return _at_position(robot, "jacobian", q, (6, robot_argument(robot).n))
 
@@ -201,11 +167,7 @@ def forward_kinematics(
 ) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
     """Pose of the end-effector frame {O} in {I}, by the product of (34)-(36).
 
-    Parameters
-    ----------
-    robot : Robot
-    q : (n,) or (m, n) [rad or m]
-        One position or a batch of m.
+    For one position `q`, (n,) [rad or m], or a batch, (m, n); errors as of :func:`inverse_dynamics`.
 
     Returns
     -------
@@ -213,11 +175,6 @@ def forward_kinematics(
         Position of the origin of {O} in {I}.
     R_O : (3, 3) or (m, 3, 3)
         Rotation of {O} in {I}: ``R_O @ v`` turns a vector in {O} into {I}.
-
-    Raises
-    ------
-    KernelError
-        For a wrong shape or a number that is not finite.
     """
     pose = _at_position(robot, "forward_kinematics", q, (12,))
     return pose[..., :3], pose[..., 3:].reshape(*pose.shape[:-1], 3, 3)

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import difflib
 import re
+from collections.abc import Iterable
 
-__all__ = ["shown", "error_text"]
+__all__ = ["close_to", "error_text", "shown"]
 
 _ACTING = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069\ud800-\udfff]")
 """What a terminal acts on: controls but tab and newline, directions of writing, halves of characters."""
@@ -19,3 +21,9 @@ def error_text(error: object) -> str:
     """Return what an error says, with what was added to it on its way."""
     notes = getattr(error, "__notes__", [])
     return ". ".join([*filter(None, [str(error).removesuffix(".")]), *notes]) if notes else str(error)
+
+
+def close_to(name: str, known: Iterable[str]) -> str:
+    """Return known names that are close to a wrong one, as the end of a message."""
+    close = difflib.get_close_matches(name, list(known), n=3)
+    return f"; did you mean {', '.join(close)}?" if close else ""

@@ -18,6 +18,7 @@ from benchmarks import (
     c_loops,
     coupling,
     engines,
+    federation,
     fmu_growth,
     growth,
     importers,
@@ -439,6 +440,33 @@ def test_whole(report: Report) -> None:
     assert set(commands) > {"vdfmu --help", "vdfmu run, references kept"} and min(commands.values()) > 0.0
     assert report.facts["results.csv_mb"] > report.facts["results.parquet_mb"] > 0.1
     assert report.facts["a state of a batch, compiled"] > 0.0
+
+
+@pytest.mark.slow
+def test_federation(report: Report, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(federation, "BURNS", (0.0, 1e-4))
+    monkeypatch.setattr(federation, "CORES", ("ipc",))
+    monkeypatch.setattr(federation, "measured", lambda quick: ("planar_tracking", 5, 5, 1))
+    federation.run(report)
+    forms, loads = report.tables
+    assert [(row[0], row[1]) for row in forms.rows] == [
+        ("1", "none"),
+        ("1, apart", "none"),
+        ("2", "ipc"),
+        ("4", "ipc"),
+    ]
+    assert [row[0] for row in loads.rows] == [0.0, 100.0]
+    saved(report)
+
+
+def test_break_even_is_the_last_crossing() -> None:
+    loads, one = (0.0, 1.0, 2.0, 4.0), (0.0, 2.0, 4.0, 8.0)
+    assert (
+        federation.break_even(loads, one, (3.0, 3.0, 3.0, 5.0)) == 1.5
+    )  # half between 1, slower by 1, and 2, faster by 1
+    assert federation.break_even(loads, one, (3.0, 1.0, 5.0, 5.0)) == 2.5  # a lucky one before does not count
+    assert federation.break_even(loads, one, (9.0, 9.0, 9.0, 9.0)) is None
+    assert federation.break_even(loads, one, (-1.0, 1.0, 3.0, 7.0)) == 0.0
 
 
 def test_time_at_an_error_is_interpolated() -> None:

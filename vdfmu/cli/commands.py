@@ -29,6 +29,7 @@ app = typer.Typer(
 for function, example in (
     (runs.run, "vdfmu run tracking --set controller.K_p=1500 --out results/soft"),
     (runs.simulate, "vdfmu simulate tracking.ssp --master jacobi --out results/jacobi"),
+    (runs.federate, "vdfmu federate tracking.ssp --split plant --split feedforward,controller"),
     (files.build, "vdfmu build tracking --backend native --fmi 3.0 --platform all --out fmus"),
     (files.container, "vdfmu container tracking --out tracking.fmu"),
     (files.ssp, "vdfmu ssp two_joint --format 2.0 --out two_joint.ssp"),

@@ -7,7 +7,7 @@ import os
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -26,6 +26,9 @@ from vdfmu.cli.terminal import (
     say_notes,
 )
 from vdfmu.errors import StorageError
+
+if TYPE_CHECKING:
+    from vdfmu.scenario import Scenario
 
 
 def build(
@@ -51,11 +54,9 @@ def build(
     """Build the FMUs of a scenario's system, with the scenario's values as start values, or the FMU of a unit."""
     chosen = None if scenario.partition(":")[0].endswith(".py") else load(scenario, robot)
     from vdfmu.fmu import build_fmus
-    from vdfmu.fmu.build import build_notes
     from vdfmu.model import load_robot
-    from vdfmu.scenario.check import model_notes
     from vdfmu.scenario.parts import build_parts
-    from vdfmu.scenario.values import start_values, system_values
+    from vdfmu.scenario.values import start_values
     from vdfmu.unit.base import unit_name
     from vdfmu.units import find_unit
 
@@ -74,12 +75,21 @@ def build(
                 platforms=platform,
             )
     else:
-        say_notes([*model_notes(chosen), *build_notes(chosen.robot, backend)])
-        values = system_values(chosen, parse_settings(settings))
+        values = _values(chosen, backend, settings)
         with building():
             built = build_parts(chosen, out, values, backend=backend, fmi_version=fmi, platforms=platform)
     for path in dict.fromkeys(built.values()):
         say(str(path))
+
+
+def _values(scenario: Scenario, backend: str | None, settings: list[str] | None) -> dict[str, dict[str, Any]]:
+    """Say what is odd about a scenario that is to be built, and return the values of its components."""
+    from vdfmu.fmu.build import build_notes
+    from vdfmu.scenario.check import model_notes
+    from vdfmu.scenario.values import system_values
+
+    say_notes([*model_notes(scenario), *build_notes(scenario.robot, backend)])
+    return system_values(scenario, parse_settings(settings))
 
 
 def container(
@@ -92,17 +102,13 @@ def container(
     """Fold the system of a scenario into one native FMU that steps its units without a master."""
     chosen = load(scenario, robot)
     from vdfmu.engine.cosim.container import write_container
-    from vdfmu.fmu.build import build_notes
-    from vdfmu.scenario.check import model_notes
     from vdfmu.scenario.parts import cached_fmus
-    from vdfmu.scenario.values import system_values
     from vdfmu.ssp.write import write_ssp
     from vdfmu.study.run import prepare
     from vdfmu.temporary import temporary_folder
 
     chosen = prepare(chosen, step=step)
-    say_notes([*model_notes(chosen), *build_notes(chosen.robot, "native")])
-    values = system_values(chosen, parse_settings(settings))
+    values = _values(chosen, "native", settings)
     path = out if out is not None else Path(f"{chosen.name}.fmu")
     with building(), temporary_folder("vdfmu_") as folder:
         package = write_ssp(
@@ -136,17 +142,13 @@ def ssp(
     The FMUs have the scenario's values as start values too, for importers that do not apply all parameter sets.
     """
     chosen = load(scenario, robot)
-    from vdfmu.fmu.build import build_notes
-    from vdfmu.scenario.check import model_notes
     from vdfmu.scenario.parts import build_parts
-    from vdfmu.scenario.values import system_values
     from vdfmu.ssp.versions import fmi_of_format
     from vdfmu.ssp.write import write_osp, write_ssp
     from vdfmu.temporary import temporary_folder
 
     fmi_version = fmi_of_format(form, backend)
-    say_notes([*model_notes(chosen), *build_notes(chosen.robot, backend)])
-    values = system_values(chosen, parse_settings(settings))
+    values = _values(chosen, backend, settings)
     with temporary_folder("vdfmu_") as folder:
         with building():
             fmus = build_parts(chosen, folder, values, backend=backend, fmi_version=fmi_version)

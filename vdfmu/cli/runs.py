@@ -1,4 +1,4 @@
-"""``vdfmu run`` and ``simulate``."""
+"""``vdfmu run``, ``simulate`` and ``federate``."""
 
 from __future__ import annotations
 
@@ -63,6 +63,33 @@ FormatOption = Annotated[
     str,
     typer.Option(
         "--format", metavar="csv|parquet", help="Files of the results: csv, parquet, or csv,parquet for both."
+    ),
+]
+
+PackageArgument = Annotated[
+    Path, typer.Argument(help="A system package of SSP 1.0 or 2.0, of this or any other tool.")
+]
+VariantOption = Annotated[
+    str, typer.Option(metavar="SSD", help="The SSD to run, where the package has several.")
+]
+StartOption = Annotated[float | None, typer.Option(help="Start of the run in seconds.")]
+ToleranceOption = Annotated[float | None, typer.Option(help="Relative tolerance for the units' solvers.")]
+RecordOption = Annotated[
+    list[str] | None,
+    typer.Option(metavar="SIGNAL", help="Signals to record, such as 'plant.q[*]'; default all. Repeatable."),
+]
+ValueOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--set",
+        metavar="COMPONENT.VARIABLE=VALUE",
+        help="Set a parameter or input; without an index, of all elements. Repeatable.",
+    ),
+]
+UnmatchedOption = Annotated[
+    bool,
+    typer.Option(
+        "--ignore-unmatched", help="Ignore values of the package's parameter sets that no variable takes."
     ),
 ]
 
@@ -143,44 +170,21 @@ def run(
 
 
 def simulate(
-    package: Annotated[
-        Path, typer.Argument(help="A system package of SSP 1.0 or 2.0, of this or any other tool.")
-    ],
-    variant: Annotated[
-        str, typer.Option(metavar="SSD", help="The SSD to run, where the package has several.")
-    ] = "SystemStructure.ssd",
-    start: Annotated[float | None, typer.Option(help="Start of the run in seconds.")] = None,
+    package: PackageArgument,
+    variant: VariantOption = "SystemStructure.ssd",
+    start: StartOption = None,
     stop: StopOption = None,
     step: StepOption = None,
     master: MasterOption = None,
     adaptive: AdaptiveOption = None,
-    tolerance: Annotated[
-        float | None, typer.Option(help="Relative tolerance for the units' solvers.")
-    ] = None,
+    tolerance: ToleranceOption = None,
     out: Annotated[Path | None, typer.Option(help="Folder of the results; default results/NAME_ssp.")] = None,
     overwrite: OverwriteOption = False,
-    record: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="SIGNAL", help="Signals to record, such as 'plant.q[*]'; default all. Repeatable."
-        ),
-    ] = None,
-    settings: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--set",
-            metavar="COMPONENT.VARIABLE=VALUE",
-            help="Set a parameter or input; without an index, of all elements. Repeatable.",
-        ),
-    ] = None,
+    record: RecordOption = None,
+    settings: ValueOption = None,
     inputs: InputOption = None,
     input_hold: HoldOption = False,
-    ignore_unmatched: Annotated[
-        bool,
-        typer.Option(
-            "--ignore-unmatched", help="Ignore values of the package's parameter sets that no variable takes."
-        ),
-    ] = False,
+    ignore_unmatched: UnmatchedOption = False,
     unpack_limit: UnpackOption = None,
     isolate: Annotated[
         bool | None,
@@ -240,6 +244,92 @@ def simulate(
         )
     console.print(tables.run_panel(results.summary))
     _say_written(out if out is not None else default_folder(package), SYSTEM_OUTPUTS)
+
+
+def federate(
+    package: PackageArgument,
+    split: Annotated[
+        list[str],
+        typer.Option(
+            metavar="COMPONENT,...",
+            help="Components of one federate, which has the name of the first; those not named are one more. "
+            "Repeatable.",
+        ),
+    ],
+    only: Annotated[
+        str | None,
+        typer.Option(
+            "--federate", metavar="NAME", help="Run this federate only; others run elsewhere. With --broker."
+        ),
+    ] = None,
+    broker: Annotated[
+        str | None,
+        typer.Option(
+            metavar="HOST:PORT",
+            help="The HELICS broker of all federates; default one of the run, on loopback.",
+        ),
+    ] = None,
+    core: Annotated[
+        str,
+        typer.Option(help="How HELICS carries messages: zmq, tcp, tcp_ss, or ipc on one machine."),
+    ] = "zmq",
+    variant: VariantOption = "SystemStructure.ssd",
+    start: StartOption = None,
+    stop: StopOption = None,
+    step: StepOption = None,
+    tolerance: ToleranceOption = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(help="Folder of the results; default results/NAME_ssp, or NAME_ssp_FEDERATE."),
+    ] = None,
+    overwrite: OverwriteOption = False,
+    formats: FormatOption = "csv",
+    record: RecordOption = None,
+    settings: ValueOption = None,
+    inputs: InputOption = None,
+    input_hold: HoldOption = False,
+    ignore_unmatched: UnmatchedOption = False,
+    unpack_limit: UnpackOption = None,
+    time_limit: Annotated[
+        float | None,
+        typer.Option(help="Seconds that a step may take, and each wait for others; default 300."),
+    ] = None,
+) -> None:
+    """Run a system package in several processes, on this machine or on several, joined by HELICS.
+
+    Each steps its components with what the others had at the start of the step, as --master jacobi does in one process.
+    """
+    from vdfmu.engine.federation import Federation
+    from vdfmu.engine.folder import SYSTEM_OUTPUTS
+    from vdfmu.engine.simulate import default_folder, run_system
+    from vdfmu.engine.ssp.limits import package_limit
+    from vdfmu.report import tables
+
+    folder = default_folder(package)
+    folder = out or (folder if only is None else folder.with_name(f"{folder.name}_{only}"))
+    with Bars() as bars, package_limit(unpack_limit):
+        results = run_system(
+            package,
+            variant=variant,
+            start=start,
+            stop=stop,
+            step=step,
+            tolerance=tolerance,
+            settings=parse_settings(settings),
+            inputs=inputs,
+            input_hold=input_hold,
+            record=record or None,
+            ignore_unmatched=ignore_unmatched,
+            time_limit=time_limit,
+            federation=Federation(split, only, broker, core),
+            out=folder,
+            overwrite=overwrite,
+            formats=formats.split(","),
+            progress=bars.update,
+            log=bars.log,
+        )
+    console.print(tables.run_panel(results.summary))
+    _say_written(folder, SYSTEM_OUTPUTS)
 
 
 def _say_written(folder: Path, outputs: Sequence[str]) -> None:

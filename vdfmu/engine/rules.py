@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from typing import Any, NamedTuple
 
-__all__ = ["RULES", "Finding", "Place", "Rule", "found", "place_of", "rules_table", "within"]
+__all__ = ["RULES", "Finding", "Place", "Rule", "found", "place_of", "reworded", "rules_table", "within"]
 
 Place = tuple[str, int]
 """XML file, with the package before it, and line; empty and 0 where there is none."""
@@ -63,8 +63,12 @@ def found(number: str, text: str, at: Any = ("", 0)) -> Finding:
 
 def within(place: str, text: str) -> str:
     """Return a text with its place before it; what is a finding stays one."""
-    longer = f"{place}: {text}" if place else text
-    return text.reworded(longer) if isinstance(text, Finding) else longer
+    return reworded(text, f"{place}: {text}" if place else text)
+
+
+def reworded(text: str, words: str) -> str:
+    """Return a text in other words; what is a finding stays one."""
+    return text.reworded(words) if isinstance(text, Finding) else words
 
 
 def fmpy_found(text: str, reworded: str = "") -> Finding:

@@ -11,6 +11,7 @@ from typing import Any
 from vdfmu import __version__
 from vdfmu.engine.cosim import Interrupted, LogMessage, Results, simulate
 from vdfmu.engine.cosim.inputs import Inputs, read_inputs
+from vdfmu.engine.federation import Federation
 from vdfmu.engine.folder import DRAWN, SYSTEM_OUTPUTS, keep, known_formats, replacing_results, write_summary
 from vdfmu.engine.ssp.read import DEFAULT, load_ssp
 from vdfmu.errors import CosimError, UsageError, VdfmuError
@@ -42,6 +43,7 @@ def run_system(
     isolate: bool | None = None,
     time_limit: float | None = None,
     memory_limit: float | None = None,
+    federation: Federation | None = None,
     out: str | os.PathLike[str] | None = None,
     overwrite: bool = False,
     formats: Sequence[str] = ("csv",),
@@ -59,7 +61,7 @@ def run_system(
         The SSD to run, where the package has several at its root.
     start, stop, step : float, optional [s]
         Simulated time and communication step; default those of the package's default experiment and its annotations.
-    master, adaptive, tolerance, record, ignore_unmatched, isolate, time_limit, memory_limit : optional
+    master, adaptive, tolerance, record, ignore_unmatched, isolate, time_limit, memory_limit, federation : optional
         As ``algorithm`` and the others of these names of :func:`vdfmu.engine.cosim.simulate`.
     settings : mapping of str to value, optional
         Values of ``component.variable``, as ``parameters`` of :func:`vdfmu.engine.cosim.simulate`.
@@ -113,6 +115,7 @@ def run_system(
                 parameters=settings, inputs=tables, record=record, ignore_unmatched=ignore_unmatched, isolate=isolate,
                 time_limit=time_limit, memory_limit=memory_limit, log=log,
                 stream=[partial / f"results.{form}" for form in formats], about=summary,
+                federation=federation,
                 progress=progress and bound(progress, "co-simulation"),
             )  # fmt: skip
         except (CosimError, Interrupted) as error:

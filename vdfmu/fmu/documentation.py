@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from html import escape
 
 from vdfmu.fmu.content import Content
+from vdfmu.fmu.page import page, table
 from vdfmu.unit.interface import Array, Interface
 from vdfmu.unit.variable import Variable
 
@@ -19,45 +20,21 @@ _KIND = {
     "independent": "time",
 }
 
-_STYLE = """
-body { font: 16px/1.5 system-ui, sans-serif; color: #1f2328; max-width: 62rem; margin: 2rem auto; padding: 0 1rem; }
-h1 { margin-bottom: 0; } h2 { margin-top: 2.2rem; border-bottom: 1px solid #d0d7de; }
-p.what { margin-top: .3rem; color: #57606a; }
-table { border-collapse: collapse; font-size: 14px; margin: 1rem 0; }
-th, td { text-align: left; vertical-align: top; padding: .2rem .7rem .2rem 0; border-bottom: 1px solid #eaeef2; }
-td.name, td.ref { font-family: ui-monospace, monospace; white-space: nowrap; }
-code, pre { background: #f3f4f6; border-radius: 3px; } code { padding: 0 .25em; }
-pre { padding: .6rem .8rem; overflow-x: auto; font: 14px/1.45 ui-monospace, monospace; }
-.wide { overflow-x: auto; }
-"""
-
 
 def documentation_files(content: Content) -> dict[str, bytes]:
     """Path in the FMU to content."""
-    return {"documentation/index.html": _page(content).encode()}
+    return {"documentation/index.html": _page(content)}
 
 
-def _page(content: Content) -> str:
+def _page(content: Content) -> bytes:
     interface = content.interface
-    name = content.model_name
     exchange = content.backend == "native" and interface.has_states
     interfaces = "model exchange and co-simulation" if exchange else "co-simulation"
     if content.backend == "native":
         needs = "Native code; nothing need be installed."
     else:
         needs = f"It runs in a Python that has vdfmu {content.version} installed."
-    return f"""<!DOCTYPE html>
-<html lang="en">
-<head>
-<meta charset="utf-8">
-<meta name="viewport" content="width=device-width">
-<title>{name}</title>
-<style>{_STYLE}</style>
-</head>
-<body>
-<h1>{name}</h1>
-<p class="what">{escape(interface.description)}</p>
-{_robot(content)}<p>FMI {content.fmi_version}, {interfaces}. {needs}
+    body = f"""{_robot(content)}<p>FMI {content.fmi_version}, {interfaces}. {needs}
 Made by vdfmu {content.version} with {escape(content.tool)}, GUID <code>{content.guid}</code>.</p>
 {_docstring(inspect.getdoc(content.unit) or "")}
 <h2>Use</h2>
@@ -66,10 +43,8 @@ Made by vdfmu {content.version} with {escape(content.tool)}, GUID <code>{content
 {_limits(content)}
 <h2>Interface</h2>
 {_interface(content)}
-{_files(content)}
-</body>
-</html>
-"""
+{_files(content)}"""
+    return page(content.model_name, interface.description, body, 62)
 
 
 def _docstring(text: str) -> str:
@@ -173,18 +148,18 @@ def _interface(content: Content) -> str:
     interface = content.interface
     end = len(interface) if content.backend == "python" else interface.time + (content.fmi_version == "3.0")
     arrays = [a for a in interface.arrays if a.first < end]
-    rows = "\n".join(_row(content, interface, array) for array in arrays)
+    rows = [[escape(cell) for cell in _cells(content, interface, array)] for array in arrays]
     heads = ("variable", "value reference", "kind", "unit", "start", "limits", "description")
-    head = "".join(f"<th>{text}</th>" for text in heads)
     explanation = (
         "A variable with a size is an array, row by row."
         if content.fmi_version == "3.0"
         else "A row with several value references stands for as many scalar variables."
     )
-    return f'<p>{explanation}</p>\n<div class="wide"><table>\n<tr>{head}</tr>\n{rows}\n</table></div>'
+    classes = ("name", "name", "", "", "", "", "")
+    return f'<p>{explanation}</p>\n<div class="wide">{table(heads, rows, classes)}</div>'
 
 
-def _row(content: Content, interface: Interface, array: Array) -> str:
+def _cells(content: Content, interface: Interface, array: Array) -> tuple[str, ...]:
     members: Sequence[Variable] = interface.memory[array.positions]
     first, last = members[0], members[-1]
     name, reference = array.name, str(array.first)
@@ -195,18 +170,8 @@ def _row(content: Content, interface: Interface, array: Array) -> str:
     kind = _KIND.get(first.causality, f"{first.variability} parameter")
     starts = list(dict.fromkeys(_value(v) for v in members))
     start = starts[0] if len(starts) == 1 else ", ".join(_value(v) for v in members)
-    cells = (
-        ("name", name), ("ref", reference), ("", kind), ("", first.unit or ""), ("", start), ("", _bounds(first)),
-        ("", interface.array_description(array)),
-    )  # fmt: skip
-    return (
-        "<tr>"
-        + "".join(
-            f'<td class="{style}">{escape(text)}</td>' if style else f"<td>{escape(text)}</td>"
-            for style, text in cells
-        )
-        + "</tr>"
-    )
+    description = interface.array_description(array)
+    return name, reference, kind, first.unit or "", start, _bounds(first), description
 
 
 def _value(v: Variable) -> str:

@@ -37,8 +37,9 @@ def model_notes(scenario: Scenario) -> list[str]:
     angles = {
         f"{component}.{name}": value
         for component, section in section_values(scenario.system, robot, scenario.sections).items()
+        for table in [tables[component]]
         for name, value in section.items()
-        if tables[component].find(name).unit == "rad"
+        if table.variables[table.reference[name]].unit == "rad"
     }
     if robot.limits:
         for name in ("q_min", "q_max"):

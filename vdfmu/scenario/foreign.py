@@ -70,13 +70,6 @@ class ForeignInterface:
         """Name to position in the variables."""
         return {v.name: i for i, v in enumerate(self.variables)}
 
-    def find(self, name: str) -> Variable:
-        """Variable of a name; UsageError if there is none."""
-        if name in self.reference:
-            return self.variables[self.reference[name]]
-        groups = dict.fromkeys(v.group for v in self.variables)
-        raise UsageError(f"{self.name} has no variable {name!r}. There are: {', '.join(groups)}.")
-
 
 def _variables(found: Any) -> Iterator[Variable]:
     """Yield the elements of a variable that can be connected or set; none of others, such as strings."""

@@ -147,11 +147,6 @@ class SystemDescription:
         return tuple(s for s in self._signals[unit] if s.kind == kind)
 
     @cached_property
-    def step(self) -> float:
-        """Communication step [s]."""
-        return self.scenario.step
-
-    @cached_property
     def tolerance(self) -> float:
         """Tolerance of the units' solvers."""
         return float(self.values.get("plant", {}).get("tolerance", self.scenario.tolerance))

@@ -7,24 +7,12 @@ from html import escape
 from typing import Any
 
 from vdfmu import __version__
+from vdfmu.fmu.page import page, table
 from vdfmu.ssp.description import Signal, SystemDescription
 from vdfmu.ssp.drawing import draw_system
 from vdfmu.ssp.xml import value_text
 
 __all__ = ["system_page"]
-
-_STYLE = """
-body { font: 16px/1.5 system-ui, sans-serif; color: #1f2328; max-width: 76rem; margin: 2rem auto; padding: 0 1rem; }
-h1 { margin-bottom: 0; } h2 { margin-top: 2.2rem; border-bottom: 1px solid #d0d7de; }
-p.what { margin-top: .3rem; color: #57606a; }
-table { border-collapse: collapse; font-size: 14px; margin: 1rem 0; }
-th, td { text-align: left; vertical-align: top; padding: .2rem .9rem .2rem 0; border-bottom: 1px solid #eaeef2; }
-td.name { font-family: ui-monospace, monospace; white-space: nowrap; }
-td.value { font-family: ui-monospace, monospace; }
-code, pre { background: #f3f4f6; border-radius: 3px; } code { padding: 0 .25em; } pre { padding: .6rem .8rem; }
-summary { cursor: pointer; font-weight: 600; margin: .4rem 0; }
-.wide { overflow-x: auto; }
-"""
 
 
 def system_page(
@@ -43,19 +31,7 @@ def system_page(
         Of the FMUs in the package.
     """
     scenario = description.scenario
-    name = ssd.get("name")
-    page = f"""<!DOCTYPE html>
-<html lang="en">
-<head>
-<meta charset="utf-8">
-<meta name="viewport" content="width=device-width">
-<title>{escape(name)}</title>
-<style>{_STYLE}</style>
-</head>
-<body>
-<h1>{escape(name)}</h1>
-<p class="what">{escape(description.description)}</p>
-<p>Scenario {escape(scenario.name)}: {escape(scenario.description)}. Robot {escape(scenario.robot.name)}:
+    body = f"""<p>Scenario {escape(scenario.name)}: {escape(scenario.description)}. Robot {escape(scenario.robot.name)}:
 {escape(scenario.robot.description.rstrip("."))}. SSP {description.version}, FMI {fmi_version}.</p>
 <h2>Diagram</h2>
 <div class="wide">
@@ -74,25 +50,8 @@ def system_page(
 <h2>Connectors</h2>
 {_connectors(description)}
 <h2>Licence and origin</h2>
-<p>MIT. Made by vdfmu {__version__} from the same description as the other files of this package.</p>
-</body>
-</html>
-"""
-    return page.encode()
-
-
-def _table(heads: Sequence[str], rows: Iterable[Sequence[str]], classes: Sequence[str]) -> str:
-    lines = ["<table>", "<tr>" + "".join(f"<th>{head}</th>" for head in heads) + "</tr>"]
-    for row in rows:
-        cells = zip(row, classes, strict=True)
-        lines.append(
-            "<tr>"
-            + "".join(
-                f'<td class="{kind}">{cell}</td>' if kind else f"<td>{cell}</td>" for cell, kind in cells
-            )
-            + "</tr>"
-        )
-    return "\n".join([*lines, "</table>"])
+<p>MIT. Made by vdfmu {__version__} from the same description as the other files of this package.</p>"""
+    return page(ssd.get("name"), description.description, body, 76)
 
 
 def _components(description: SystemDescription) -> str:
@@ -105,7 +64,7 @@ def _components(description: SystemDescription) -> str:
         )
         for unit, table in description.tables.items()
     ]
-    return _table(("component", "FMU", "", "parameter sets"), rows, ("name", "name", "", ""))
+    return table(("component", "FMU", "", "parameter sets"), rows, ("name", "name", "", ""))
 
 
 def _binding(file: str, mapping: Sequence[tuple[str, str]]) -> str:
@@ -116,7 +75,7 @@ def _binding(file: str, mapping: Sequence[tuple[str, str]]) -> str:
 
 def _run(description: SystemDescription) -> str:
     scenario = description.scenario
-    step, stop = f"{description.step:g}", f"{scenario.stop:g}"
+    step, stop = f"{scenario.step:g}", f"{scenario.stop:g}"
     text = f"""<p>From 0 to {stop} s with a communication step of {step} s. The numbers of the scenario are for the
 <code>{scenario.master}</code> algorithm; solver tolerance of the plant {description.tolerance:g}. The annotations
 of the default experiment say the same.</p>
@@ -149,7 +108,7 @@ def _connections(description: SystemDescription) -> str:
         )
         for (a, b), links in counts.items()
     ]
-    return _table(("from", "to", "signals", "unit"), rows, ("name", "name", "", ""))
+    return table(("from", "to", "signals", "unit"), rows, ("name", "name", "", ""))
 
 
 def _units(signals: Iterable[Signal]) -> str:
@@ -172,9 +131,9 @@ def _parameters(description: SystemDescription) -> str:
             )
             for signal, values in parameters.entries
         ]
-        table = _table(("parameter", "value", "unit", ""), rows, ("name", "value", "", ""))
+        listed = table(("parameter", "value", "unit", ""), rows, ("name", "value", "", ""))
         head = f"{file}: set {parameters.name}, for {', '.join(takers[file])}"
-        parts.append(f"<details><summary>{head}</summary>\n{table}\n</details>")
+        parts.append(f"<details><summary>{head}</summary>\n{listed}\n</details>")
     return "\n".join(parts)
 
 
@@ -191,8 +150,8 @@ def _connectors(description: SystemDescription) -> str:
             for kind in ("input", "output")
             for s in description.signals(unit, kind)
         ]
-        table = _table(("connector", "kind", "type", "unit", ""), rows, ("name", "", "", "", ""))
-        parts.append(f"<details><summary>{unit}</summary>\n{table}\n</details>")
+        listed = table(("connector", "kind", "type", "unit", ""), rows, ("name", "", "", "", ""))
+        parts.append(f"<details><summary>{unit}</summary>\n{listed}\n</details>")
     return "\n".join(parts)
 
 

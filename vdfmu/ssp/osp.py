@@ -91,18 +91,18 @@ def osp_structure(description: SystemDescription, names: Mapping[str, str]) -> A
     for key, text in (
         ("StartTime", number(0.0)),
         ("EndTime", number(description.scenario.stop)),
-        ("BaseStepSize", number(description.step)),
+        ("BaseStepSize", number(description.scenario.step)),
         ("Algorithm", "fixedStep"),
     ):
         _add(top, key).text = text
     simulators = _add(top, "Simulators")
     for unit, table in description.tables.items():
         simulator = _add(
-            simulators, "Simulator", name=unit, source=names[unit], stepSize=number(description.step)
+            simulators, "Simulator", name=unit, source=names[unit], stepSize=number(description.scenario.step)
         )
         initial = _add(simulator, "InitialValues")
         for name, value in description.values[unit].items():
-            kind = table.find(name).type
+            kind = table.variables[table.reference[name]].type
             _add(_add(initial, "InitialValue", variable=name), kind, value=value_text(kind, value))
     connections = _add(top, "Connections")
     for link in description.links:

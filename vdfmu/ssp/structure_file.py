@@ -120,7 +120,7 @@ def _add_experiment(top: Any, description: SystemDescription) -> None:
     annotations = add(experiment, "ssd:Annotations")
     ours = add(annotations, "ssc:Annotation", type=EXPERIMENT_TYPE)
     attributes = {
-        "communicationStepSize": float(description.step),
+        "communicationStepSize": float(scenario.step),
         "algorithm": scenario.master,
         "solverTolerance": description.tolerance,
     }
@@ -129,4 +129,4 @@ def _add_experiment(top: Any, description: SystemDescription) -> None:
     add_foreign(ours, FOREIGN["vdfmu"], "Experiment", **attributes)
     osp = add(annotations, "ssc:Annotation", type=OSP_TYPE)
     algorithm = add_foreign(osp, FOREIGN["osp"], "Algorithm")
-    add_foreign(algorithm, FOREIGN["osp"], "FixedStepAlgorithm", baseStepSize=float(description.step))
+    add_foreign(algorithm, FOREIGN["osp"], "FixedStepAlgorithm", baseStepSize=float(scenario.step))

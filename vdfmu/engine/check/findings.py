@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 
-from vdfmu.engine.rules import Finding, within
+from vdfmu.engine.rules import Finding, reworded, within
 
 __all__ = ["Findings", "one_line"]
 
@@ -49,5 +49,4 @@ def _placed(texts: Iterable[str], where: str, file: str) -> Iterable[str]:
 
 def one_line(text: str) -> str:
     """Return a text without line breaks: a problem is one line, whatever a foreign parser or unit says."""
-    line = "; ".join(line.strip() for line in text.splitlines() if line.strip())
-    return text.reworded(line) if isinstance(text, Finding) else line
+    return reworded(text, "; ".join(line.strip() for line in text.splitlines() if line.strip()))

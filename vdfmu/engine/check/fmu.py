@@ -15,7 +15,7 @@ from vdfmu.engine.check.binary import ENDINGS, architecture_fault, library_fault
 from vdfmu.engine.check.description import DESCRIPTION, description_faults
 from vdfmu.engine.check.findings import Findings
 from vdfmu.engine.check.fmi import BUILD, TERMINALS, build_faults, terminal_faults, variable_faults
-from vdfmu.engine.rules import Finding, found
+from vdfmu.engine.rules import found, reworded
 from vdfmu.engine.ssp.archive import Archive
 from vdfmu.engine.ssp.parse import parse_xml
 from vdfmu.errors import SspError, StorageError
@@ -92,17 +92,13 @@ def _examine(path: Path, name: str, outer: Archive | None) -> tuple[Findings, st
         unit = _read(path, name, findings, outer)
     except SspError as error:
         why = f"{name} is no FMU that can be read"
-        return Findings([_reworded(p, f"{why}: {p.removeprefix(f'{name}: ')}") for p in error.problems]), None
+        return Findings([reworded(p, f"{why}: {p.removeprefix(f'{name}: ')}") for p in error.problems]), None
     root = unit.roots[DESCRIPTION]
     version = root.get("fmiVersion")
     standard = f"FMI {version}" if version else None
-    if not version:
-        text = f"{DESCRIPTION}: has no fmiVersion; expected 1.0, 2.0 or 3.0"
-        findings.problems.append(found("FMI002", text, root))
-        return findings, standard
-    if not _VERSION.fullmatch(version):
-        text = f"{DESCRIPTION}: fmiVersion is {version!r}; expected 1.0, 2.0 or 3.0"
-        findings.problems.append(found("FMI002", text, root))
+    if not _VERSION.fullmatch(version or ""):
+        got = f"fmiVersion is {version!r}" if version else "has no fmiVersion"
+        findings.problems.append(found("FMI002", f"{DESCRIPTION}: {got}; expected 1.0, 2.0 or 3.0", root))
         return findings, standard
     if version == "1.0":
         text = "FMI 1.0: fmpy and other importers run it, the master of vdfmu takes FMI 2.0 and 3.0"
@@ -140,10 +136,6 @@ def _rules(unit: _Unit) -> tuple[Findings, Any]:
     if description is None:  # faults against the schema come alone
         return Findings(problems), None
     return Findings([*problems, *ours, *build.problems], build.notes), description
-
-
-def _reworded(text: str, words: str) -> str:
-    return text.reworded(words) if isinstance(text, Finding) else words
 
 
 def read_unit(path: Path) -> Any:

@@ -9,13 +9,14 @@ from typing import Any
 from vdfmu.engine.cosim.conversion import Conversion, MisfitError, Value, as_type, compose
 from vdfmu.engine.cosim.description import Description, inspect_description
 from vdfmu.engine.cosim.link import Link, Port
-from vdfmu.engine.cosim.overrides import Starts, hint, why_not
+from vdfmu.engine.cosim.overrides import Starts, why_not
 from vdfmu.engine.cosim.variables import Variable, limit_fault, type_of
 from vdfmu.engine.rules import Finding, found, within
 from vdfmu.engine.ssp.archive import Archive
 from vdfmu.engine.ssp.structure import Component, Connection, Connector, Index, Parameter, Shape, System, Unit
 from vdfmu.engine.ssp.wiring import fits, show_shape
 from vdfmu.errors import SspError
+from vdfmu.text import close_to
 
 __all__ = ["Checker"]
 
@@ -126,7 +127,7 @@ class Checker:
         shape = description.shapes.get(connector.name, ())
         variable = next(iter(description.elements(connector.name)), None)
         if variable is None:
-            known = hint(connector.name, description.names)
+            known = close_to(connector.name, description.names)
             yield "SSP040", f"{description.source} has no such variable{known}"
             return
         if connector.kind not in (variable.causality, "unspecified"):
@@ -247,7 +248,7 @@ class Checker:
                 if not elements:
                     if not any(self._exists(*place) for place in parameter.elsewhere):
                         text = f"{where}: {description.source} has no such variable"
-                        text += hint(parameter.name, description.names)
+                        text += close_to(parameter.name, description.names)
                         self._unmatched(found("SSP052", text, parameter.place))
                     continue
                 values = parameter.value if isinstance(parameter.value, tuple) else (parameter.value,)

@@ -7,7 +7,7 @@ import math
 import threading
 from collections.abc import Callable, Sequence
 from contextlib import nullcontext
-from ctypes import CDLL, c_double, c_int, c_void_p
+from ctypes import CDLL, c_double, c_int, c_size_t, c_uint, c_void_p
 from pathlib import Path
 from typing import Any
 
@@ -23,9 +23,12 @@ from vdfmu.engine.cosim.variables import Value, Variable
 from vdfmu.errors import CosimError
 from vdfmu.text import shown
 
-__all__ = ["Slave", "Watch"]
+__all__ = ["Slave", "Starts", "Watch"]
 
 STATUS = ("ok", "warning", "discard", "error", "fatal", "pending")
+Floats = NDArray[np.float64]
+Starts = Sequence[tuple[Variable, Value]]
+"""Variables, and the values that they are set to."""
 Watch = Callable[[str, str, Any], Any]
 """Returns a function that notes component and call before it calls the given function."""
 _PASSED = ("ok", "warning", "discard", "pending")
@@ -80,6 +83,8 @@ class Slave:
     """Of the functions."""
     state_name = ""
     """Of a saved state in their names."""
+    counted = True
+    """Whether their arrays of numbers come with their sizes."""
     derivatives_name = ""
     """Function that gets the derivatives of the states."""
     results: dict[str, Any] = {}  # noqa: RUF012
@@ -127,13 +132,7 @@ class Slave:
         """Create the instance, with messages switched on; return its address."""
         raise NotImplementedError
 
-    def prepare(
-        self,
-        tolerance: float | None,
-        start: float,
-        stop: float,
-        values: Sequence[tuple[Variable, Value]],
-    ) -> None:
+    def prepare(self, tolerance: float | None, start: float, stop: float, values: Starts) -> None:
         """Say what is to be simulated, and set values before the initialization."""
         raise NotImplementedError
 
@@ -153,12 +152,6 @@ class Slave:
         """Return the call that gets the derivatives of real outputs by time."""
         raise NotImplementedError
 
-    def differentiate(
-        self, unknowns: Sequence[int], size: int, knowns: Sequence[int], seed: NDArray[np.float64]
-    ) -> NDArray[np.float64]:
-        """Return the directional derivatives of unknowns, `size` numbers, by value references; seed: of the knowns."""
-        raise NotImplementedError
-
     def sizes(self) -> tuple[int, int]:
         """Return the numbers of continuous states and of event indicators, for model exchange."""
         raise NotImplementedError
@@ -174,11 +167,7 @@ class Slave:
         return (self.integrator.step_call if self.integrator else self.simulation_call)(clock, size)
 
     def rate_call(
-        self,
-        variables: Sequence[Variable],
-        starts: NDArray[np.float64],
-        slopes: NDArray[np.float64],
-        clock: c_double,
+        self, variables: Sequence[Variable], starts: Floats, slopes: Floats, clock: c_double
     ) -> Call:
         """Return the call that lets real inputs run over a step, from their `starts` with their `slopes`."""
         values = np.zeros(len(variables))
@@ -238,6 +227,19 @@ class Slave:
 
     # ------------------------------------------------------------------ values
 
+    def differentiate(
+        self, unknowns: Sequence[int], size: int, knowns: Sequence[int], seed: Floats
+    ) -> Floats:
+        """Return the directional derivatives of unknowns, `size` numbers, by value references; seed: of the knowns."""
+        found = np.zeros(size)
+        arguments: list[Any] = []
+        for references in (unknowns, knowns):
+            arguments += (c_uint * len(references))(*references), c_size_t(len(references))
+        for numbers in (seed, found):
+            arguments += [c_void_p(numbers.ctypes.data), c_size_t(numbers.size)][: 1 + self.counted]
+        self.call("GetDirectionalDerivative", *arguments)
+        return found
+
     def get(self, variable: Variable) -> Value:
         """Get one variable."""
         heap, values = Heap(), np.zeros(1, DTYPES[variable.kind])
@@ -248,7 +250,7 @@ class Slave:
         """Set one variable."""
         self.set_all([(variable, value)])
 
-    def set_all(self, values: Sequence[tuple[Variable, Value]]) -> None:
+    def set_all(self, values: Starts) -> None:
         """Set many variables with one call a type."""
         for variable, value in values:
             self._known(variable.reference)[variable.index] = value
@@ -282,8 +284,8 @@ class Slave:
 
     def run(self, calls: Sequence[Call]) -> None:
         """Make calls one after the other."""
-        for function, *arguments, name in calls:
-            status = function(*arguments)
+        for function, a, b, c, d, name in calls:
+            status = function(a, b, c, d)
             if status:
                 self.judge(status, name)
 

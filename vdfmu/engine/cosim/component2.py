@@ -10,11 +10,10 @@ from typing import Any
 import fmpy
 import numpy as np
 from fmpy import fmi2
-from numpy.typing import NDArray
 
 from vdfmu.engine.cosim.access import Call, Transfer
-from vdfmu.engine.cosim.component import Slave, on_message
-from vdfmu.engine.cosim.variables import Value, Variable
+from vdfmu.engine.cosim.component import Floats, Slave, Starts, on_message
+from vdfmu.engine.cosim.variables import Variable
 from vdfmu.errors import CosimError
 
 try:
@@ -41,6 +40,7 @@ class Slave2(Slave):
     """An instance of an FMU of FMI 2.0."""
 
     prefix, state_name, derivatives_name = "fmi2", "FMUstate", "GetDerivatives"
+    counted = False
     results = {"Instantiate": c_void_p, "FreeInstance": None}  # noqa: RUF012
     dtypes = {"Real": np.float64, "Integer": np.int32, "Boolean": np.int32, "String": np.uintp}  # noqa: RUF012
 
@@ -61,13 +61,7 @@ class Slave2(Slave):
             (self.folder / "resources").as_uri().encode(), byref(self._callbacks), c_int(0), c_int(not talkative),
         )  # fmt: skip
 
-    def prepare(
-        self,
-        tolerance: float | None,
-        start: float,
-        stop: float,
-        values: Sequence[tuple[Variable, Value]],
-    ) -> None:
+    def prepare(self, tolerance: float | None, start: float, stop: float, values: Starts) -> None:
         """See `Slave.prepare`."""
         self.tolerance = tolerance
         self.call(
@@ -91,11 +85,7 @@ class Slave2(Slave):
         return self.function("DoStep"), self.argument, clock, size, 1, "doStep"
 
     def rate_call(
-        self,
-        variables: Sequence[Variable],
-        starts: NDArray[np.float64],
-        slopes: NDArray[np.float64],
-        clock: c_double,
+        self, variables: Sequence[Variable], starts: Floats, slopes: Floats, clock: c_double
     ) -> Call:
         """See `Slave.rate_call`."""
         if self.integrator:
@@ -119,18 +109,6 @@ class Slave2(Slave):
             return function(component, references, count, orders, values)
 
         return call, self.argument, references, c_size_t.from_param(n), values, name[0].lower() + name[1:]
-
-    def differentiate(
-        self, unknowns: Sequence[int], size: int, knowns: Sequence[int], seed: NDArray[np.float64]
-    ) -> NDArray[np.float64]:
-        """See `Slave.differentiate`."""
-        found = np.zeros(size)
-        self.call(
-            "GetDirectionalDerivative", (c_uint * len(unknowns))(*unknowns), c_size_t(len(unknowns)),
-            (c_uint * len(knowns))(*knowns), c_size_t(len(knowns)), c_void_p(seed.ctypes.data),
-            c_void_p(found.ctypes.data),
-        )  # fmt: skip
-        return found
 
     def sizes(self) -> tuple[int, int]:
         """See `Slave.sizes`."""

@@ -10,11 +10,10 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from vdfmu.engine.cosim.access import Call, Transfer
-from vdfmu.engine.cosim.component import Slave, on_message
-from vdfmu.engine.cosim.variables import Value, Variable
+from vdfmu.engine.cosim.component import Slave, Starts, on_message
+from vdfmu.engine.cosim.variables import Variable
 from vdfmu.errors import CosimError
 
 __all__ = ["Slave3"]
@@ -72,13 +71,7 @@ class Slave3(Slave):
             c_void_p(self.token), _RECEIVER, self._update if self.updates else None,
         )  # fmt: skip
 
-    def prepare(
-        self,
-        tolerance: float | None,
-        start: float,
-        stop: float,
-        values: Sequence[tuple[Variable, Value]],
-    ) -> None:
+    def prepare(self, tolerance: float | None, start: float, stop: float, values: Starts) -> None:
         """See `Slave.prepare`."""
         self.tolerance = tolerance
         self._experiment = (
@@ -175,18 +168,6 @@ class Slave3(Slave):
 
         count, size = moved.counts
         return moved.around(call), byref(moved.references), count, moved.pointer, size, "getOutputDerivatives"
-
-    def differentiate(
-        self, unknowns: Sequence[int], size: int, knowns: Sequence[int], seed: NDArray[np.float64]
-    ) -> NDArray[np.float64]:
-        """See `Slave.differentiate`."""
-        found = np.zeros(size)
-        self.call(
-            "GetDirectionalDerivative", (c_uint32 * len(unknowns))(*unknowns), c_size_t(len(unknowns)),
-            (c_uint32 * len(knowns))(*knowns), c_size_t(len(knowns)), c_void_p(seed.ctypes.data), c_size_t(seed.size),
-            c_void_p(found.ctypes.data), c_size_t(size),
-        )  # fmt: skip
-        return found
 
     def _answered(self, flags: Any, last: float, done: bool) -> bool:
         """Take what a step has answered beside its status; False if the rest of it, but for rounding, is to be done."""

@@ -42,6 +42,9 @@ class Components:
         Around all that runs code of an FMU; see `Slave`.
     """
 
+    exchanges = Exchange
+    """The class of the exchange."""
+
     def __init__(
         self,
         checked: Checked,
@@ -52,7 +55,7 @@ class Components:
     ) -> None:
         self.checked, self.folders, self.box = checked, folders, box
         self.slaves: dict[str, Slave] = {}
-        self.exchange = Exchange(checked, self.slaves, box, words)
+        self.exchange = self.exchanges(checked, self.slaves, box, words)
         self._watch = watch
         self._events: Events | None = None
         self._stepper: SampledStepper | ContinuousStepper | None = None

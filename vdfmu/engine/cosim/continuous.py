@@ -345,10 +345,7 @@ class ContinuousStepper:
                 np.multiply(change, (1.0 - hold) / h, unit.slopes)
                 clock.value = time + i * h / n
                 size.value = largest_step(clock.value, time + h) if i and i == n - 1 else h / n
-                for function, a, b, c, d, name in calls:
-                    status = function(a, b, c, d)
-                    if status:
-                        unit.slave.judge(status, name)
+                unit.slave.run(calls)
 
     # ------------------------------------------------------------------ states
 

@@ -24,7 +24,7 @@ from vdfmu.engine.cosim.results import Signal
 from vdfmu.engine.cosim.variables import Value
 from vdfmu.errors import CosimError, UsageError
 
-_TEXTS = ("String", "Binary")
+TEXTS = ("String", "Binary")
 """What tables do not hold and no guess improves."""
 _HEAD = 4
 """Words before the values: clock, size, running, pressed."""
@@ -110,19 +110,17 @@ class Exchange:
         self.feed(time)
         initial = self.checked.schedule.initial
         if not initial.torn:
-            for link in initial.links:
-                self._carry(link, self._value(link))
+            self._pass(initial.links)
             return
-        texts = [link for link in initial.torn if link.sink.type in _TEXTS]
-        torn = [link for link in initial.torn if link.sink.type not in _TEXTS]
+        texts = [link for link in initial.torn if link.sink.type in TEXTS]
+        torn = [link for link in initial.torn if link.sink.type not in TEXTS]
         values = np.array([self._value(link) for link in torn], np.float64)
         least = np.array([1.0 if link.discrete else link.sink.size for link in torn])
 
         def repeat(guess: NDArray[np.float64]) -> NDArray[np.float64]:
             for link, value in zip(torn, guess.tolist(), strict=True):
                 self._carry(link, value if link.sink.kind == "Real" else round(value))
-            for link in (*texts, *initial.links):
-                self._carry(link, self._value(link))
+            self._pass(initial.links, texts)
             values[:] = [self._value(link) for link in torn]
             return values
 
@@ -146,18 +144,24 @@ class Exchange:
                 "start values nearer to the solution, or break the loop",
             )  # fmt: skip
 
+    def _pass(self, links: Sequence[Link], torn: Sequence[Link] = ()) -> None:
+        """Carry values over connections, first over `torn` ones."""
+        for link in (*torn, *links):
+            self._carry(link, self._value(link))
+
     def _value(self, link: Link) -> Any:
         """Return what a connection carries now."""
-        bank = self._bank(link.source.kind)
-        outside = link.start[0] == SOURCE
-        value: Any = (
-            bank.memory[bank.position[link.start]].item()
-            if outside
-            else self.slaves[link.start[0]].get(link.source)
-        )
+        value: Any = self._source(link)
         if link.conversion.table is not None:
             return link.conversion.table.get(int(value), int(value))
         return value if link.conversion.trivial else link.conversion.factor * value + link.conversion.offset
+
+    def _source(self, link: Link) -> Any:
+        """Return the value at the start of a connection."""
+        if link.start[0] == SOURCE:
+            bank = self._bank(link.source.kind)
+            return bank.memory[bank.position[link.start]].item()
+        return self.slaves[link.start[0]].get(link.source)
 
     def _carry(self, link: Link, value: Value) -> None:
         self.slaves[link.end[0]].set(link.sink, value)
@@ -191,7 +195,7 @@ class Exchange:
         found: list[tuple[int, int, int, Signal]] = []
         data: dict[str, NDArray[Any]] = {}
         stores: list[Callable[[int], None]] = []
-        for bank in (each for each in self.banks if each.kind not in _TEXTS):
+        for bank in (each for each in self.banks if each.kind not in TEXTS):
             kind = bank.kind.lower()
             chosen = [
                 i for i, (unit, v) in enumerate(bank.variables)
@@ -280,7 +284,7 @@ class Exchange:
         variables = [
             each
             for bank in self.banks
-            if bank.kind not in _TEXTS
+            if bank.kind not in TEXTS
             for each in bank.variables
             if each[0] != SOURCE
         ]

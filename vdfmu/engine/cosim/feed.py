@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import difflib
 from collections.abc import Callable, Mapping, Sequence
 from typing import NamedTuple
 
@@ -17,6 +16,7 @@ from vdfmu.engine.cosim.variables import Variable, limit_fault
 from vdfmu.engine.ssp.structure import BASE_UNITS, Unit
 from vdfmu.errors import UsageError
 from vdfmu.measure import coherent, measure
+from vdfmu.text import close_to
 
 __all__ = ["Fed", "Feed", "feed_inputs"]
 
@@ -136,10 +136,7 @@ def _why_not(
     free: Sequence[str],
 ) -> str:
     if name not in variables:
-        close = difflib.get_close_matches(name, free, n=3)
-        return "no component has such an input" + (
-            f"; did you mean {', '.join(close)}?" if close else _list(free)
-        )
+        return "no component has such an input" + (close_to(name, free) or _list(free))
     component, variable = variables[name]
     if variable.causality != "input":
         return f"expected an input, got a variable of causality {variable.causality}{_list(free)}"

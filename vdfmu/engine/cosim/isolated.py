@@ -86,6 +86,9 @@ def _half_of_memory() -> float:
 class Isolated:
     """`Components` and their stepper, in a process of their own."""
 
+    server = "vdfmu.engine.cosim.isolated_server"
+    """The module that runs there."""
+
     def __init__(
         self, checked: Checked, folders: Mapping[str, Path], box: MessageBox, folder: Path, limits: Limits
     ) -> None:
@@ -94,7 +97,7 @@ class Isolated:
         self._memory = folder / "memory"
         self._memory.write_bytes(bytes(8 * words_of(checked)))
         self.exchange = Exchange(checked, {}, box, mapped(self._memory))
-        self._start = pickle.dumps((checked, dict(folders)))
+        self.content = pickle.dumps((checked, dict(folders)))
         self.pressed: Callable[[], bool] = lambda: False
         self._process: subprocess.Popen[bytes] | None = None
         self._since, self._late, self._cut_off, self._stepping = math.inf, False, False, False
@@ -102,39 +105,41 @@ class Isolated:
 
     def load(self) -> None:
         """Start the process, load the libraries and create the instances."""
-        self._process = started(
-            "vdfmu.engine.cosim.isolated_server", str(self._memory), str(self.limits.memory)
-        )
+        self.start()
+        self.take()
+        self.ask("load", self.content)
+
+    def start(self) -> None:
+        """Start the process; that it has started is its first answer."""
+        self._process = started(self.server, str(self._memory), str(self.limits.memory))
         assert self._process.stderr is not None
         self._listener = Listener(self._process.stderr, show=True)
         threading.Thread(target=self._look_after, args=(self._process,), daemon=True).start()
         self._since = monotonic() + _START
-        assert self._process.stdout is not None
-        self._process.stdout.read(REPLY.size)
-        self._ask("load", self._start)
 
     def initialize(self, *arguments: Any) -> None:
         """See `Components.initialize`."""
         self.box.time = arguments[0]
-        self._ask("initialize", *arguments)
+        self.ask("initialize", *arguments)
 
     def couple(self, *arguments: Any) -> Isolated:
         """See `Components.couple`."""
-        self._ask("couple", *arguments)
+        self.ask("couple", *arguments)
         self._stepping = True
         return self
 
     def advance(self, time: float, step: float, stop: float) -> None:
         """Step all components."""
-        self._send(REQUEST.pack(0, time, step, stop))
+        self.post(REQUEST.pack(0, time, step, stop))
+        self.take()
 
     def facts(self) -> dict[str, Any]:
         """Return what the summary says of the steps; nothing if the process is gone."""
-        return {} if self._process is None else self._ask("facts")
+        return {} if self._process is None else self.ask("facts")
 
     def notes(self) -> list[str]:
         """Return what is worth knowing after the run."""
-        return self._ask("notes")
+        return self.ask("notes")
 
     def close(self) -> CosimError | None:
         """Free all, end the process, and return the first failure in that."""
@@ -143,7 +148,7 @@ class Isolated:
         self.pressed = lambda: False
         try:
             if self._process is not None and self._since == math.inf:
-                failure = self._ask("close", self.box.time)
+                failure = self.ask("close", self.box.time)
                 failure = None if failure is None else CosimError(*failure)
             elif self._process is not None:  # cut off in a call
                 end_group(self._process)
@@ -154,35 +159,43 @@ class Isolated:
         self.box.flush()
         return failure
 
-    def _ask(self, name: str, *arguments: Any) -> Any:
+    def ask(self, name: str, *arguments: Any) -> Any:
         """Have the process call a method of its `Server`."""
-        request = pickle.dumps((name, arguments))
-        return self._send(REQUEST.pack(len(request), 0.0, 0.0, 0.0) + request)
+        self.post_call(name, *arguments)
+        return self.take()
 
-    def _send(self, request: bytes) -> Any:
-        """Send a request and return its answer; CosimError if it failed or the process has ended."""
+    def post_call(self, name: str, *arguments: Any) -> None:
+        """Send the request that it call a method."""
+        request = pickle.dumps((name, arguments))
+        self.post(REQUEST.pack(len(request), 0.0, 0.0, 0.0) + request)
+
+    def post(self, request: bytes) -> None:
+        """Send a request; if the process has ended, its answer says so."""
         process = self._process
         assert process is not None
         assert process.stdin is not None
-        assert process.stdout is not None
         self._since = monotonic()
-        answer = b""
-        try:
+        with suppress(BrokenPipeError):
             process.stdin.write(request)
             process.stdin.flush()
-            head = process.stdout.read(REPLY.size)
-            if len(head) == REPLY.size:
-                (size,) = REPLY.unpack(head)
-                if not size:
-                    self._since = math.inf
-                    return None
-                answer = process.stdout.read(size)
-        except BrokenPipeError:
-            pass
+
+    def take(self) -> Any:
+        """Wait for the answer to a request; CosimError if it failed or the process has ended."""
+        process = self._process
+        assert process is not None
+        assert process.stdout is not None
+        answer = b""
+        head = process.stdout.read(REPLY.size)
+        if len(head) == REPLY.size:
+            (size,) = REPLY.unpack(head)
+            if not size:
+                self._since = math.inf
+                return None
+            answer = process.stdout.read(size)
         try:
             reply = json.loads(answer)
         except ValueError:
-            lost = self._lost()
+            lost = self.lost()
             raise KeyboardInterrupt if self._cut_off else lost from None
         self._since = math.inf
         self.box.pending += [LogMessage(**message) for message in reply["messages"]]
@@ -196,24 +209,29 @@ class Isolated:
             raise VdfmuError(reply["fault"])
         return reply["result"]
 
-    def _lost(self) -> CosimError:
+    def lost(self) -> CosimError:
         """Return the error of a process that has ended, or sends what is no answer."""
         code, peak = self._end()
         position, call = divmod(self.exchange.running.value - 1, len(CALLS))
         time = self.exchange.clock.value if self._stepping else self.box.time
-        if position < 0:
-            return CosimError("components", "start of their process", time, f"it ended with code {code}")
-        if self._late:
-            why = f"no return within {self.limits.time:g} s; a longer time_limit (simulate --time-limit) gives it more"
-        elif code < 0:
+        if not self._late and code < 0:
             with suppress(ValueError):
                 code = signal.Signals(-code).name
+        if position < 0:
+            return self.idle(time, code)
+        if self._late:
+            why = f"no return within {self.limits.time:g} s; a longer time_limit (simulate --time-limit) gives it more"
+        elif isinstance(code, str):
             why = f"the component crashed the process ({code})"
         else:
             why = f"the component ended the process (exit code {code})"
         if peak > 0.5 * self.limits.memory:
             why += f", of which the memory had reached {peak:.0f} MB of {self.limits.memory:.0f} MB (memory_limit)"
         return CosimError(self._names[position], CALLS[call], time, why)
+
+    def idle(self, time: float, code: int | str) -> CosimError:
+        """Return the error of a process that has ended while it called no component; `code` may name a signal."""
+        return CosimError("components", "start of their process", time, f"it ended with code {code}")
 
     def _look_after(self, process: subprocess.Popen[bytes]) -> None:
         """Pass Ctrl-C on, and end a process that takes too long, or those that it has left and that hold its pipes."""
@@ -226,7 +244,11 @@ class Isolated:
             self._cut_off = monotonic() - max(self._since, pressed) > _PATIENCE
             if self._late or self._cut_off or _has_ended(process):
                 end_group(process)
+                self.gone()
                 return
+
+    def gone(self) -> None:
+        """Note in another thread that the process ended before its time."""
 
     def _end(self) -> tuple[Any, float]:
         """End the process and those that it started; return its exit code and the largest memory that it had [MB]."""

@@ -8,6 +8,7 @@ import math
 import os
 import pickle
 import sys
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import asdict
 from pathlib import Path
@@ -25,6 +26,9 @@ from vdfmu.process import private_pipes
 
 class Server:
     """What runs in the process: the methods of `Isolated` call those of the same name here."""
+
+    components = Components
+    """Their class."""
 
     def __init__(self, memory: str) -> None:
         self._said: list[LogMessage] = []
@@ -46,7 +50,7 @@ class Server:
 
             return noted
 
-        self._components = Components(checked, folders, self._box, self._words, watch)
+        self._components = self.components(checked, folders, self._box, self._words, watch)
         self._components.load()
 
     def initialize(self, *arguments: Any) -> None:
@@ -60,6 +64,11 @@ class Server:
         self._stepper.pressed = lambda: bool(exchange.pressed.value)
         with suppress(UsageError):  # the master says so
             exchange.recorders(1, record)
+
+    def advance(self, time: float, step: float, stop: float) -> None:
+        """Step all components."""
+        self._box.time = time
+        self._stepper.advance(time, step, stop)
 
     def facts(self) -> dict[str, Any]:
         """Return what the summary says of the steps."""
@@ -84,8 +93,7 @@ class Server:
         reply: dict[str, Any] = {"result": None, "failure": None, "fault": None, "interrupted": False}
         try:
             if not size:
-                self._box.time = times[0]
-                self._stepper.advance(*times)
+                self.advance(*times)
                 if not (self._box.pending or self._box.ended):
                     return REPLY.pack(0)
             else:
@@ -105,7 +113,8 @@ class Server:
         return REPLY.pack(len(answer)) + answer
 
 
-def _main(memory: str, limit: str) -> None:
+def serve(make: Callable[[str], Server], memory: str, limit: str) -> None:
+    """Serve requests until there are no more; `memory` is a file, `limit` in MB."""
     requests, replies = private_pipes()
     if sys.platform != "win32" and math.isfinite(float(limit)):
         import resource
@@ -115,7 +124,7 @@ def _main(memory: str, limit: str) -> None:
         most = most if hard == resource.RLIM_INFINITY else min(most, hard)
         resource.setrlimit(resource.RLIMIT_DATA, (most, most))
     logging.getLogger("vdfmu.fmu").addHandler(logging.NullHandler())  # what it says comes back as messages
-    server = Server(memory)
+    server = make(memory)
     reply: bytes | None = REPLY.pack(0)  # it has started
     while reply is not None:
         while reply:
@@ -124,4 +133,4 @@ def _main(memory: str, limit: str) -> None:
 
 
 if __name__ == "__main__":
-    _main(*sys.argv[1:])
+    serve(Server, *sys.argv[1:])

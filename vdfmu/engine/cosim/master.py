@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from vdfmu.engine.cosim.check import Value
 from vdfmu.engine.cosim.inputs import Inputs
@@ -12,6 +12,9 @@ from vdfmu.engine.cosim.messages import LogMessage
 from vdfmu.engine.cosim.results import Results
 from vdfmu.engine.cosim.simulator import Simulator
 from vdfmu.engine.ssp.structure import System
+
+if TYPE_CHECKING:
+    from vdfmu.engine.federation import Federation
 
 
 def simulate(
@@ -37,6 +40,7 @@ def simulate(
     memory_limit: float | None = None,
     stream: Path | Sequence[Path] | None = None,
     about: Mapping[str, Any] | None = None,
+    federation: Federation | None = None,
 ) -> Results:
     """Co-simulate a system of FMUs of FMI 2.0 and 3.0; those for model exchange are integrated.
 
@@ -126,6 +130,7 @@ def simulate(
         system, algorithm=algorithm, adaptive=adaptive, convergence=convergence, tolerance=tolerance,
         parameters=parameters, inputs=inputs, input_hold=input_hold, log=log, strict=strict,
         ignore_unmatched=ignore_unmatched, isolate=isolate, time_limit=time_limit, memory_limit=memory_limit,
+        federation=federation,
     )  # fmt: skip
     simulator.grid(start, stop, step)  # what is wrong with it is said before anything is loaded
     with simulator:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 from vdfmu.engine.algorithms import CONTINUOUS
@@ -85,12 +85,6 @@ class _Unit:
     begun: float = 0.0
     last: int = 0
 
-    def run(self, calls: Sequence[Call]) -> None:
-        for function, a, b, c, d, name in calls:
-            status = function(a, b, c, d)
-            if status:
-                self.slave.judge(status, name)
-
 
 class MultirateStepper(SampledStepper):
     """Steps units as `SampledStepper` does, each by its own multiple of the communication step.
@@ -128,11 +122,11 @@ class MultirateStepper(SampledStepper):
             if k % unit.multiple == 0:
                 for gather in unit.fresh:
                     gather()
-                unit.run(unit.sets)
+                unit.slave.run(unit.sets)
             if k % unit.multiple == 0 if unit.early else k == unit.last:
                 length = step * (unit.last + 1 - k if unit.early else k % unit.multiple + 1)
                 self._clock.value = unit.begun
                 self._size.value = largest_step(unit.begun, self._stop) if unit.last == n - 1 else length
-                unit.run(unit.rest)
+                unit.slave.run(unit.rest)
         self._clock.value, self._size.value = time, step
         self._k += 1

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-import difflib
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 
 from vdfmu.engine.cosim.conversion import Value, as_type
 from vdfmu.engine.cosim.description import Description
 from vdfmu.engine.cosim.variables import Variable
 from vdfmu.engine.ssp.structure import spread
 from vdfmu.errors import UsageError
+from vdfmu.text import close_to
 
-__all__ = ["Starts", "hint", "overrides", "why_not"]
+__all__ = ["Starts", "overrides", "why_not"]
 
 Starts = dict[str, dict[str, tuple[Variable, Value]]]
 """Variables and their values by component and name."""
@@ -37,7 +37,7 @@ def overrides(descriptions: Mapping[str, Description], parameters: Mapping[str, 
             owner = max(owners, key=len)
             name = full[len(owner) + 1 :]
             whole = dict.fromkeys(v.partition("[")[0] for v in descriptions[owner].variables)
-            problems.append(f"parameter {full!r}: {owner} has no variable {name!r}" + hint(name, whole))
+            problems.append(f"parameter {full!r}: {owner} has no variable {name!r}" + close_to(name, whole))
         for owner, named in wanted.items():
             try:
                 for one, element in zip(named, spread(value, named), strict=True):
@@ -60,9 +60,3 @@ def why_not(variable: Variable) -> str:
     """Say why a variable cannot be set."""
     text = f"is not settable: causality {variable.causality}, variability {variable.variability}"
     return text + (f", initial {variable.initial}" if variable.initial else "")
-
-
-def hint(name: str, known: Iterable[str]) -> str:
-    """Return known names that are close to one, as the end of a message."""
-    close = difflib.get_close_matches(name, list(known), n=3)
-    return f"; did you mean {', '.join(close)}?" if close else ""

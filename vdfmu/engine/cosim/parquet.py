@@ -15,9 +15,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vdfmu.engine.cosim.results import KINDS, Results, Signal, copies_in, with_copies
+from vdfmu.engine.cosim.results import KINDS, Results, Signal, copies_in, no_rows, with_copies
 from vdfmu.engine.json_text import to_json
-from vdfmu.errors import UsageError, VdfmuError
+from vdfmu.errors import UsageError
 from vdfmu.files import replacing
 
 __all__ = ["needed", "read_parquet", "write_parquet"]
@@ -56,16 +56,15 @@ def write_parquet(results: Results, path: Path) -> None:
                 arrays = [_array(pa, column) for column in columns]
                 writer.write_table(pa.Table.from_arrays(arrays, schema=schema))
     except OSError as error:
-        raise VdfmuError(
-            f"{path}: the rows cannot be written: {error.strerror or error}. Free space, or choose another "
-            "folder with --out."
-        ) from None
+        raise no_rows(path, error) from None
 
 
 def _array(pa: ModuleType, column: NDArray[Any]) -> Any:
     """Return a column as pyarrow has it; of its own conversion pyarrow would import pandas, which takes long."""
     kinds = {"f": pa.float64(), "i": pa.int32(), "b": pa.bool_()}
-    values = np.packbits(column, bitorder="little") if column.dtype.kind == "b" else np.ascontiguousarray(column)
+    values = (
+        np.packbits(column, bitorder="little") if column.dtype.kind == "b" else np.ascontiguousarray(column)
+    )
     return pa.Array.from_buffers(kinds[column.dtype.kind], len(column), [None, pa.py_buffer(values)])
 
 

@@ -11,8 +11,7 @@ from typing import Any, BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
-from vdfmu.engine.cosim.results import Signal, csv_head, csv_lines
-from vdfmu.errors import VdfmuError
+from vdfmu.engine.cosim.results import Signal, csv_head, csv_lines, no_rows
 
 __all__ = ["ROWS", "Recorder"]
 
@@ -74,7 +73,7 @@ class Recorder:
                 if block.shape[1]:
                     self._files[kind] = tempfile.TemporaryFile(dir=path.parent, buffering=0)  # noqa: SIM115
         except OSError as error:
-            raise self._failure(error) from error
+            raise no_rows(self._path, error) from error
 
     def store(self, k: int) -> None:
         """Store row `k`, the one after the last."""
@@ -112,7 +111,7 @@ class Recorder:
                 file.truncate(position)
                 file.seek(position)
             if isinstance(error, OSError):
-                raise self._failure(error) from error
+                raise no_rows(self._path, error) from error
             raise
         self._first += len(time)
         now = clock.perf_counter()
@@ -124,9 +123,3 @@ class Recorder:
         rest = memoryview(content)
         while rest:
             rest = rest[file.write(rest) :]
-
-    def _failure(self, error: OSError) -> VdfmuError:
-        return VdfmuError(
-            f"{self._path}: the rows cannot be written: {error.strerror or error}. Free space, or choose another "
-            "folder with --out."
-        )

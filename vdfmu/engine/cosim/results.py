@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import difflib
 import io
 import json
 import math
@@ -17,8 +16,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from vdfmu.errors import UsageError
+from vdfmu.errors import UsageError, VdfmuError
 from vdfmu.files import write_whole
+from vdfmu.text import close_to
 
 KINDS = ("real", "integer", "boolean")
 _BLOCK = 512
@@ -110,9 +110,7 @@ class Results:
         """Return one signal, shape (m,); UsageError when there is none of that name."""
         signal = self._signals.get(name)
         if signal is None:
-            close = difflib.get_close_matches(name, self._signals, n=3)
-            hint = f"; did you mean {', '.join(close)}?" if close else ""
-            raise UsageError(f"the results have no signal {name!r}{hint}")
+            raise UsageError(f"the results have no signal {name!r}{close_to(name, self._signals)}")
         column = np.asarray(self._data[signal.kind])[:, signal.column]
         return column.astype(bool) if signal.kind == "boolean" else column
 
@@ -324,6 +322,14 @@ def with_copies(
 def later(column: NDArray[Any], rows: int) -> NDArray[Any]:
     """Return values that come some rows later; before that the first holds."""
     return column[np.maximum(np.arange(len(column)) - rows, 0)]
+
+
+def no_rows(path: Path, error: OSError) -> VdfmuError:
+    """Return the error of rows that cannot be written."""
+    return VdfmuError(
+        f"{path}: the rows cannot be written: {error.strerror or error}. Free space, or choose another folder with "
+        "--out."
+    )
 
 
 def csv_head(signals: Sequence[Signal]) -> str:

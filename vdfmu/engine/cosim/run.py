@@ -9,7 +9,7 @@ import time as clock
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,6 +29,9 @@ from vdfmu.errors import CosimError
 from vdfmu.interrupt import InterruptGuard
 from vdfmu.temporary import temporary_folder
 
+if TYPE_CHECKING:
+    from vdfmu.engine.federation.federated import Federated
+
 __all__ = ["Interrupted", "Run"]
 
 
@@ -45,7 +48,7 @@ class Interrupted(KeyboardInterrupt):
 class Run:
     """The components of one run; leaving it terminates and frees them and removes the unpacked FMUs.
 
-    `isolate` and `limits` as of `simulate`.
+    `isolate` and `limits` as of `simulate`; `apart` makes what runs them in processes of their own, if not `Isolated`.
     """
 
     def __init__(
@@ -54,15 +57,17 @@ class Run:
         log: Callable[[LogMessage], None] | None,
         isolate: bool | None,
         limits: Limits,
+        apart: Callable[..., Federated] | None = None,
     ) -> None:
         self.checked = checked
         self.box = MessageBox(log)
         self.summary: dict[str, Any] = {}
-        self.components: Components | Isolated
+        self.components: Components | Isolated | Federated
         self.results: Results
-        self.isolated = isolate
-        self.stepper: SampledStepper | ContinuousStepper | Isolated
+        self.isolated = isolate if apart is None else True
+        self.stepper: SampledStepper | ContinuousStepper | Isolated | Federated
         self._limits = limits
+        self._apart = apart or Isolated
         self._stack = ExitStack()
         self._save: Callable[[], str] = lambda: ""
 
@@ -78,7 +83,7 @@ class Run:
             folders, foreign = unpack_units(self.checked, folder)
             self.isolated = foreign if self.isolated is None else self.isolated
             if self.isolated:
-                self.components = Isolated(self.checked, folders, self.box, folder, self._limits)
+                self.components = self._apart(self.checked, folders, self.box, folder, self._limits)
             else:
                 self._stack.enter_context(report_exits(self.box, lambda: self._left(folder)))
                 self.components = Components(self.checked, folders, self.box)

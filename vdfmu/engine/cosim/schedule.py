@@ -139,7 +139,7 @@ def make_schedule(
         delay, extrapolated by its prediction, and iterative solves it. Loops of the initialization are solved.
     """
     problems: list[str] = []
-    ports, edges = _variable_graph(descriptions, links, initial=True)
+    ports, edges = variable_graph(descriptions, links, initial=True)
     torn = _tear(ports, edges, links)
     rank = {port: i for i, port in enumerate(topological(ports, edges))}
     order = sorted(links, key=lambda link: rank.get(link.end, 0))
@@ -150,7 +150,7 @@ def make_schedule(
     )
     sequential = algorithm == "gauss-seidel"
     if sequential:
-        for _, cycle in cycles(*_variable_graph(descriptions, links, initial=False)):
+        for _, cycle in cycles(*variable_graph(descriptions, links, initial=False)):
             problems.append(
                 f"algebraic loop in the steps: {_loop_message(cycle, descriptions)}; jacobi breaks it by the delay "
                 "of a step, iterative solves it"
@@ -263,9 +263,10 @@ def _dependencies(
     return everything if known is None else [name for name in everything if name in known]
 
 
-def _variable_graph(
+def variable_graph(
     descriptions: Mapping[str, Description], links: Sequence[Link], *, initial: bool
 ) -> tuple[list[Port], set[tuple[Port, Port]]]:
+    """Return the connected variables, and the pairs of which the second depends on the first directly."""
     used = [link for link in links if initial or link.stepped]
     connected = {link.end for link in used}
     ports = list(dict.fromkeys(port for link in used for port in (link.start, link.end)))

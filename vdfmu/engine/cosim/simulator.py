@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from types import TracebackType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -25,6 +25,9 @@ from vdfmu.engine.ssp.read import load_ssp
 from vdfmu.engine.ssp.structure import System
 from vdfmu.errors import UsageError
 
+if TYPE_CHECKING:
+    from vdfmu.engine.federation import Federation
+
 __all__ = ["Simulator", "check_coupling"]
 
 
@@ -37,7 +40,7 @@ class Simulator:
     Parameters
     ----------
     system, algorithm, adaptive, convergence, tolerance, parameters, inputs, input_hold, log, strict, ignore_unmatched,
-    isolate, time_limit, memory_limit
+    isolate, time_limit, memory_limit, federation
         As of :func:`vdfmu.simulate`.
 
     Raises
@@ -69,9 +72,14 @@ class Simulator:
         isolate: bool | None = None,
         time_limit: float | None = None,
         memory_limit: float | None = None,
+        federation: Federation | None = None,
     ) -> None:
         self._system = system if isinstance(system, System) else load_ssp(system)
         experiment = self._system.experiment
+        if federation is not None:
+            if algorithm not in (None, "jacobi"):
+                raise UsageError(f"federates step as jacobi has it, not {algorithm}")
+            algorithm = "jacobi"
         if algorithm is None:
             algorithm = experiment.algorithm
             adaptive = experiment.adaptive if adaptive is None else adaptive
@@ -82,7 +90,7 @@ class Simulator:
         self._tolerance, self._parameters = tolerance, parameters
         self._inputs, self._input_hold = inputs, input_hold
         self._log, self._isolate, self._limits = log, isolate, Limits(time_limit, memory_limit)
-        self._strict, self._ignore_unmatched = strict, ignore_unmatched
+        self._strict, self._ignore_unmatched, self._federation = strict, ignore_unmatched, federation
         self._checked: Checked | None = None
         self._run: Run | None = None
 
@@ -92,6 +100,9 @@ class Simulator:
             self._system, self._parameters, inputs=self._tables, algorithm=self._algorithm,
             repeats=self._adaptive is not None, strict=self._strict, ignore_unmatched=self._ignore_unmatched,
         )  # fmt: skip
+        self._apart = None
+        if self._federation is not None:
+            self._checked, self._apart = self._federation.apart(self._checked)
         return self
 
     def __exit__(
@@ -169,7 +180,7 @@ class Simulator:
             run.__exit__(None, None)
             run = None
         if run is None:
-            self._run = run = Run(checked, self._log, self._isolate, self._limits).__enter__()
+            self._run = run = Run(checked, self._log, self._isolate, self._limits, self._apart).__enter__()
         else:
             run.reset(checked)
         return run

@@ -1,0 +1,208 @@
+"""The federates of one run that are processes of this machine.
+
+Each is a process as of `vdfmu.engine.cosim.isolated`: it has its components, shares the memory of their values with
+this one, and steps them when it is told to. What its components read of those of others it gets from these themselves,
+by HELICS; this process only reads the values of all, row by row. A federate that has failed tells the others, wherever
+they are; one that has died is missed by this process at once, and by other machines after some seconds.
+"""
+
+from __future__ import annotations
+
+import math
+import threading
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+from numpy import array, intp
+
+from vdfmu.engine.cosim.checked import Checked
+from vdfmu.engine.cosim.exchange import TEXTS, Exchange
+from vdfmu.engine.cosim.isolated import REQUEST, Isolated, Limits
+from vdfmu.engine.cosim.messages import MessageBox
+from vdfmu.engine.federation.plan import Plan, share
+from vdfmu.errors import CosimError, VdfmuError
+from vdfmu.process import end_group
+
+__all__ = ["Federated"]
+
+
+class _Federate(Isolated):
+    """The process of a federate; `ended` is called with its name when it has ended before its time."""
+
+    server = "vdfmu.engine.federation.server"
+
+    def __init__(self, name: str, ended: Callable[[str], None], *arguments: Any) -> None:
+        super().__init__(*arguments)
+        self.name, self._ended = name, ended
+
+    def gone(self) -> None:
+        self._ended(self.name)
+
+    @property
+    def waits(self) -> bool:
+        """Whether it has waited too long, for another and not for a component."""
+        return self._late and not self.exchange.running.value
+
+    @property
+    def works(self) -> bool:
+        """Whether it is in a call of a component."""
+        return bool(self.exchange.running.value)
+
+    def cut(self, late: bool) -> None:
+        """End the process, because of another one; `late`: of this one itself, which took too long."""
+        self._late = late
+        if (process := self._process) is not None:
+            end_group(process)
+
+    def begin(self) -> None:
+        """Note that the steps begin."""
+        self._stepping = True
+
+    def facts(self) -> dict[str, Any]:
+        with suppress(VdfmuError):  # it has just ended
+            return super().facts() if self._since == math.inf else {}
+        return {}
+
+    def idle(self, time: float, code: int | str) -> CosimError:
+        why = f"its process ended ({code})"
+        if self._late:
+            why = f"no answer of other federates within {self.limits.time:g} s (time_limit, --time-limit)"
+        return CosimError(f"federate {self.name}", "exchange", time, why)
+
+    def lost(self) -> CosimError:
+        error = super().lost()
+        self._ended(self.name)
+        if error.call != "exchange":
+            error = CosimError(error.unit, error.call, error.time, f"{error.reason} (federate {self.name})")
+        return error
+
+
+class Federated:
+    """`Components` and their stepper, in several processes."""
+
+    def __init__(
+        self,
+        plan: Plan,
+        checked: Checked,
+        folders: Mapping[str, Path],
+        box: MessageBox,
+        folder: Path,
+        limits: Limits,
+    ) -> None:
+        self.box, self._plan = box, plan
+        self.exchange = Exchange(checked, {}, box)
+        self._federates: dict[str, _Federate] = {}
+        self._copies: list[tuple[Any, Any, Any, Any]] = []
+        self._first: str | None = None
+        self._lock = threading.Lock()
+        for i, name in enumerate(plan.here):
+            place = folder / f"federate_{i}"
+            place.mkdir()
+            part = share(checked, plan.parts[name])
+            federate = _Federate(name, self._ended, part, folders, box, place, limits)
+            self._federates[name] = federate
+            for bank, other in zip(self.exchange.banks, federate.exchange.banks, strict=True):
+                own = [
+                    (bank.position[port], i)
+                    for port, i in other.position.items()
+                    if port[0] in part.descriptions
+                ]
+                if own and bank.kind not in TEXTS:
+                    to, of = array(own, intp).T
+                    self._copies.append((bank.memory, to, other.memory, of))
+
+    @property
+    def pressed(self) -> Callable[[], bool]:
+        """Whether the user wants to stop."""
+        return next(iter(self._federates.values())).pressed
+
+    @pressed.setter
+    def pressed(self, asked: Callable[[], bool]) -> None:
+        for federate in self._federates.values():
+            federate.pressed = asked
+
+    def load(self) -> None:
+        """Start the processes, let them join each other, and load their components."""
+        plan, federates = self._plan, self._federates
+        for federate in federates.values():
+            federate.start()
+        self._take()
+        address = plan.broker or federates[plan.here[0]].ask("broker", plan.core, len(plan.parts))
+        for name, federate in federates.items():
+            federate.post_call("join", name, plan, address, federate.content)
+        self._take()
+
+    def initialize(self, *arguments: Any) -> None:
+        """See `Components.initialize`."""
+        self.box.time = arguments[0]
+        self._call("initialize", *arguments)
+        self._copy()
+
+    def couple(self, *arguments: Any) -> Federated:
+        """See `Components.couple`."""
+        self._call("couple", *arguments)
+        for federate in self._federates.values():
+            federate.begin()
+        return self
+
+    def advance(self, time: float, step: float, stop: float) -> None:
+        """Step all components."""
+        self.exchange.clock.value, self.exchange.size.value = time, step
+        request = REQUEST.pack(0, time, step, stop)
+        for federate in self._federates.values():
+            federate.post(request)
+        self._take()
+        self._copy()
+
+    def facts(self) -> dict[str, Any]:
+        """Return what the summary says of the federates."""
+        federates = {
+            name: {"components": list(self._plan.parts[name])} | federate.facts()
+            for name, federate in self._federates.items()
+        }
+        return {"federates": federates, "core": self._plan.core}
+
+    def notes(self) -> list[str]:
+        """Return notes on the run: none."""
+        return []
+
+    def close(self) -> CosimError | None:
+        """Free all, end the processes, the broker's as the last, and return the first failure in that."""
+        failures = [federate.close() for federate in reversed(self._federates.values())]
+        return next((failure for failure in failures if failure is not None), None)
+
+    def _call(self, name: str, *arguments: Any) -> None:
+        for federate in self._federates.values():
+            federate.post_call(name, *arguments)
+        self._take()
+
+    def _take(self) -> None:
+        """Wait for the answers of all; raise the error of the one that failed or ended first."""
+        failures: dict[str, VdfmuError] = {}
+        for name, federate in self._federates.items():
+            try:
+                federate.take()
+            except VdfmuError as error:
+                failures[name] = error
+        if failures:
+            raise failures.get(self._first or "") or next(iter(failures.values()))
+
+    def _ended(self, name: str) -> None:
+        """End the others, which would wait for a federate that has ended; called by any thread, for the first only."""
+        with self._lock:
+            if self._first is not None:
+                return
+            self._first = name
+            late = self._federates[name].waits
+            if late:  # for another, which may be here
+                self._first = next((n for n, federate in self._federates.items() if federate.works), name)
+        for other, federate in self._federates.items():
+            if other != name:
+                federate.cut(late and other == self._first)
+
+    def _copy(self) -> None:
+        """Bring the values of all here."""
+        for memory, to, other, of in self._copies:
+            memory[to] = other[of]

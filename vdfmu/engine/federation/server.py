@@ -1,0 +1,182 @@
+"""The process of a federate; see `vdfmu.engine.federation.federated`."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Collection, Generator, Mapping, Sequence
+from contextlib import contextmanager
+from typing import Any
+
+import numpy as np
+
+from vdfmu.engine.cosim.bank import Bank
+from vdfmu.engine.cosim.components import Components
+from vdfmu.engine.cosim.description import Value
+from vdfmu.engine.cosim.exchange import Exchange
+from vdfmu.engine.cosim.isolated_server import Server, serve
+from vdfmu.engine.cosim.link import SOURCE, Link, Port
+from vdfmu.engine.federation.helics_link import HelicsLink, end_broker, start_broker
+from vdfmu.engine.federation.plan import Plan
+from vdfmu.errors import CosimError
+
+
+class _Exchange(Exchange):
+    """What flows between the components of a federate; in initialization mode, between those of all."""
+
+    levels: Mapping[Port, int]
+    heard: Mapping[Port, Any]
+    swap: Callable[[float, Collection[Port]], None]
+    """Sends all values, of some variables new ones, and waits for those of the others, which are `heard` then."""
+
+    def initialize(self, time: float, convergence: float) -> None:
+        """See `Exchange.initialize`: all federates do the same, each with its components and the values of others."""
+        self._time = time
+        self.swap(time, [link.start for link in self.checked.schedule.initial.torn])
+        super().initialize(time, convergence)
+
+    def _pass(self, links: Sequence[Link], torn: Sequence[Link] = ()) -> None:
+        super()._pass([], [link for link in torn if link.end[0] in self.slaves])
+        for level in range(max(self.levels.values(), default=0) + 1):
+            now = [link for link in links if self.levels[link.end] == level]
+            super()._pass([link for link in now if link.end[0] in self.slaves])
+            self.swap(self._time, {port for port, its in self.levels.items() if its == level})
+
+    def _source(self, link: Link) -> Any:
+        outside = link.start[0] == SOURCE or link.start[0] in self.slaves
+        return super()._source(link) if outside else self.heard[link.start]
+
+    def _carry(self, link: Link, value: Value) -> None:
+        if link.end[0] in self.slaves:
+            super()._carry(link, value)
+
+
+class _Components(Components):
+    exchanges = _Exchange
+
+
+class FederateServer(Server):
+    """What runs in the process of a federate: steps of its components, and exchanges with the others."""
+
+    components = _Components
+    _broker: Any = None
+    _link: HelicsLink | None = None
+
+    def broker(self, core: str, federates: int) -> str:
+        """Start a broker; return its address."""
+        self._broker, address = start_broker(core, federates)
+        return address
+
+    def join(self, name: str, plan: Plan, address: str, start: bytes) -> None:
+        """Join the others, and load what `start` holds."""
+        self._plan, self._sent = plan, plan.sent[name]
+        self._heard: dict[Port, Any] = {}
+        others = {other: sent for other, sent in plan.sent.items() if other != name}
+        self._link = HelicsLink(name, list(others), plan.core, address, plan.digest)
+        with self._announced():
+            self.load(start)
+        exchange = self._components.exchange
+        assert isinstance(exchange, _Exchange)
+        exchange.levels, exchange.swap, exchange.heard = plan.levels, self._settle, self._heard
+        position = exchange.banks[0].position
+        self._own = np.array([position[port] for port in self._sent.reals if port in position], np.intp)
+        self._reals = np.zeros(len(self._sent.reals))
+        self._rest: list[Any] = [0] * len(self._sent.rest)
+        self._known: list[Any] = []
+        self._read = {other: self._places((*sent.reals, *sent.rest)) for other, sent in others.items()}
+
+    def _place(self, port: Port) -> tuple[Bank, int] | None:
+        """Return where the value of a variable is; None if it is not here."""
+        banks = self._components.exchange.banks
+        return next(((bank, bank.position[port]) for bank in banks if port in bank.position), None)
+
+    def _places(self, ports: Sequence[Port]) -> list[tuple[Port, Bank, int]]:
+        """Return which variables of another federate are read here, and where their values go."""
+        found = [(port, self._place((SOURCE, ".".join(port)))) for port in ports]
+        return [(port, *place) for port, place in found if place is not None]
+
+    def initialize(self, *arguments: Any) -> None:
+        """See `Components.initialize`; the outputs of others are here then."""
+        with self._announced():
+            super().initialize(*arguments)
+            self._exchange(arguments[0])
+
+    def _settle(self, time: float, new: Collection[Port]) -> None:
+        """Exchange values in initialization mode, of which some are `new`."""
+        components = self._components
+        for ports, values in ((self._sent.reals, self._reals), (self._sent.rest, self._rest)):
+            for i, (unit, name) in enumerate(ports):
+                if (unit, name) in new:
+                    variable = components.checked.descriptions[unit].variables[name]
+                    values[i] = components.slaves[unit].get(variable)
+        self._swap(time)
+
+    def advance(self, time: float, step: float, stop: float) -> None:
+        """Step the components, and exchange their outputs with the others."""
+        with self._announced():
+            super().advance(time, step, stop)
+            self._exchange(stop)
+
+    def _exchange(self, time: float) -> None:
+        """Send the outputs and take those of the others."""
+        self._reals[: self._own.size] = self._components.exchange.banks[0].memory[self._own]
+        for i, port in enumerate(self._sent.rest):
+            if (place := self._place(port)) is not None:
+                bank, at = place
+                self._rest[i] = bank.heap.value(bank.kind, bank.memory[at])
+        self._swap(time)
+
+    def _swap(self, time: float) -> None:
+        assert self._link is not None
+        exchange = self._components.exchange
+        exchange.running.value = 0  # no component
+        said: dict[str, Any] = {"ended": self._box.ended} if self._box.ended else {}
+        if self._rest != self._known:
+            self._known = self._rest[:]
+            said["values"] = [_to_json(value) for value in self._rest]
+        for name, reals, words in self._link.swap(time, self._reals.tolist(), said):
+            sent, rest = self._plan.sent[name], [_from_json(value) for value in words.get("values", ())]
+            self._heard |= zip(
+                (*sent.reals[: len(reals)], *sent.rest[: len(rest)]), (*reals, *rest), strict=True
+            )
+            for port, bank, at in self._read[name]:
+                if bank.kind == "Real" or rest:
+                    bank.memory[at] = bank.heap.number(bank.kind, self._heard[port])
+            self._box.ended.update(words.get("ended", {}))
+
+    @contextmanager
+    def _announced(self) -> Generator[None]:
+        """Tell the others of a failure."""
+        assert self._link is not None
+        try:
+            yield
+        except CosimError as error:
+            self._link.leave({"failed": error.args[:4]})
+            raise
+        except BaseException:
+            self._link.leave({"left": True})
+            raise
+
+    def facts(self) -> dict[str, Any]:
+        """Return the wall time that the federate waited for the others."""
+        return super().facts() | {"waited_s": self._link.waited if self._link else 0.0}
+
+    def close(self, time: float) -> list[Any] | None:
+        """See `Components.close`; leave the others before."""
+        if self._link is not None:
+            self._link.leave({"left": True})
+        failure = super().close(time) if hasattr(self, "_components") else None
+        if self._broker is not None:
+            end_broker(self._broker)
+        return failure
+
+
+def _to_json(value: Value) -> Any:
+    return {"bytes": value.decode("latin-1")} if isinstance(value, bytes) else value
+
+
+def _from_json(value: Any) -> Value:
+    return value["bytes"].encode("latin-1") if isinstance(value, dict) else value
+
+
+if __name__ == "__main__":
+    serve(FederateServer, *sys.argv[1:])

@@ -1,0 +1,51 @@
+"""The frame of a documentation/index.html, of an FMU or a package: one page that needs no other file and no network."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from html import escape
+
+__all__ = ["page", "table"]
+
+_STYLE = """
+body { font: 16px/1.5 system-ui, sans-serif; color: #1f2328; margin: 2rem auto; padding: 0 1rem; }
+h1 { margin-bottom: 0; } h2 { margin-top: 2.2rem; border-bottom: 1px solid #d0d7de; }
+p.what { margin-top: .3rem; color: #57606a; }
+table { border-collapse: collapse; font-size: 14px; margin: 1rem 0; }
+th, td { text-align: left; vertical-align: top; padding: .2rem .8rem .2rem 0; border-bottom: 1px solid #eaeef2; }
+td.name, td.value { font-family: ui-monospace, monospace; } td.name { white-space: nowrap; }
+code, pre { background: #f3f4f6; border-radius: 3px; } code { padding: 0 .25em; }
+pre { padding: .6rem .8rem; overflow-x: auto; font: 14px/1.45 ui-monospace, monospace; }
+summary { cursor: pointer; font-weight: 600; margin: .4rem 0; }
+.wide { overflow-x: auto; }
+"""
+
+
+def page(title: str, what: str, body: str, width: int) -> bytes:
+    """Return a page of a width [rem] with its title, a line on what it is about, and HTML."""
+    return f"""<!DOCTYPE html>
+<html lang="en">
+<head>
+<meta charset="utf-8">
+<meta name="viewport" content="width=device-width">
+<title>{escape(title)}</title>
+<style>{_STYLE}body {{ max-width: {width}rem; }}
+</style>
+</head>
+<body>
+<h1>{escape(title)}</h1>
+<p class="what">{escape(what)}</p>
+{body}
+</body>
+</html>
+""".encode()
+
+
+def table(heads: Sequence[str], rows: Iterable[Sequence[str]], classes: Sequence[str]) -> str:
+    """Return a table of cells that are HTML; `classes` are those of the columns."""
+    lines = ["<table>", "<tr>" + "".join(f"<th>{head}</th>" for head in heads) + "</tr>"]
+    tags = [f'<td class="{name}">' if name else "<td>" for name in classes]
+    for row in rows:
+        cells = (f"{tag}{cell}</td>" for tag, cell in zip(tags, row, strict=True))
+        lines.append(f"<tr>{''.join(cells)}</tr>")
+    return "\n".join([*lines, "</table>"])
