@@ -17,7 +17,7 @@ from benchmarks.report import Report, machine, write_summary
 
 NAMES = (
     "growth", "fmu_growth", "master_step", "order", "coupling", "rigid", "c_loops", "native", "importers", "interop",
-    "work_precision", "engines", "whole", "sweeps", "federation",
+    "work_precision", "engines", "whole", "federation", "gradient", "sweeps",
 )  # fmt: skip
 
 

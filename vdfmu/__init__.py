@@ -18,6 +18,8 @@ Python API
     The same for many runs of one system, whose components stay loaded.
 ``sweep``
     A scenario or package at many points: a table that outlives all that may happen.
+``tune``
+    Parameters of a scenario that make a stated cost smallest.
 ``package_limit``
     How much may be unpacked of a package.
 """
@@ -49,6 +51,7 @@ if TYPE_CHECKING:
     from vdfmu.study.run import run
     from vdfmu.sweeps.run import sweep
     from vdfmu.sweeps.table import Sweep
+    from vdfmu.tuning.run import tune
 
 _WHERE = {
     "Results": "vdfmu.engine.cosim",
@@ -74,6 +77,7 @@ _WHERE = {
     "scenario_names": "vdfmu.scenario",
     "simulate": "vdfmu.engine.cosim",
     "sweep": "vdfmu.sweeps.run",
+    "tune": "vdfmu.tuning.run",
     "write_container": "vdfmu.engine.cosim.container",
     "write_osp": "vdfmu.ssp.write",
     "write_ssp": "vdfmu.ssp.write",
@@ -104,6 +108,7 @@ __all__ = [
     "scenario_names",
     "simulate",
     "sweep",
+    "tune",
     "write_container",
     "write_osp",
     "write_ssp",

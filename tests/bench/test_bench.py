@@ -20,6 +20,7 @@ from benchmarks import (
     engines,
     federation,
     fmu_growth,
+    gradient,
     growth,
     importers,
     master_step,
@@ -532,3 +533,14 @@ def test_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Non
     assert {p.name for p in (tmp_path / "out").iterdir()} == {
         "bench.json", "bench.md", "rigid.csv", "rigid.md", "rigid.png",
     }  # fmt: skip
+
+
+@pytest.mark.slow
+@needs_compiler
+def test_the_adjoint_is_the_gradient_of_the_chain_and_of_the_fmus() -> None:
+    found = gradient.study("planar_tracking", 0.1).found
+    adjoint = found["adjoint of the chain"]
+    # forward differences of 0.1 % of costs that go with 1 / gain^2: half the curvature, 1.5e-3 of each derivative; the
+    # chain's step without error control moves the FMUs' by some 1e-4 more
+    for way in ("differences of the chain", "differences of the FMUs"):
+        assert np.abs(found[way] - adjoint).max() < 3e-3 * np.abs(adjoint).max()

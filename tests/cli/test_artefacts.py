@@ -19,7 +19,7 @@ WRITERS = [
     ("run planar_tracking --stop 0.02 --no-reference", 1),
 ]
 """Commands, and how many files they write that can be checked: the FMUs beside an OSP description go with it."""
-READERS = {"cache", "check", "models", "simulate", "unit"}
+READERS = {"cache", "check", "models", "simulate", "sweep", "tune", "unit"}
 
 
 def test_every_command_that_writes_is_among_these():

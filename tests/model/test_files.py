@@ -27,6 +27,7 @@ def test_shipped_names() -> None:
         "slider_tracking",
         "tracking",
         "tracking_split",
+        "tracking_tuned",
         "two_joint",
         "two_joint_table5",
     ]

@@ -129,6 +129,7 @@ def test_table_5() -> None:
         "estimation",
         "tracking",
         "tracking_split",
+        "tracking_tuned",
         "two_joint",
         "two_joint_table5",
         "planar_tracking",

@@ -12,7 +12,7 @@ from typing import Annotated
 import typer
 
 from vdfmu import __version__
-from vdfmu.cli import cache, files, models, runs, sweeps, units
+from vdfmu.cli import cache, files, models, runs, sweeps, tunes, units
 from vdfmu.cli.terminal import console, fail
 from vdfmu.errors import ModelError, SspError, UsageError, VdfmuError
 from vdfmu.once import one_job
@@ -30,6 +30,11 @@ for function, example in (
     (runs.run, "vdfmu run tracking --set controller.K_p=1500 --out results/soft"),
     (runs.simulate, "vdfmu simulate tracking.ssp --master jacobi --out results/jacobi"),
     (runs.federate, "vdfmu federate tracking.ssp --split plant --split feedforward,controller"),
+    (
+        tunes.tune,
+        "vdfmu tune tracking --vary controller.K_p --vary controller.K_v --cost 'rms(trajectory.q_d - plant.q)' "
+        "--spread 'plant.mass=*normal(1, 0.05)' --margin same",
+    ),
     (files.build, "vdfmu build tracking --backend native --fmi 3.0 --platform all --out fmus"),
     (files.container, "vdfmu container tracking --out tracking.fmu"),
     (files.ssp, "vdfmu ssp two_joint --format 2.0 --out two_joint.ssp"),

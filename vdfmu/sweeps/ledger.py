@@ -131,6 +131,13 @@ class Ledger:
                 file.unlink()
         return found
 
+    def reopen(self) -> None:
+        """Make a part of the table again, so that points can be added."""
+        table = self._folder / TABLE
+        if table.exists():
+            points = self._parquet.read_table(table, columns=["point"])["point"].to_numpy()
+            table.replace(self._place(points[0], points[-1]))
+
     def forget_failed(self) -> None:
         """Remove the rows of points that failed, so that they are run again."""
         table = self._folder / TABLE

@@ -25,10 +25,10 @@ from vdfmu.sweeps.measures import Measure, read_measures, unit_of
 from vdfmu.sweeps.points import Points, draw
 from vdfmu.temporary import temporary_folder
 
-__all__ = ["Plan", "binding", "make_plan", "name_of"]
+__all__ = ["TRACKING", "Plan", "binding", "make_plan", "name_of"]
 
 _MOST_SYSTEMS = 200
-_OF_LOOP = {
+TRACKING = {
     "error": "rms(trajectory.q_d - plant.q)",
     "peak_error": "peak(trajectory.q_d - plant.q)",
     "peak_torque": "peak(controller.tau)",
@@ -228,7 +228,7 @@ def _default_measures(names: Sequence[str]) -> list[Measure]:
             "measure: expected at least one, such as 'error=rms(a.x - b.y)'; only the loop of trajectory, controller "
             "and plant has some of its own."
         )
-    return read_measures(_OF_LOOP)
+    return read_measures(TRACKING)
 
 
 def _recorded(names: Sequence[str], measures: Sequence[Measure], keep: Sequence[str]) -> list[str]:

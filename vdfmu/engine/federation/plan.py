@@ -15,11 +15,11 @@ from vdfmu.engine.cosim.checked import Checked
 from vdfmu.engine.cosim.description import Description, Variable
 from vdfmu.engine.cosim.feed import Feed
 from vdfmu.engine.cosim.link import SOURCE, Link, Port
-from vdfmu.engine.cosim.overrides import hint
 from vdfmu.engine.cosim.results import Results
 from vdfmu.engine.cosim.schedule import topological, variable_graph
 from vdfmu.engine.ssp.structure import System
 from vdfmu.errors import UsageError, VdfmuError
+from vdfmu.text import close_to
 
 if TYPE_CHECKING:
     from vdfmu.engine.federation.federated import Federated
@@ -109,7 +109,7 @@ class Federation:
         for group in groups:
             for name in group:
                 if name not in checked.descriptions:
-                    known = hint(name, checked.descriptions)
+                    known = close_to(name, checked.descriptions)
                     problems.append(f"split: the system has no component {name!r}{known}")
                 elif name in owner:
                     problems.append(

@@ -76,6 +76,7 @@ class FederateServer(Server):
             self.load(start)
         exchange = self._components.exchange
         assert isinstance(exchange, _Exchange)
+        exchange.running.value = 0  # no component, while others load theirs
         exchange.levels, exchange.swap, exchange.heard = plan.levels, self._settle, self._heard
         position = exchange.banks[0].position
         self._own = np.array([position[port] for port in self._sent.reals if port in position], np.intp)

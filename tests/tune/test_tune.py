@@ -1,0 +1,172 @@
+"""Tuning from end to end: better values within what is required, the same ones after a stop, all runs kept."""
+
+from __future__ import annotations
+
+import json
+import re
+import tomllib
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+import vdfmu
+from vdfmu.analysis.margins import stability_margins
+from vdfmu.cli.commands import app
+from vdfmu.errors import UsageError
+from vdfmu.sweeps.table import Sweep
+from vdfmu.tuning.problem import make_problem
+
+ERRORS = "rms(trajectory.q_d - plant.q)"
+SPREAD = {"plant.mass": "*lin(0.9, 1.1)"}
+SHORT = {"stop": 0.3, "spread": SPREAD, "spread_n": 2, "workers": 2}
+SEARCH = {"method": "local", "budget": 30}
+GAINS = ["controller.K_p", "controller.K_v"]
+
+
+def table(folder):
+    """Return all columns but the times and places of the runs; NaN equals itself in them."""
+    columns = Sweep(folder).table().drop_columns(["wall_s"]).to_pydict()
+    return {name: ["nan" if x != x else x for x in column] for name, column in columns.items()}
+
+
+@pytest.fixture(scope="module")
+def tuned(tmp_path_factory):
+    """Gains of the planar arm, each joint's margin kept."""
+    folder = tmp_path_factory.mktemp("tuned") / "search"
+    return vdfmu.tune("planar_tracking", GAINS, ERRORS, margin="same", out=folder, **SEARCH, **SHORT)
+
+
+def test_each_joint_is_better_at_its_own_margin(tuned):
+    assert tuned.after.feasible
+    # less by far more than the accuracy of a run, 1e-7 of 1 rad or N.m at errors of 1e-5 rad
+    assert (tuned.after.cost < 0.95 * tuned.before.cost).all()
+    scenario = vdfmu.load_scenario("planar_tracking")
+    before = stability_margins(scenario)
+    after = stability_margins(scenario, {name: value.tolist() for name, value in tuned.settings.items()})
+    # times from 0 to 2 s here, to 0.3 s there: the arm hangs, where both joints' inertias are largest
+    np.testing.assert_allclose(tuned.before.margins.modulus, before.modulus, atol=0.1)
+    assert (tuned.after.margins.modulus >= tuned.before.margins.modulus).all()
+    assert after.radius < 1.0
+
+
+def test_the_cost_is_that_of_runs_one_by_one(tuned, tmp_path):
+    """To the bit: the values of the fragment are those that were run."""
+    with open(tuned.folder / "tuned.toml", "rb") as file:
+        gains = tomllib.load(file)["controller"]
+    problem = make_problem("planar_tracking", GAINS, ERRORS, spread=SPREAD, spread_n=2, options={"stop": 0.3})
+    scenario = vdfmu.load_scenario("planar_tracking")
+    package = vdfmu.write_ssp(
+        scenario, vdfmu.build_fmus(scenario.robot, tmp_path / "fmus"), tmp_path / "p.ssp"
+    )
+    costs = []
+    for factor in problem.spread["plant.mass"]:
+        results = vdfmu.simulate(
+            package, stop=0.3, step=1e-3,
+            parameters={
+                "controller.K_p": gains["K_p"], "controller.K_v": gains["K_v"],
+                "plant.mass": (factor * scenario.robot.mass).tolist(),
+            },
+        )  # fmt: skip
+        error = results.array("trajectory.q_d") - results.array("plant.q")
+        costs.append(np.sqrt(np.mean(error**2, axis=0)))
+    # of the mean of squares in another order: rounding
+    np.testing.assert_allclose(tuned.after.cost, np.mean(costs, axis=0), rtol=1e-12)
+
+
+def test_all_runs_are_kept(tuned):
+    runs = Sweep(tuned.folder)
+    assert len(runs) == 2 * tuned.evaluations and not runs.failed
+    assert runs["point"].tolist() == list(range(len(runs)))
+    assert set(runs["robot"]) == {0.0, 1.0}
+    assert runs["controller.K_p[1]"][0] == 1500.0
+    assert (tuned.folder / "tuning.png").read_bytes().startswith(b"\x89PNG")
+    comparison = json.loads((tuned.folder / "tune.json").read_text())["comparison"]
+    assert {row["name"] for row in comparison} >= {
+        "cost[2]",
+        "error[1]",
+        "peak_torque[2]",
+        "modulus[1]",
+        "delay[2]",
+    }
+
+
+def test_a_search_that_was_stopped_goes_on_to_the_same_result(tuned, tmp_path, monkeypatch):
+    """Stopped after 11 evaluations: their runs are not run again, and the table is that of an undisturbed search."""
+    from vdfmu.tuning.evaluate import Evaluations
+
+    run = Evaluations._run
+
+    def stopping(self, keys):
+        run(self, keys)
+        if len(self.scores) >= 11:
+            raise KeyboardInterrupt
+
+    folder = tmp_path / "search"
+    options = {**SHORT, **SEARCH, "margin": "same", "out": folder}
+    with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
+        patch.setattr(Evaluations, "_run", stopping)
+        vdfmu.tune("planar_tracking", GAINS, ERRORS, **options)
+    done = table(folder)
+    found = vdfmu.tune("planar_tracking", GAINS, ERRORS, **options)
+    assert len(done["point"]) >= 22
+    whole = table(folder)
+    assert {name: column[: len(done["point"])] for name, column in whole.items()} == done
+    assert whole == table(tuned.folder)
+    np.testing.assert_array_equal(found.after.values, tuned.after.values)
+
+
+def test_runs_that_fail_cost_infinity_and_are_counted(tmp_path):
+    """Velocity gains of up to a hundredfold destabilise the sampled loop; the search stays where it runs."""
+    found = vdfmu.tune(
+        "planar_tracking", {"controller.K_v[1]": "*log(0.5, 200)"}, f"worst({ERRORS})", method="global", budget=8,
+        out=tmp_path / "search", stop=0.5, workers=2,
+    )  # fmt: skip
+    assert found.failed == len(Sweep(found.folder).failed) > 0
+    assert found.after.feasible and found.after.cost[0] <= found.before.cost[0]
+
+
+def test_limits_hold_for_every_robot(tmp_path):
+    found = vdfmu.tune(
+        "planar_tracking", ["controller.K_p[2]=log(100, 5000)"], "rms(trajectory.q_d[2] - plant.q[2])",
+        limit=["peak(controller.tau_e[2]) < 0.0"], method="global", budget=8, out=tmp_path / "search", **SHORT,
+    )  # fmt: skip
+    assert not found.after.feasible  # no feedback torque at all
+    assert any("no values within the limits" in note for note in found.notes)
+
+
+def test_the_command_shows_before_and_after(tmp_path):
+    result = CliRunner().invoke(
+        app,
+        [
+            "tune", "planar_tracking", "--vary", "controller.K_p[1]", "--cost", ERRORS, "--budget", "3",
+            "--stop", "0.1", "--method", "local", "--out", str(tmp_path / "search"),
+        ],
+    )  # fmt: skip
+    assert result.exit_code == 0, result.output
+    assert re.search(r"error\[1\]\s+\S+\s+\S+", result.output)
+    assert "[controller]\nK_p = [" in result.output
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"vary": ["controller.K_x"]}, "controller.K_x: controller has no K_x"),
+        ({"vary": ["controller.K_p=normal(1, 2)"]}, "expected lin.FROM, TO. or log.FROM, TO."),
+        ({"vary": ["controller.K_p[1]=log(1, 10)"]}, r"expected a range that has the scenario's 1500, got 1 to 10"),
+        ({"vary": ["feedforward.F_e_d"]}, "feedforward.F_e_d.1.: expected a range, got 0 to 0"),
+        ({"vary": ["plant.mass"], "margin": 0.5}, "expected other parameters than those of the plant"),
+        ({"vary": ["controller.K_p", "controller.K_p[1]"]}, "expected each number once, got controller.K_p.1."),
+        ({"limit": ["peak(plant.q)"]}, "limit: expected EXPRESSION < NUMBER"),
+        ({"margin": "big"}, "margin: expected a modulus margin from 0 to below 1, or same, got big"),
+        ({"method": "best"}, "method: expected both, global, local, got best"),
+        ({"over": "all"}, "over: expected mean or worst, got all"),
+        ({"budget": 0}, "budget: expected at least 1, got 0"),
+        ({"cost": "rms(plant.x)"}, "no output or connected input is called plant.x"),
+    ],
+)  # fmt: skip
+def test_what_is_wrong_is_said_before_the_first_run(options, words, tmp_path):
+    given = {"vary": GAINS, "cost": ERRORS, "out": tmp_path / "search", "stop": 0.1, **options}
+    with pytest.raises(UsageError, match=words):
+        vdfmu.tune("planar_tracking", **given)
+    assert not (tmp_path / "search").exists()

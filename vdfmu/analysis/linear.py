@@ -1,0 +1,113 @@
+"""Linearisation of units by the derivatives of their traced functions, and of feedback around a plant."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+from scipy.linalg import expm
+
+from vdfmu.errors import UsageError
+from vdfmu.study.wired import System
+from vdfmu.unit.evaluate import Evaluation, Traced
+from vdfmu.unit.trace import argument_name
+
+__all__ = ["Linear", "feedback", "held", "linearize"]
+
+Floats = npt.NDArray[np.float64]
+
+
+class Linear(NamedTuple):
+    """``x_dot = A x + B u`` of deviations, or ``x[k+1] = A x[k] + B u[k]``: A (n, n), B (n, m)."""
+
+    A: Floats
+    B: Floats
+
+
+def linearize(unit: Evaluation, inputs: Sequence[str]) -> Linear:
+    """Linearise the derivatives of a unit's states where its memory is, exactly: by differentiation of the trace.
+
+    Parameters
+    ----------
+    unit : Evaluation
+    inputs : sequence of str
+        Groups of inputs, whose columns B has one after the other.
+
+    Raises
+    ------
+    UsageError
+        If the unit has no states, or is not traced.
+    """
+    calls = unit.interface.program.derivatives if isinstance(unit, Traced) else ()
+    chosen = [
+        call
+        for call in calls
+        if all(unit.argument(argument_name(choice))[0] == value for choice, value in call.when)
+    ]
+    if not chosen or not unit.x.size:
+        raise UsageError(
+            f"{unit.interface.unit.__name__}: expected a traced unit with states, to linearise it."
+        )
+    (call,) = chosen
+    functions = unit.interface.functions
+    given = {name: unit.argument(name) for name in functions.casadi_function(call.function).name_in()}
+    product = functions.function(f"{call.function}_forward", **given)
+
+    def along(name: str) -> Floats:
+        direction = product.args.get(f"d_{name}")
+        if direction is None:  # they do not depend on it
+            return np.zeros((unit.x.size, unit.argument(name).size))
+        columns = np.empty((direction.size, unit.x.size))
+        for i, column in enumerate(columns):
+            direction[:] = 0.0
+            direction[i] = 1.0
+            product.run()
+            column[:] = product.results["d_x_dot"]
+        direction[:] = 0.0
+        return columns.T
+
+    return Linear(along("x"), np.hstack([along(argument_name(name)) for name in inputs]))
+
+
+def held(continuous: Linear, step: float) -> Linear:
+    """Discretise exactly: the states after a step through which the inputs are held."""
+    n, m = continuous.B.shape
+    whole: Floats = np.asarray(
+        expm(step * np.block([[continuous.A, continuous.B], [np.zeros((m, n + m))]])), dtype=float
+    )
+    return Linear(whole[:n, :n], whole[:n, n:])
+
+
+def feedback(system: System, plant: str, inputs: Sequence[str], t: float) -> Floats:
+    """Return how inputs of a unit depend on its states through all other units: K (m, n), ``u = K x``.
+
+    By differences around the states that the solver's part of the memory has; exact to rounding for units that are
+    linear in what they measure.
+
+    Raises
+    ------
+    UsageError
+        If another unit that the system evaluates has states.
+    """
+    others = [name for name in system.units if name != plant]
+    moving = [name for name in others if system.units[name].x.size or system.units[name].interface.is_sampled]
+    if moving:
+        raise UsageError(
+            f"{', '.join(moving)}: expected feedback without states, to linearise the loop at each time by itself."
+        )
+    run, unit = system.python(system.evaluate), system.units[plant]
+    x = system.memory[system.solver_x]
+    K = np.empty((sum(unit.argument(name).size for name in inputs), x.size))
+    for j, center in enumerate(x):
+        step = 1e-6 * (1.0 + abs(center))  # SI units: rounding and curvature are some 1e-9 of what matters
+        ends: list[Floats] = []
+        for sign in (1.0, -1.0):
+            system.memory[system.solver_x[j]] = center + sign * step
+            run(t)
+            ends.append(np.concatenate([unit.argument(name) for name in inputs]))
+        system.memory[system.solver_x[j]] = center
+        K[:, j] = (ends[0] - ends[1]) / (2.0 * step)
+    run(t)
+    return K

@@ -1,0 +1,1 @@
+"""Tuning: parameters of a scenario that make a stated cost smallest, over a spread of robots and within limits."""

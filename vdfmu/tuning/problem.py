@@ -1,0 +1,241 @@
+"""What is tuned: the numbers that vary, the cost, limits, the spread of robots, and the required margin."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import os
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from vdfmu.analysis.margins import ArmLoops, Margins
+from vdfmu.errors import UsageError
+from vdfmu.scenario.values import override, system_values
+from vdfmu.study.run import prepare
+from vdfmu.sweeps.axes import Axis, read_axes
+from vdfmu.sweeps.plan import TRACKING, Plan, make_plan
+
+__all__ = ["Problem", "make_problem"]
+
+Floats = npt.NDArray[np.float64]
+
+_RANGE = "*log(0.1, 10)"
+"""Of a number that varies, unless another is given."""
+_LIMIT = re.compile(r"(.+?)\s*(<=|>=|<|>)\s*([^<>=]+)")
+
+
+@dataclass(frozen=True)
+class Problem:
+    """What is tuned.
+
+    Attributes
+    ----------
+    axes : tuple of Axis
+        One for each number that varies, ``lin`` or ``log``, of values.
+    start : (d,) array
+        Values of the scenario.
+    limits : dict of str to (str, float)
+        Measure whose largest value over all robots must not be positive, to its text and the size of its right side.
+    over : "mean" or "worst"
+        What counts of the costs of the robots.
+    plan : Plan
+        Of the sweep, whose points are the robots.
+    loops : ArmLoops or None
+    margin : (n,) array
+        Required modulus margin of each joint, with one sample of delay; empty without.
+    """
+
+    axes: tuple[Axis, ...]
+    start: Floats
+    limits: dict[str, tuple[str, float]]
+    over: str
+    plan: Plan
+    loops: ArmLoops | None
+    margin: Floats
+
+    @property
+    def names(self) -> list[str]:
+        """Variables that vary, ``component.variable``."""
+        return [axis.target for axis in self.axes]
+
+    @property
+    def robots(self) -> int:
+        """Number of robots."""
+        return len(self.plan)
+
+    @property
+    def spread(self) -> dict[str, Floats]:
+        """What the robots differ in: target to values, (robots,)."""
+        return {target: column for target, column in self.plan.points.items() if target not in self.names}
+
+    def values(self, u: Floats) -> Floats:
+        """Values (d,) at a point of the unit cube, those of four digits next to it."""
+        at = np.array([axis.at(share) for axis, share in zip(self.axes, u, strict=True)])
+        return np.array([float(f"{value:.4g}") for value in at])
+
+    def place(self, values: Floats) -> Floats:
+        """Return the point of the unit cube where values are, or the one next to them."""
+        ends = np.array([axis.numbers for axis in self.axes]).T
+        log = np.array([axis.form == "log" for axis in self.axes])
+        low, high, x = (np.where(log, np.log(np.where(log, np.abs(v), 1.0)), v) for v in (*ends, values))
+        return np.clip((x - low) / (high - low), 0.0, 1.0)
+
+    def margins(self, values: Floats) -> Margins | None:
+        """Margins of the loops with one sample of delay; None without a required one."""
+        if self.loops is None:
+            return None
+        return self.loops.margins(dict(zip(self.names, values.tolist(), strict=True)))
+
+
+def make_problem(
+    scenario: Any,
+    vary: Mapping[str, Any] | Sequence[str],
+    cost: str,
+    *,
+    limit: Sequence[str] = (),
+    spread: Mapping[str, Any] | Sequence[str] = (),
+    spread_n: int = 8,
+    over: str = "mean",
+    margin: float | str | None = None,
+    growth: float = 0.0,
+    seed: int = 0,
+    settings: Mapping[str, Any] | None = None,
+    options: Mapping[str, Any] | None = None,
+    backend: str | None = None,
+) -> Problem:
+    """Read and check what is tuned; arguments as of :func:`vdfmu.tune`.
+
+    Raises
+    ------
+    UsageError, ModelError
+        For all that is wrong with it: nothing has run then.
+    """
+    if over not in ("mean", "worst"):
+        raise UsageError(f"over: expected mean or worst, got {over}.")
+    if isinstance(scenario, (str, os.PathLike)) and os.fspath(scenario).endswith(".ssp"):
+        raise UsageError(f"{scenario}: expected a scenario, whose values are known; a package can be swept.")
+    loaded = prepare(scenario, **(options or {}))
+    axes = _elements(loaded, vary, settings or {})
+    spread_axes = read_axes(spread)
+    targets = [*(axis.target for axis in axes), *(axis.target for axis in spread_axes)]
+    if len(set(targets)) < len(targets):
+        raise UsageError(
+            f"vary: expected each number once, got {', '.join(sorted({t for t in targets if targets.count(t) > 1}))}"
+            " several times."
+        )
+    limits = dict(_limit(number, text) for number, text in enumerate(limit, 1))
+    measures = {"cost": cost, **{name: text for name, (text, _) in limits.items()}}
+    if {"trajectory", "controller", "plant"} <= loaded.system.parts.keys():
+        measures |= {name: text for name, text in TRACKING.items() if name not in measures}
+    over_all = {axis.target: _text(axis) for axis in (*axes, *spread_axes)}
+    n = spread_n if spread_axes else 1
+    plan = make_plan(
+        scenario, over_all, sample="lhs", n=n, seed=seed, measure=measures, settings=settings, options=options,
+        backend=backend,
+    )  # fmt: skip
+    facts = {**plan.facts, "tune": {"limits": list(limit), "over": over, "start": [a.start for a in axes]}}
+    loops, required = None, np.zeros(0)
+    if margin is not None:
+        if any(axis.target.startswith("plant.") for axis in axes):
+            raise UsageError("margin: expected other parameters than those of the plant to vary.")
+        loops = ArmLoops(loaded, settings, growth=growth)
+        n_joints = len(loops.loops[0].K)
+        required = loops.margins().modulus if margin == "same" else np.full(n_joints, _number(margin))
+        facts["tune"] |= {"margin": required.tolist(), "growth": growth}
+    start = np.array([a.start for a in axes])
+    return Problem(
+        tuple(a.axis for a in axes),
+        start,
+        limits,
+        over,
+        dataclasses.replace(plan, facts=facts),
+        loops,
+        required,
+    )
+
+
+@dataclass(frozen=True)
+class _Element:
+    """A number that varies, and its value in the scenario."""
+
+    axis: Axis
+    start: float
+
+    @property
+    def target(self) -> str:
+        return self.axis.target
+
+
+def _elements(
+    scenario: Any, vary: Mapping[str, Any] | Sequence[str], settings: Mapping[str, Any]
+) -> list[_Element]:
+    """Return one axis for each number, within its bounds of values."""
+    given = vary if isinstance(vary, Mapping) else [t if "=" in t else f"{t}={_RANGE}" for t in vary]
+    values = system_values(scenario, settings)
+    found: list[_Element] = []
+    problems: list[str] = []
+    for axis in read_axes(given):
+        if axis.form not in ("lin", "log"):
+            problems.append(f"{axis.target}: expected lin(FROM, TO) or log(FROM, TO), got {axis}.")
+            continue
+        for component, each in override(
+            scenario, {axis.target: axis.numbers[0] if not axis.factor else 1.0}
+        ).items():
+            for variable in each:
+                start = values[component].get(variable)
+                low, high = sorted(axis.numbers)
+                if not isinstance(start, float) or not math.isfinite(start):
+                    problems.append(f"{component}.{variable}: expected a finite number to vary, got {start}.")
+                    continue
+                if axis.factor:
+                    low, high = sorted((low * start, high * start))
+                if not low < high or (axis.form == "log" and not low * high > 0.0):
+                    problems.append(f"{component}.{variable}: expected a range, got {low:g} to {high:g}.")
+                    continue
+                if not low <= start <= high:
+                    problems.append(
+                        f"{component}.{variable}: expected a range that has the scenario's {start:g}, got {low:g} to "
+                        f"{high:g}."
+                    )
+                found.append(_Element(Axis(f"{component}.{variable}", axis.form, (low, high)), start))
+    if not found and not problems:
+        problems.append("vary: expected at least one parameter, such as controller.K_p.")
+    if problems:
+        raise UsageError("\n".join(problems))
+    return found
+
+
+def _text(axis: Any) -> str:
+    """Form of an axis, with all digits."""
+    axis = axis.axis if isinstance(axis, _Element) else axis
+    if axis.form == "values":
+        return str(axis).partition("=")[2]
+    return f"{'*' if axis.factor else ''}{axis.form}({axis.numbers[0]!r}, {axis.numbers[1]!r})"
+
+
+def _limit(number: int, text: str) -> tuple[str, tuple[str, float]]:
+    """Return a limit as a measure that must not be positive."""
+    parts = _LIMIT.fullmatch(text.strip())
+    try:
+        if parts is None:
+            raise ValueError
+        bound = float(parts[3])
+    except ValueError:
+        raise UsageError(f"limit: expected EXPRESSION < NUMBER, or >, got {text}.") from None
+    sign = 1 if parts[2].startswith("<") else -1
+    return f"limit_{number}", (f"{sign} * (({parts[1]}) - ({bound!r}))", abs(bound) or 1.0)
+
+
+def _number(margin: float | str) -> float:
+    try:
+        value = float(margin)
+    except ValueError:
+        value = math.nan
+    if not 0.0 <= value < 1.0:
+        raise UsageError(f"margin: expected a modulus margin from 0 to below 1, or same, got {margin}.")
+    return value
