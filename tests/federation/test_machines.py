@@ -9,14 +9,16 @@ import socket
 import subprocess
 import sys
 import time
+from importlib.util import find_spec
 from pathlib import Path
 
-import helics
 import pytest
 
 import vdfmu
 
-PROGRAM = Path(helics.__file__).parent / "install" / "bin" / "helics_broker"
+HELICS = find_spec("helics")  # not imported: see helics_link.py
+assert HELICS is not None and HELICS.origin is not None
+PROGRAM = Path(HELICS.origin).parent / "install" / "bin" / "helics_broker"
 
 
 @pytest.fixture

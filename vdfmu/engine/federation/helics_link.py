@@ -5,13 +5,22 @@ from __future__ import annotations
 import json
 import os
 import socket
+import sys
 from collections.abc import Sequence
+from contextlib import suppress
+from ctypes import CDLL, RTLD_GLOBAL
 from time import perf_counter
 from typing import Any, NamedTuple
 
-import helics as h
-
 from vdfmu.errors import CosimError
+
+if sys.platform == "linux":
+    # HELICS shows all the C++ library that it brings to libraries that are loaded later, of which those of Python FMUs
+    # then wait for ever when they start: the system's is to be found first.
+    with suppress(OSError):  # there is none, so nothing needs it
+        CDLL("libstdc++.so.6", RTLD_GLOBAL)
+
+import helics as h
 
 __all__ = ["Heard", "HelicsLink", "end_broker", "start_broker"]
 
