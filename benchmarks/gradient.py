@@ -14,7 +14,7 @@ import numpy as np
 from benchmarks.report import COLOURS, Report, Table, new_figure, tidy
 from benchmarks.system import packed
 from vdfmu.engine.cosim import Simulator
-from vdfmu.fmu.native.generate import kernel_source
+from vdfmu.fmu.native.kernels import kernel_source
 from vdfmu.fmu.native.loaded import SHOWN, loaded
 from vdfmu.kernel.c_code import c_prototype
 from vdfmu.kernel.structure import values
