@@ -17,9 +17,10 @@ WRITERS = [
     ("container planar_tracking", 1),
     ("container slider_tracking --step 0.0005", 1),
     ("run planar_tracking --stop 0.02 --no-reference", 1),
+    ("reference planar_tracking", 2),
 ]
 """Commands, and how many files they write that can be checked: the FMUs beside an OSP description go with it."""
-READERS = {"cache", "check", "models", "simulate", "sweep", "tune", "unit"}
+READERS = {"cache", "check", "federate", "models", "simulate", "sweep", "tune", "unit"}
 
 
 def test_every_command_that_writes_is_among_these():

@@ -42,6 +42,7 @@ def together(run):
         return [result for results in pool.map(several, range(THREADS)) for result in results]
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize(("backend", "isolate"), [("native", False), ("python", False), ("native", True)])
 def test_eight_threads_compute_what_one_does(arm, backend, isolate):
     package, folder = arm(backend), os.getcwd()

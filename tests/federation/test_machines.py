@@ -95,6 +95,7 @@ def test_all_must_run_the_same(start):
         assert "expected the same package, split, start, stop and step for all" in shown
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize(
     ("number", "reason"),
     [(signal.SIGINT, "federate g left the run"), (signal.SIGKILL, "lost comms with federate g")],

@@ -48,7 +48,7 @@ def test_python_and_native_fmus_compute_the_same(runs, master):
     assert largest_difference(python, native) <= 1e-9
 
 
-@pytest.mark.slow
+@pytest.mark.heavy
 def test_python_and_native_fmus_agree_over_the_tracking_run(tmp_path):
     runs = [
         vdfmu.run("tracking", backend=backend, out=tmp_path / backend, reference=False)

@@ -18,6 +18,7 @@ import numpy.typing as npt
 
 from vdfmu.analysis.linear import Linear, feedback, held, linearize
 from vdfmu.errors import UsageError
+from vdfmu.model.parameters import section
 from vdfmu.scenario import Scenario
 from vdfmu.scenario.values import system_values
 from vdfmu.ssp.description import SystemDescription
@@ -35,8 +36,8 @@ _DESIRED = {
     "tau_s": "feedforward.tau_s",
 }
 """States of the plant to the signals that have them along the desired motion."""
-_DRY = {"f_c", "f_s", "f_ck"}
-"""Parameters of Coulomb and Stribeck friction."""
+_DRY = {row.name for row in section("friction") if row.quantity in ("torque", "N.m")}
+"""Parameters of Coulomb and Stribeck friction: torques, where viscous friction has a damping."""
 _TIMES = 11
 _GRID = 400
 """Frequencies at which a loop is calculated, beside those around its poles."""
@@ -103,7 +104,7 @@ class Loop:
 
     def around(self, poles: Any) -> Floats:
         """Frequencies [rad/s] at and around lightly damped poles, whose peaks a grid would miss."""
-        s = np.log(poles[np.abs(poles) > 0.5]) / self.step
+        s = np.log(poles[np.abs(poles) > 0.5].astype(complex)) / self.step
         s = s[(s.imag > _SLOWEST * np.pi / self.step)]
         w = s.imag[:, None] + np.abs(s.real - self.growth)[:, None] * _AROUND
         return np.unique(w[(w > 0.0) & (w < np.pi / self.step)])

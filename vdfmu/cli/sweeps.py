@@ -50,7 +50,7 @@ app = typer.Typer(
 
 
 @app.command(
-    epilog="Example: [bold]vdfmu sweep tracking --over 'plant.K_f0[2]=*lin(0.5, 2, 20)' "
+    epilog="Example: [bold]vdfmu sweep tracking --over 'controller.K_p[2]=*lin(0.5, 2, 20)' "
     "--measure 'error=rms(trajectory.q_d - plant.q)'[/bold]"
 )
 def run(

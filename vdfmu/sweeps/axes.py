@@ -1,4 +1,4 @@
-"""What a parameter study varies: ``plant.K_f0[2]=lin(5e3, 5e4, 20)``."""
+"""What a parameter study varies: ``controller.K_p[2]=lin(500, 5000, 20)``."""
 
 from __future__ import annotations
 
