@@ -128,7 +128,9 @@ def test_stiff_components(system, monkeypatch):
 
     for name in ("DOP853", "Radau"):
         monkeypatch.setattr(scipy.integrate, name, counted(getattr(scipy.integrate, name)))
-    results = simulate(system({"s": (STIFF, "3.0")}), stop=1.0, step=0.1, parameters={"s.x": 1.0}, isolate=False)
+    results = simulate(
+        system({"s": (STIFF, "3.0")}), stop=1.0, step=0.1, parameters={"s.x": 1.0}, isolate=False
+    )
     np.testing.assert_allclose(results["s.x"], np.cos(results.time), atol=1e-5)
     assert 0 < steps < 30_000  # a tenth of those of the explicit method
 
