@@ -155,7 +155,7 @@ def _interface(content: Content) -> str:
         if content.fmi_version == "3.0"
         else "A row with several value references stands for as many scalar variables."
     )
-    classes = ("name", "name", "", "", "", "", "")
+    classes = ("name", "ref", "", "", "", "", "")
     return f'<p>{explanation}</p>\n<div class="wide">{table(heads, rows, classes)}</div>'
 
 

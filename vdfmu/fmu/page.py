@@ -13,7 +13,7 @@ h1 { margin-bottom: 0; } h2 { margin-top: 2.2rem; border-bottom: 1px solid #d0d7
 p.what { margin-top: .3rem; color: #57606a; }
 table { border-collapse: collapse; font-size: 14px; margin: 1rem 0; }
 th, td { text-align: left; vertical-align: top; padding: .2rem .8rem .2rem 0; border-bottom: 1px solid #eaeef2; }
-td.name, td.value { font-family: ui-monospace, monospace; } td.name { white-space: nowrap; }
+td.name, td.ref, td.value { font-family: ui-monospace, monospace; } td.name, td.ref { white-space: nowrap; }
 code, pre { background: #f3f4f6; border-radius: 3px; } code { padding: 0 .25em; }
 pre { padding: .6rem .8rem; overflow-x: auto; font: 14px/1.45 ui-monospace, monospace; }
 summary { cursor: pointer; font-weight: 600; margin: .4rem 0; }
