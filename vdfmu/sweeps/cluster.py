@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import asyncio
 import threading
 import time
 from collections.abc import Callable, Generator, Sequence
+from concurrent import futures
 from typing import Any
 
 from vdfmu.errors import UsageError, VdfmuError
@@ -83,6 +85,18 @@ class _LostError(Exception):
     """The scheduler is gone."""
 
 
+_LOST = (
+    _LostError,
+    asyncio.CancelledError,
+    futures.CancelledError,
+    OSError,
+    TimeoutError,
+    AttributeError,
+    RuntimeError,
+)
+"""What a client raises that has lost its scheduler."""
+
+
 def _rounds(
     client: Any,
     job: bytes,
@@ -116,16 +130,22 @@ def _rounds(
                 chunk = chunks.take() if again is None else again[0]
                 if chunk is None:
                     break
-                future = client.submit(run_chunk, sent, chunk, time_limit, pure=False)
-                out[future] = (chunk, 1 if again is None else again[1] + 1)
+                tries = 1 if again is None else again[1] + 1
+                try:
+                    future = client.submit(run_chunk, sent, chunk, time_limit, pure=False)
+                except BaseException:
+                    waiting.append((chunk, tries))
+                    raise
+                out[future] = (chunk, tries)
             if not out and places:
                 return
             if any(future.status in ("lost", "cancelled") for future in out):
                 raise _LostError  # or the job, with the worker that had it
             for future in [f for f in out if f.status != "pending"]:
-                chunk, tries = out.pop(future)
+                chunk, tries = out[future]
                 if future.status == "finished":
                     rows = future.result()
+                    del out[future]
                     for row in rows:
                         chunks.note(row["wall_s"])
                     yield rows
@@ -140,11 +160,11 @@ def _rounds(
                         "What was done is kept."
                     )
                 else:
+                    del out[future]
                     waiting.append((chunk, tries))
                 future.release()
             time.sleep(0.01)
-    except (_LostError, CommClosedError, OSError, TimeoutError, AttributeError, RuntimeError) as error:
-        # a client that has lost its scheduler fails in any of these ways
+    except (*_LOST, CommClosedError) as error:
         if client.status == "running" and isinstance(error, (AttributeError, RuntimeError)):
             raise
         waiting += list(out.values())

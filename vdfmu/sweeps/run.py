@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from vdfmu.engine.cosim.inputs import Inputs
-from vdfmu.errors import UsageError
+from vdfmu.errors import UsageError, VdfmuError
 from vdfmu.interrupt import InterruptGuard
 from vdfmu.once import one_job
 from vdfmu.progress import Progress
@@ -157,6 +157,11 @@ def sweep(
             with InterruptGuard():
                 for rows in chunks.left:
                     ledger.add(rows)
+        missing = total - int(ledger.done().sum())
+        if missing:
+            raise VdfmuError(
+                f"{folder}: {missing} points are missing: give the same command again to run them."
+            )
         return Sweep(ledger.finish(), notes=ledger.notes)
 
 
