@@ -6,7 +6,7 @@ import difflib
 import re
 from collections.abc import Iterable
 
-__all__ = ["close_to", "error_text", "shown"]
+__all__ = ["close_to", "matching", "error_text", "shown"]
 
 _ACTING = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069\ud800-\udfff]")
 """What a terminal acts on: controls but tab and newline, directions of writing, halves of characters."""
@@ -21,6 +21,12 @@ def error_text(error: object) -> str:
     """Return what an error says, with what was added to it on its way."""
     notes = getattr(error, "__notes__", [])
     return ". ".join([*filter(None, [str(error).removesuffix(".")]), *notes]) if notes else str(error)
+
+
+def matching(names: Iterable[str], patterns: Iterable[str]) -> list[str]:
+    """Return the names that one of the patterns, with ``*`` for any text, fits."""
+    whole = [re.compile(".*".join(map(re.escape, pattern.split("*")))) for pattern in patterns]
+    return [name for name in names if any(pattern.fullmatch(name) for pattern in whole)]
 
 
 def close_to(name: str, known: Iterable[str]) -> str:

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import re
 from collections import OrderedDict
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,9 +14,9 @@ from vdfmu.engine.cosim import Simulator
 from vdfmu.engine.cosim.inputs import Table
 from vdfmu.errors import CosimError, VdfmuError
 from vdfmu.sweeps.measures import Measure, measured
-from vdfmu.text import error_text
+from vdfmu.text import error_text, matching
 
-__all__ = ["Binding", "Bench", "Job", "Row", "Task", "WiredSystem", "matching"]
+__all__ = ["Binding", "Bench", "Job", "Row", "Task", "WiredSystem"]
 
 Row = dict[str, Any]
 """``point``, ``failed`` (why, or None), ``failed_at`` [s], ``wall_s``, measures and signals, by column."""
@@ -86,12 +85,6 @@ class Job:
 
 Task = tuple[int, int, dict[str, Any]]
 """Number of a point, that of its system, and the values of its axes by target."""
-
-
-def matching(names: Iterable[str], patterns: Iterable[str]) -> list[str]:
-    """Return the names that one of the patterns, with ``*`` for any text, fits."""
-    whole = [re.compile(".*".join(map(re.escape, pattern.split("*")))) for pattern in patterns]
-    return [name for name in names if any(pattern.fullmatch(name) for pattern in whole)]
 
 
 class Bench:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import hashlib
 import json
 import os
@@ -20,10 +19,11 @@ from vdfmu.engine.ssp import load_ssp
 from vdfmu.errors import UsageError
 from vdfmu.progress import Progress
 from vdfmu.sweeps.axes import Axis, is_option, read_axes
-from vdfmu.sweeps.job import Binding, Job, Task, WiredSystem, matching
+from vdfmu.sweeps.job import Binding, Job, Task, WiredSystem
 from vdfmu.sweeps.measures import Measure, read_measures, unit_of
 from vdfmu.sweeps.points import Points, draw
 from vdfmu.temporary import temporary_folder
+from vdfmu.text import close_to, matching
 
 __all__ = ["TRACKING", "Plan", "binding", "make_plan", "name_of"]
 
@@ -248,10 +248,9 @@ def _recorded(names: Sequence[str], measures: Sequence[Measure], keep: Sequence[
             elif signal in groups:
                 record.append(f"{signal}[*")
             else:
-                close = difflib.get_close_matches(signal, [*groups, *names], n=3)
-                way = f" Did you mean {', '.join(close)}?" if close else ""
+                way = close_to(signal, [*groups, *names])
                 problems.append(
-                    f"measure {measure.name} = {measure.text}: no output or connected input is called {signal}.{way}"
+                    f"measure {measure.name} = {measure.text}: no output or connected input is called {signal}{way}."
                 )
     if problems:
         raise UsageError("\n".join(problems))
@@ -279,7 +278,7 @@ def _of_package(
     given = {**options, **switched}
     tables = read_inputs(options.get("inputs"), bool(options.get("input_hold")))
     chosen = {"algorithm": given.get("master"), "adaptive": given.get("adaptive")}
-    system = WiredSystem(
+    return WiredSystem(
         Path(package).read_bytes(),
         {**{k: v for k, v in chosen.items() if v is not None}, "parameters": dict(settings)},
         {name: given[name] for name in ("step", "stop") if given.get(name) is not None},
@@ -287,7 +286,6 @@ def _of_package(
         bool(options.get("input_hold")),
         {axis.target: Binding((axis.target,)) for axis in axes},
     )
-    return system
 
 
 def _of_scenario(

@@ -135,6 +135,7 @@ def sweep(
             ledger.forget_failed()
         done = ledger.done()
         finished, total = int(done.sum()), len(plan)
+        missing = total - finished
 
         def advance(points: int) -> None:
             nonlocal finished
@@ -152,12 +153,12 @@ def sweep(
         try:
             for rows in runs:
                 ledger.add(rows)
+                missing -= len(rows)
         finally:
             runs.close()
             with InterruptGuard():
                 for rows in chunks.left:
                     ledger.add(rows)
-        missing = total - int(ledger.done().sum())
         if missing:
             raise VdfmuError(
                 f"{folder}: {missing} points are missing: give the same command again to run them."

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import json
 import os
 from collections.abc import Sequence
@@ -16,6 +15,7 @@ from vdfmu.engine.cosim.parquet import needed
 from vdfmu.errors import UsageError
 from vdfmu.sweeps.axes import is_option
 from vdfmu.sweeps.ledger import LEDGER, TABLE
+from vdfmu.text import close_to
 
 __all__ = ["Sweep"]
 
@@ -79,11 +79,8 @@ class Sweep:
         pyarrow, parquet = needed()
         for name in columns or ():
             if name not in self.columns:
-                close = difflib.get_close_matches(name, self.columns, n=3)
-                raise UsageError(
-                    f"the study has no column {name!r}; "
-                    f"{'did you mean' if close else 'it has'} {', '.join(close or self.columns)}"
-                )
+                way = close_to(name, self.columns) or f"; it has {', '.join(self.columns)}"
+                raise UsageError(f"the study has no column {name!r}{way}")
         tables = [
             parquet.read_table(
                 file, columns=None if columns is None else [c for c in columns if c in schema.names]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Callable, Iterable, Mapping, Sequence, Set
 from ctypes import c_double, c_int
 from typing import Any
@@ -23,6 +22,7 @@ from vdfmu.engine.cosim.messages import MessageBox
 from vdfmu.engine.cosim.results import Signal
 from vdfmu.engine.cosim.variables import Value
 from vdfmu.errors import CosimError, UsageError
+from vdfmu.text import matching
 
 TEXTS = ("String", "Binary")
 """What tables do not hold and no guess improves."""
@@ -291,8 +291,7 @@ class Exchange:
         names = [f"{unit}.{v.name}" for unit, v in variables]
         wanted: set[str] = set()
         for text in record:
-            pattern = re.compile(".*".join(map(re.escape, text.split("*"))))
-            hits = [name for name in names if pattern.fullmatch(name)]
+            hits = matching(names, [text])
             if not hits:
                 raise UsageError(f"record: no output or connected input matches {text!r}")
             wanted.update(hits)
