@@ -139,7 +139,7 @@ def test_failed_points_are_run_again_on_request(wild, tmp_path):
         (tmp_path / "closed").touch()
         out = tmp_path / "study"
         first = vdfmu.sweep(wild, axes, measure={"end": module.end}, step=0.1, workers=1, out=out)
-        assert [words.partition(":")[0] for words in first.failed.values()] == ["ValueError"] * 3
+        assert list(first.failed.values()) == ["measure end = end: ValueError: not now."] * 3
         (tmp_path / "closed").unlink()
         assert len(vdfmu.sweep(wild, axes, measure={"end": module.end}, step=0.1, out=out).failed) == 3
         again = vdfmu.sweep(wild, axes, measure={"end": module.end}, step=0.1, out=out, retry=True)
@@ -156,6 +156,32 @@ def test_a_function_of_a_script_goes_to_the_workers(wild, tmp_path):
         out=tmp_path / "study",
     )  # fmt: skip
     assert not found.failed and (found["m"] >= 3.0).all()
+
+
+def test_another_function_is_another_study(wild, tmp_path):
+    def ask(offset):
+        measure = {"m": lambda results: results["unit.y"][-1] + offset}
+        return vdfmu.sweep(wild, {"unit.at": [0.0]}, measure=measure, step=0.5, out=tmp_path / "study")
+
+    assert ask(3.0)["m"] == ask(3.0)["m"]
+    with pytest.raises(UsageError, match=r"differ in functions\."):
+        ask(4.0)
+
+
+def boom(results):
+    return results.nothing
+
+
+def test_a_function_that_fails_is_named(wild, tmp_path):
+    found = vdfmu.sweep(wild, {"unit.at": [0.0]}, measure={"m": boom}, step=0.5, out=tmp_path / "study")
+    assert found.failed[0].startswith("measure m = boom: AttributeError: ")
+
+
+def test_a_table_that_cannot_be_read_is_made_again_with_retry(wild, tmp_path, undisturbed):
+    found = study(wild, tmp_path / "study")
+    found.path.write_text("x")
+    again = study(wild, tmp_path / "study", retry=True)
+    assert table(again) == undisturbed and "cannot be read" in again.notes[0]
 
 
 SCRIPT = """
@@ -294,8 +320,10 @@ def test_a_study_that_is_complete_runs_nothing(wild, tmp_path, undisturbed):
 
 def test_another_study_does_not_take_its_folder(wild, tmp_path, undisturbed):
     study(wild, tmp_path / "study")
-    with pytest.raises(UsageError, match="holds another study.*--out.*--overwrite"):
+    with pytest.raises(UsageError, match=r"holds another study.*differ in measures\. .*--out.*--overwrite"):
         study(wild, tmp_path / "study", measure=["end=final(unit.y)"])
+    with pytest.raises(UsageError, match=r"differ in options, units, values or files\."):
+        study(wild, tmp_path / "study", step=0.02)
     assert table(Sweep(tmp_path / "study")) == undisturbed
     other = study(wild, tmp_path / "study", measure=["end=final(unit.y)"], overwrite=True)
     assert other.measures == ["end"]
@@ -357,6 +385,9 @@ def test_rows_are_found_by_what_they_measured(wild, tmp_path):
         ),
         ({"unit.at": [1.0]}, {"measure": None}, "measure: expected at least one"),
         ({"unit.at": [1.0]}, {"keep": ["x*"]}, "keep: no output"),
+        ({"unit.at": [1.0]}, {"measure": ["m=at(unit.y, 2)"]}, "a time from 0 to 1 s, got 2 s"),
+        ({"unit.at": [1.0]}, {"step": None}, "step: the package says none"),
+        ({"unit.at": [1.0]}, {"measure": ["m=1 / 0 + final(unit.y)"]}, "ZeroDivisionError"),
         ({"unit.at": [1.0]}, {"workers": 0}, "workers"),
         ({"unit.at": [1.0]}, {"chunk": 0}, "chunk"),
         ({"unit.at": [1.0]}, {"time_limit": 0.0}, "time_limit"),
@@ -379,6 +410,11 @@ def test_what_cannot_be_run_is_said_before_the_first_point(wild, tmp_path, over,
         (["plant.mass=lin(-1, 1, 3)"], "mass"),
         (["feedforward.mode=*1, 2"], "expected numbers to multiply"),
         (["robot=planar_2dof, nowhere"], "nowhere"),
+        (["plant.F_e=*lin(1, 2, 2)"], "not all 0"),
+        (
+            ["controller.K_p[1]=1, 2", "controller.K_p=3, 4"],
+            r"K_p\[1\]: has no effect, as controller.K_p after it",
+        ),
     ],
 )
 def test_what_a_scenario_cannot_have_is_said_before_the_first_point(tmp_path, over, words):

@@ -15,12 +15,13 @@ import numpy as np
 from vdfmu import __version__
 from vdfmu.engine.cosim.check import check_system
 from vdfmu.engine.cosim.inputs import read_inputs
+from vdfmu.engine.cosim.results import Results, Signal
 from vdfmu.engine.ssp import load_ssp
 from vdfmu.errors import UsageError
 from vdfmu.progress import Progress
 from vdfmu.sweeps.axes import Axis, is_option, read_axes
 from vdfmu.sweeps.job import Binding, Job, Task, WiredSystem
-from vdfmu.sweeps.measures import Measure, read_measures, unit_of
+from vdfmu.sweeps.measures import Measure, function_digest, read_measures, unit_of
 from vdfmu.sweeps.points import Points, draw
 from vdfmu.temporary import temporary_folder
 from vdfmu.text import close_to, matching
@@ -126,11 +127,13 @@ def make_plan(
     record: list[str] = []
     units: dict[str, str] = {}
     for system in systems:
-        names, known = _signals(system, axes)
+        names, known, times = _signals(system, axes)
         units = known | units
         if measure is None:
             measures = _default_measures(names)
         record = _recorded(names, measures, keep)
+        _try_measures(names, measures, times)
+    _check_overlap(axes, systems[0])
     facts: dict[str, Any] = {
         "vdfmu": __version__,
         "scenario": name_of(scenario),
@@ -142,6 +145,7 @@ def make_plan(
         "settings": {name: str(value) for name, value in (settings or {}).items()},
         "options": {name: _plain(value) for name, value in (options or {}).items()},
         "measures": {m.name: m.text for m in measures},
+        "functions": {m.name: function_digest(m.function) for m in measures if m.function is not None},
         "units": {axis.target: _unit_of_axis(axis, systems[0], units) for axis in axes}
         | {m.name: unit_of(m, units) for m in measures},
         "keep": list(keep),
@@ -187,7 +191,9 @@ def _unit_of_axis(axis: Axis, system: WiredSystem, units: Mapping[str, str]) -> 
     return "s" if axis.target in ("step", "stop") else ""
 
 
-def _signals(system: WiredSystem, axes: Sequence[Axis]) -> tuple[list[str], dict[str, str]]:
+def _signals(
+    system: WiredSystem, axes: Sequence[Axis]
+) -> tuple[list[str], dict[str, str], tuple[float, float]]:
     """Check a system, and the axes by a value of theirs.
 
     Returns
@@ -196,6 +202,8 @@ def _signals(system: WiredSystem, axes: Sequence[Axis]) -> tuple[list[str], dict
         Signals that it can record.
     units
         Of all its variables that have one, with and without indices.
+    times
+        Start and stop [s].
     """
     parameters = dict(system.options.get("parameters", {}))
     for axis in axes:
@@ -205,10 +213,19 @@ def _signals(system: WiredSystem, axes: Sequence[Axis]) -> tuple[list[str], dict
     with temporary_folder("vdfmu_sweep_") as folder:
         path = Path(folder, "0.ssp")
         path.write_bytes(system.content)
+        read = load_ssp(path)
         checked = check_system(
-            load_ssp(path), parameters, inputs=system.inputs, algorithm=system.options.get("algorithm"),
+            read, parameters, inputs=system.inputs, algorithm=system.options.get("algorithm"),
             repeats=system.options.get("adaptive") is not None,
         )  # fmt: skip
+    run = {
+        "start": read.experiment.start,
+        "stop": read.experiment.stop,
+        "step": read.experiment.step,
+    } | system.run
+    missing = [name for name in ("stop", "step") if run[name] is None]
+    if missing:
+        raise UsageError(f"{' and '.join(missing)}: the package says none; give one.")
     outputs = [
         f"{name}.{v.name}" for name, each in checked.descriptions.items() for v in each.variables.values()
         if v.causality == "output"
@@ -219,7 +236,38 @@ def _signals(system: WiredSystem, axes: Sequence[Axis]) -> tuple[list[str], dict
             if v.unit is not None:
                 units[f"{name}.{v.name}"] = units[f"{name}.{v.name.partition('[')[0]}"] = v.unit.name
     names = dict.fromkeys([*outputs, *(".".join(link.end) for link in checked.links if link.stepped)])
-    return list(names), units
+    return list(names), units, (run["start"] or 0.0, run["stop"])
+
+
+def _check_overlap(axes: Sequence[Axis], system: WiredSystem) -> None:
+    """Raise UsageError for axes of which nothing is left, since others after them set the same."""
+    problems: list[str] = []
+    later: dict[str, str] = {}
+    for target in reversed([axis.target for axis in axes if axis.target in system.bindings]):
+        names = system.bindings[target].names
+        over = {later.get(name, later.get(name.partition("[")[0], "")) for name in names}
+        if "" not in over:
+            problems.append(
+                f"{target}: has no effect, as {', '.join(sorted(over))} after it sets the same; leave one out, or give "
+                "the one of more elements first."
+            )
+        later |= dict.fromkeys(names, target)
+    if problems:
+        raise UsageError("\n".join(problems[::-1]))
+
+
+def _try_measures(names: Sequence[str], measures: Sequence[Measure], times: tuple[float, float]) -> None:
+    """Evaluate the expressions on signals of zeros; UsageError for what no results have a value of."""
+    signals = [Signal(name, "real", "", 0) for name in names]
+    zeros = Results(np.array(times), signals, {"real": np.zeros((2, 1))})
+    problems: list[str] = []
+    for measure in (one for one in measures if one.function is None):
+        try:
+            measure.of(zeros)
+        except UsageError as error:
+            problems.append(str(error))
+    if problems:
+        raise UsageError("\n".join(problems))
 
 
 def _default_measures(names: Sequence[str]) -> list[Measure]:
@@ -353,4 +401,6 @@ def binding(scenario: Any, axis: Axis, values: Mapping[str, Mapping[str, Any]]) 
         raise UsageError(
             f"{axis}: expected numbers to multiply, got {', '.join(map(str, reached.values()))}."
         )
+    if not any(nominal):
+        raise UsageError(f"{axis}: expected numbers to multiply that are not all 0; leave the star out.")
     return Binding(tuple(reached), nominal=tuple(nominal))
