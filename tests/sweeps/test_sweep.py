@@ -322,7 +322,7 @@ def test_another_study_does_not_take_its_folder(wild, tmp_path, undisturbed):
     study(wild, tmp_path / "study")
     with pytest.raises(UsageError, match=r"holds another study.*differ in measures\. .*--out.*--overwrite"):
         study(wild, tmp_path / "study", measure=["end=final(unit.y)"])
-    with pytest.raises(UsageError, match=r"differ in options, units, values or files\."):
+    with pytest.raises(UsageError, match=r"differ in units, values or files\."):
         study(wild, tmp_path / "study", step=0.02)
     assert table(Sweep(tmp_path / "study")) == undisturbed
     other = study(wild, tmp_path / "study", measure=["end=final(unit.y)"], overwrite=True)

@@ -114,7 +114,8 @@ class Ledger:
         others = [
             names.get(name, name)
             for name in self._facts
-            if name not in ("source", "key", "points", "units") and known.get(name) != self._facts[name]
+            if name not in ("source", "options", "search", "key", "points", "units")
+            and known.get(name) != self._facts[name]
         ]
         return f" They differ in {', '.join(others)}." if known and others else ""
 
