@@ -25,6 +25,17 @@ from vdfmu.sweeps.table import Sweep
 
 from .conftest import WAYS
 
+MODELS = Path(vdfmu.__file__).parents[1] / "models"
+LATE = """from vdfmu.equations.trajectory import desired_motion
+from vdfmu.units.trajectory import Trajectory
+
+class Late(Trajectory):
+    \"\"\"The motion, 0.02 s later.\"\"\"
+
+    def outputs(self) -> None:
+        motion = desired_motion(self.t - 0.02, self.q_start, self.q_end, self.T, self.t_start)
+        self.q_d, self.q_d_dot, self.q_d_ddot, self.q_d_dddot, self.q_d_ddddot = motion
+"""
 MEASURES = ["end=final(unit.y)", "count=integral(unit.y)"]
 
 
@@ -78,7 +89,34 @@ def test_each_point_is_the_run_of_its_values(tmp_path):
         np.testing.assert_array_equal(row["time"], results.time)
 
 
-def test_robots_units_and_words_vary_too(tmp_path):
+def test_robots_motions_and_payloads_vary_together(tmp_path):
+    text = (MODELS / "robots" / "planar_2dof.toml").read_text()
+    text = text.replace("[[joints]]", "[payload]\nmass = 0.0\n\n[[joints]]", 1)
+    robots = [str(tmp_path / "light.toml"), str(tmp_path / "heavy.toml")]
+    for path, mass in zip(robots, ("2.0", "3.0"), strict=True):
+        Path(path).write_text(text.replace("mass = 2.0", f"mass = {mass}"))
+    (tmp_path / "late.py").write_text(LATE)
+    found = vdfmu.sweep(
+        "planar_tracking",
+        {
+            "robot": robots, "unit:trajectory": ["trajectory", str(tmp_path / "late.py")],
+            "plant.payload_mass": "lognormal(0.5, 0.5)", "controller.K_p": "*lin(0.5, 1)",
+        },
+        sample="lhs", n=6, stop=0.05, out=tmp_path / "study",
+    )  # fmt: skip
+    assert not found.failed and np.ptp(found["plant.payload_mass"]) > 0.1
+    rows = found.table().to_pylist()
+    assert len({row["robot"] for row in rows}) == len({row["unit:trajectory"] for row in rows}) == 2
+    for row in rows:
+        results = vdfmu.run(**found.options(row["point"]), reference=False, out=tmp_path / "run")
+        error = results.array("trajectory.q_d") - results.array("plant.q")
+        # of the mean of squares in another order: rounding
+        np.testing.assert_allclose(
+            [row["error[1]"], row["error[2]"]], np.sqrt(np.mean(error**2, axis=0)), rtol=1e-12
+        )
+
+
+def test_words_and_steps_vary_too(tmp_path):
     found = vdfmu.sweep(
         "planar_tracking",
         ["feedforward.mode=inverse, vdc", "step=0.001, 0.002"],
@@ -410,6 +448,10 @@ def test_what_cannot_be_run_is_said_before_the_first_point(wild, tmp_path, over,
         (["plant.mass=lin(-1, 1, 3)"], "mass"),
         (["feedforward.mode=*1, 2"], "expected numbers to multiply"),
         (["robot=planar_2dof, nowhere"], "nowhere"),
+        (
+            ["plant.payload_mass=1, 2"],
+            r"optional table \[payload\] of a robot's file, which planar_2dof has not",
+        ),
         (["plant.F_e=*lin(1, 2, 2)"], "not all 0"),
         (
             ["controller.K_p[1]=1, 2", "controller.K_p=3, 4"],
