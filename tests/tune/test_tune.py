@@ -135,6 +135,14 @@ def test_a_larger_budget_goes_on(tmp_path):
     assert {name: column[:3] for name, column in second.items()} == first
 
 
+def test_a_start_without_margin_is_noted(tmp_path):
+    """The loop of tracking grows by 1.1 1/s with one sample of delay."""
+    found = vdfmu.tune(
+        "tracking", ["controller.K_p[1]"], ERRORS, stop=0.01, margin="same", budget=1, out=tmp_path
+    )
+    assert "the loop of the start is unstable" in found.notes[0]
+
+
 def test_runs_that_fail_cost_infinity_and_are_counted(tmp_path):
     """Velocity gains of up to a hundredfold destabilise the sampled loop; the search stays where it runs."""
     found = vdfmu.tune(
@@ -163,7 +171,7 @@ def test_the_command_shows_before_and_after(tmp_path):
         ],
     )  # fmt: skip
     assert result.exit_code == 0, result.output
-    assert re.search(r"error\[1\]\s+\S+\s+\S+", result.output)
+    assert re.search(r"peak_error\[1\]\s+\S+\s+\S+\s+rad", result.output)
     assert "[controller]\nK_p = [" in result.output
 
 

@@ -136,14 +136,24 @@ class Bars:
             BarColumn,
             MofNCompleteColumn,
             Progress,
+            ProgressColumn,
+            Task,
             TextColumn,
             TimeElapsedColumn,
             TimeRemainingColumn,
         )
+        from rich.text import Text
+
+        class Rate(ProgressColumn):
+            """Steps in a second."""
+
+            def render(self, task: Task) -> Text:
+                rate = task.finished_speed or task.speed
+                return Text(f"{rate:.3g}/s" if rate else "")
 
         self._progress = Progress(
             TextColumn("{task.description:20}"), BarColumn(20), TextColumn("{task.percentage:3.0f} %"),
-            MofNCompleteColumn(), TimeElapsedColumn(), TimeRemainingColumn(), console=errors, transient=False,
+            MofNCompleteColumn(), Rate(), TimeElapsedColumn(), TimeRemainingColumn(), console=errors, transient=False,
             disable=not errors.is_terminal,
         )  # fmt: skip
         self._tasks: dict[str, TaskID] = {}

@@ -206,7 +206,13 @@ def _named(table: Variables, name: str, key: str) -> list[Variable]:
         of_group = [v.name for v in table if v.group == name.partition("[")[0]]
         row = PARAMETERS.get(name.partition("[")[0])
         way = nearest(name, of_group or groups)
-        if isinstance(table, Interface) and table.robot is not None and row and row.section in OPTIONAL and not of_group:
+        if (
+            isinstance(table, Interface)
+            and table.robot is not None
+            and row
+            and row.section in OPTIONAL
+            and not of_group
+        ):
             way = f"It is of the optional table [{row.section}] of a robot's file, which {table.robot.name} has not."
         raise UsageError(f"{key}: {table.name} has no {name}. {way}")
     return found

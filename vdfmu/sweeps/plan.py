@@ -136,7 +136,6 @@ def make_plan(
         "settings": {name: str(value) for name, value in (settings or {}).items()},
         "options": {name: _plain(value) for name, value in (options or {}).items()},
         "measures": {m.name: m.text for m in measures},
-        "functions": {m.name: function_digest(m.function) for m in measures if m.function is not None},
         "units": {axis.target: _unit_of_axis(axis, systems[0], units) for axis in axes}
         | {m.name: unit_of(m, units) for m in measures},
         "keep": list(keep),
@@ -146,6 +145,8 @@ def make_plan(
             for s in systems
         ],
     }  # fmt: skip
+    if functions := {m.name: function_digest(m.function) for m in measures if m.function is not None}:
+        facts["functions"] = functions
     chosen = np.array([combinations[row] for row in rows])
     return Plan(points, chosen, Job(tuple(systems), tuple(measures), tuple(record), tuple(keep)), facts)
 

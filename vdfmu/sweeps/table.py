@@ -124,7 +124,8 @@ class Sweep:
         if not columns and name in self.facts["measures"]:
             raise UsageError(f"{self.path}: no point has a value of {name}: all failed.")
         if not columns:
-            raise UsageError(f"by: expected {', '.join(self.measures)}, got {name!r}.")
+            known = dict.fromkeys([*self.facts["measures"], *self.measures])
+            raise UsageError(f"by: expected {', '.join(known)}, got {name!r}.")
         return columns
 
     def values(self, by: str | None = None) -> NDArray[np.float64]:
@@ -133,13 +134,15 @@ class Sweep:
         return np.max([column.to_numpy().astype(float) for column in table.columns], axis=0)
 
     def ranges(self) -> list[list[str]]:
-        """Return of each column of a measure with values: name, smallest, median, largest, and the point of that."""
+        """Return of each column of a measure: name, smallest, median, largest, and the point of that."""
         points, rows = self["point"], list[list[str]]()
         for column in self.measures:
             values = self[column]
             if np.isfinite(values).any():
                 ends = [f"{f(values):.4g}" for f in (np.nanmin, np.nanmedian, np.nanmax)]
                 rows.append([column, *ends, str(points[np.nanargmax(values)])])
+            else:
+                rows.append([column, "no value", "", "", ""])
         return rows
 
     def row(self, which: int | str, by: str | None = None) -> dict[str, Any]:

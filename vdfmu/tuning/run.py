@@ -209,6 +209,11 @@ def tune(
         )  # fmt: skip
         if before.failed:
             found.notes.append(f"{before.failed} of the runs with the scenario's own values failed.")
+        if margin == "same" and not problem.margin.all():
+            found.notes.append(
+                "margin: with one sample of delay the loop of the start is unstable, so that same asks for stability "
+                "only; growth lets slow instability count as stable."
+            )
         if not after.feasible:
             found.notes.append(
                 "no values within the limits and the margin were found; a larger budget may find some."
