@@ -505,6 +505,24 @@ def test_a_row_is_run_again_by_name(tmp_path, monkeypatch):
     )
 
 
+def test_a_row_of_a_scenario_that_was_changed_is_run_with_a_note(tmp_path):
+    """Settings with a value for each joint are kept as such; what the file says now counts, and is noted."""
+    mine = tmp_path / "mine.toml"
+    mine.write_text((MODELS / "scenarios" / "planar_tracking.toml").read_text())
+    found = vdfmu.sweep(
+        mine, {"plant.mass": "*0.9, 1.1"}, stop=0.1, settings={"controller.K_p": np.array([900.0, 700.0])},
+        out=tmp_path / "study",
+    )  # fmt: skip
+    options = found.options(1)
+    assert options["settings"]["controller.K_p"] == [900.0, 700.0] and not found.notes
+    vdfmu.run(**options, reference=False, out=tmp_path / "run")
+    mine.write_text(mine.read_text().replace("T = 2.0", "T = 3.0"))
+    done = CliRunner().invoke(
+        app, ["run", "--from", str(found.folder), "--no-reference", "--out", str(tmp_path / "again")]
+    )
+    assert done.exit_code == 0 and "not those of the study any more" in done.output
+
+
 def test_a_row_of_a_package_is_named(wild, tmp_path):
     found = study(wild, tmp_path / "study")
     with pytest.raises(UsageError, match=r"'vdfmu simulate .*wild.ssp' runs it, with unit.at="):

@@ -23,7 +23,7 @@ from vdfmu.sweeps.measures import Measure, function_digest, read_measures, unit_
 from vdfmu.sweeps.points import Points, draw
 from vdfmu.temporary import temporary_folder
 
-__all__ = ["Plan", "binding", "make_plan", "name_of"]
+__all__ = ["Plan", "digest", "make_plan", "name_of", "of_scenario"]
 
 _MOST_SYSTEMS = 200
 
@@ -96,7 +96,7 @@ def make_plan(
             f"{', '.join(axis.target for axis in switches)}: expected at most {_MOST_SYSTEMS} different systems, got "
             f"{len(combinations)}; each is a package of its own."
         )
-    wire = _of_package if _is_package(scenario) else _of_scenario
+    wire = _of_package if _is_package(scenario) else of_scenario
     systems: list[WiredSystem] = []
     measures: list[Measure] = [] if measure is None else read_measures(measure)
     for number, combination in enumerate(combinations):
@@ -133,15 +133,15 @@ def make_plan(
         "sample": str(sample),
         "n": count,
         "seed": seed,
-        "settings": {name: str(value) for name, value in (settings or {}).items()},
+        "settings": {name: _plain(value) for name, value in (settings or {}).items()},
         "options": {name: _plain(value) for name, value in (options or {}).items()},
         "measures": {m.name: m.text for m in measures},
         "units": {axis.target: _unit_of_axis(axis, systems[0], units) for axis in axes}
         | {m.name: unit_of(m, units) for m in measures},
         "keep": list(keep),
-        "points": _digest(*(column.astype(str).tobytes() for column in points.values())),
+        "points": digest(*(column.astype(str).tobytes() for column in points.values())),
         "systems": [
-            {"options": {**s.options, **s.run}, "package": _digest(s.content), "inputs": [t.where for t in s.inputs]}
+            {"options": {**s.options, **s.run}, "package": digest(s.content), "inputs": [t.where for t in s.inputs]}
             for s in systems
         ],
     }  # fmt: skip
@@ -152,9 +152,11 @@ def make_plan(
 
 
 def _plain(value: Any) -> Any:
-    """Return an option as JSON has it, where it is a number, a path or a name."""
+    """Return an option as JSON has it, where it is a number, several, a path or a name."""
     if isinstance(value, Mapping):
         return {str(name): _plain(one) for name, one in value.items()}
+    if isinstance(value, (np.ndarray, np.generic)):
+        return value.tolist()
     if isinstance(value, (list, tuple)):
         return [_plain(one) for one in value]
     if isinstance(value, os.PathLike):
@@ -167,7 +169,8 @@ def name_of(scenario: Any) -> str:
     return Path(scenario).stem if isinstance(scenario, (str, os.PathLike)) else str(scenario.name)
 
 
-def _digest(*parts: bytes) -> str:
+def digest(*parts: bytes) -> str:
+    """Return what tells contents apart."""
     return hashlib.sha256(b"\0".join(parts)).hexdigest()[:16]
 
 
@@ -214,7 +217,7 @@ def _of_package(
     )
 
 
-def _of_scenario(
+def of_scenario(
     scenario: Any,
     axes: Sequence[Axis],
     switched: Mapping[str, Any],
@@ -236,7 +239,7 @@ def _of_scenario(
     given: dict[str, Any] = {**options, **plain, "units": units or None}
     loaded = prepare(scenario, **given)
     values = system_values(loaded, settings)
-    bindings = {axis.target: binding(loaded, axis, values) for axis in axes}
+    bindings = {axis.target: _binding(loaded, axis, values) for axis in axes}
     with temporary_folder("vdfmu_sweep_") as folder:
         package = write_ssp(
             loaded, cached_fmus(loaded, folder, backend), Path(folder, "system.ssp"), values, mixed=True
@@ -252,7 +255,7 @@ def _of_scenario(
     )
 
 
-def binding(scenario: Any, axis: Axis, values: Mapping[str, Mapping[str, Any]]) -> Binding:
+def _binding(scenario: Any, axis: Axis, values: Mapping[str, Mapping[str, Any]]) -> Binding:
     """Return what an axis sets; UsageError for what is unknown, or cannot have its values."""
     from vdfmu.scenario.values import override
 

@@ -172,15 +172,15 @@ class Sweep:
     def options(self, which: int | str = "worst", by: str | None = None) -> dict[str, Any]:
         """Return what `vdfmu.run` takes for the run of a point: ``vdfmu.run(**sweep.options("worst"))``.
 
+        Where the scenario, or what it names, is no longer that of the study, `notes` says so.
+
         Raises
         ------
         UsageError
             As of `row`; and for a study of a package, or of inputs that were no file.
         """
-        from vdfmu.scenario.values import system_values
-        from vdfmu.study.run import prepare
         from vdfmu.sweeps.axes import read_axes
-        from vdfmu.sweeps.plan import binding
+        from vdfmu.sweeps.plan import digest, of_scenario
 
         row = self.row(which, by)
         options = {"scenario": self.facts["source"], **self.facts["options"]}
@@ -190,17 +190,20 @@ class Sweep:
             raise UsageError(
                 f"{self.path}: is a study of a package: 'vdfmu simulate {options['scenario']}' runs it, with {values}."
             )
-        own = [axis for axis in self.axes if not is_option(axis)]
-        for axis in self.axes:
+        own = [axis for axis in read_axes(self.facts["axes"]) if not is_option(axis.target)]
+        switched = {axis: row[axis] for axis in self.axes if is_option(axis)}
+        system = of_scenario(options["scenario"], own, switched, settings, self.facts["options"], None)
+        if digest(system.content) not in [known["package"] for known in self.facts["systems"]]:
+            self.notes.append(
+                f"{options['scenario']}: its values, units or robot are not those of the study any more."
+            )
+        for target, binding in system.bindings.items():
+            settings |= binding.values(row[target])
+        for axis, value in switched.items():
             if axis.startswith("unit:"):
-                options["units"] = {**options.get("units", {}), axis.removeprefix("unit:"): row[axis]}
-            elif axis not in own:
-                options[axis] = row[axis]
-        scenario = prepare(**options)
-        values = system_values(scenario, settings)
-        for axis in read_axes(self.facts["axes"]):
-            if axis.target in own:
-                settings |= binding(scenario, axis, values).values(row[axis.target])
+                options["units"] = {**options.get("units", {}), axis.removeprefix("unit:"): value}
+            else:
+                options[axis] = value
         return {**options, "settings": settings}
 
     def indices(self, measure: str | None = None) -> Any:
