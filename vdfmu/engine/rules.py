@@ -21,20 +21,13 @@ class Rule(NamedTuple):
 
 
 class Finding(str):
-    """A sentence on what breaks a rule, with its place; a text like any other, so errors carry it.
-
-    Attributes
-    ----------
-    rule : Rule
-    file : str
-        The XML file in which it lies, with the package before it; empty where it is in none.
-    line : int
-        Of that file; 0 where it is in none.
-    """
+    """A sentence on what breaks a rule, with its place; a text like any other, so errors carry it."""
 
     rule: Rule
     file: str
+    """The XML file in which it lies, with the package before it; empty where it is in none."""
     line: int
+    """Of that file; 0 where it is in none."""
 
     def __new__(cls, text: str, rule: Rule, file: str = "", line: int = 0) -> Finding:
         """Make a finding of a text."""

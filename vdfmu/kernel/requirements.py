@@ -25,21 +25,14 @@ _STRICT = 1e-300
 
 @dataclass(frozen=True)
 class Requirement:
-    """One condition.
-
-    Attributes
-    ----------
-    expected : str
-        The condition as text.
-    parameters : tuple of Parameter
-        What it is about.
-    margin : callable
-        Returns the margin of a robot, given the first of the parameters.
-    """
+    """One condition."""
 
     expected: str
+    """The condition as text."""
     parameters: tuple[Parameter, ...]
+    """What it is about."""
     margin: Callable[[Any, Parameter], Any]
+    """Returns the margin of a robot, given the first of the parameters."""
 
 
 def requirements(robot: Robot) -> list[Requirement]:

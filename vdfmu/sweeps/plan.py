@@ -38,22 +38,14 @@ TRACKING = {
 
 @dataclass(frozen=True)
 class Plan:
-    """A parameter study, ready to run.
-
-    Attributes
-    ----------
-    points : Points
-    chosen : (n,) array of int
-        Number of each point's system.
-    job : Job
-    facts : dict
-        What it is, for the ledger; the same for the same study.
-    """
+    """A parameter study, ready to run."""
 
     points: Points
     chosen: Any
+    """(n,): Number of each point's system."""
     job: Job
     facts: dict[str, Any]
+    """What it is, for the ledger; the same for the same study."""
 
     def __len__(self) -> int:
         return len(self.chosen)

@@ -38,31 +38,21 @@ class SpentError(Exception):
 
 @dataclass(frozen=True)
 class Score:
-    """What values are worth.
-
-    Attributes
-    ----------
-    values : (d,) array
-    number : int or None
-        Of the evaluation; None where the margin was missed and nothing was run.
-    cost : (k,) array
-        Elements of the cost over all robots; infinite where a run failed.
-    failed : int
-        Runs that failed.
-    excess : (m,) array
-        How far each constraint is missed, of the order of 1; positive where it is.
-    margins : Margins or None
-    measures : dict of str to float
-        Largest of each other measure over all robots.
-    """
+    """What values are worth."""
 
     values: Floats
+    """(d,)."""
     number: int | None
+    """Of the evaluation; None where the margin was missed and nothing was run."""
     cost: Floats
+    """(k,): Elements of the cost over all robots; infinite where a run failed."""
     failed: int
+    """Runs that failed."""
     excess: Floats
+    """(m,): How far each constraint is missed, of the order of 1; positive where it is."""
     margins: Margins | None
     measures: dict[str, float]
+    """Largest of each other measure over all robots."""
 
     @property
     def feasible(self) -> bool:

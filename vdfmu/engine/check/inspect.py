@@ -32,32 +32,20 @@ _ENDINGS = ".fmu, .ssp, .ssd, or an OspSystemStructure.xml"
 
 @dataclass
 class Report:
-    """What the check of a file found; `vdfmu check --json` prints these keys.
-
-    Attributes
-    ----------
-    format : int
-        `FORMAT`.
-    file : str
-        The path as it was given.
-    kind : str
-        ``FMU``, ``SSP``, ``SSD`` or ``OSP``.
-    standard : str or None
-        Such as ``FMI 3.0``; None where the file does not get that far.
-    ran : bool
-        Whether code of the units was run.
-    compared : list of str
-        Files of reference results whose values were compared.
-    problems, notes : list of Finding
-        Texts, each with its rule and place.
-    """
+    """What the check of a file found; `vdfmu check --json` prints these keys."""
 
     file: str
+    """The path as it was given."""
     kind: str
+    """``FMU``, ``SSP``, ``SSD`` or ``OSP``."""
     standard: str | None = None
+    """Such as ``FMI 3.0``; None where the file does not get that far."""
     ran: bool = False
+    """Whether code of the units was run."""
     compared: list[str] = field(default_factory=list[str])
+    """Files of reference results whose values were compared."""
     problems: list[str] = field(default_factory=list[str])
+    """Findings, each with its rule and place; so are the notes."""
     notes: list[str] = field(default_factory=list[str])
     format: int = FORMAT
 

@@ -23,16 +23,11 @@ _KEPT = 1e-3
 
 @dataclass
 class Broyden:
-    """Solver of one fixed point problem after the other, which keeps what it has learnt.
-
-    Attributes
-    ----------
-    inverse : array (n, n) or None
-        Inverse of the derivative of the residual by the guess, as far as the method knows it. None: minus the
-        identity, which is right without coupling.
-    """
+    """Solver of one fixed point problem after the other, which keeps what it has learnt."""
 
     inverse: Floats | None = None
+    """(n, n): Inverse of the derivative of the residual by the guess, as far as the method knows it. None: minus the
+    identity, which is right without coupling."""
 
     def solve(
         self,

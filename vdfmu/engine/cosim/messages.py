@@ -17,22 +17,14 @@ _LEVEL = {"ok": logging.DEBUG, "note": logging.INFO, "warning": logging.WARNING}
 
 @dataclass(frozen=True)
 class LogMessage:
-    """A message of a unit, or (status ``note``) of the check before the run.
-
-    Attributes
-    ----------
-    unit : str
-        Component name; empty for notes.
-    time : float
-        Communication point at which it came [s].
-    status : str
-        ``ok``, ``warning``, ``discard``, ``error``, ``fatal``, ``pending`` or ``note``.
-    category, text : str
-    """
+    """A message of a unit, or (status ``note``) of the check before the run."""
 
     unit: str
+    """Component name; empty for notes."""
     time: float
+    """Communication point at which it came [s]."""
     status: str
+    """``ok``, ``warning``, ``discard``, ``error``, ``fatal``, ``pending`` or ``note``."""
     category: str
     text: str
 
