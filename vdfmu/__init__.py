@@ -47,7 +47,8 @@ if TYPE_CHECKING:
     from vdfmu.fmu import build_fmus
     from vdfmu.model import Robot, load_robot, robot_names
     from vdfmu.scenario import Scenario, load_scenario, scenario_names
-    from vdfmu.ssp.write import write_osp, write_ssp
+    from vdfmu.ssp.osp import write_osp
+    from vdfmu.ssp.write import write_ssp
     from vdfmu.study.run import run
     from vdfmu.sweeps.run import sweep
     from vdfmu.sweeps.table import Sweep
@@ -79,7 +80,7 @@ _WHERE = {
     "sweep": "vdfmu.sweeps.run",
     "tune": "vdfmu.tuning.run",
     "write_container": "vdfmu.engine.cosim.container",
-    "write_osp": "vdfmu.ssp.write",
+    "write_osp": "vdfmu.ssp.osp",
     "write_ssp": "vdfmu.ssp.write",
 }
 

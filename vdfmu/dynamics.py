@@ -16,11 +16,6 @@ from vdfmu.kernel import Kernel
 from vdfmu.model import Robot
 from vdfmu.model.robot import robot_argument
 
-__all__ = [
-    "forward_dynamics", "forward_kinematics", "gravity_torque", "inverse_dynamics", "jacobian", "mass_matrix",
-]  # fmt: skip
-
-
 _NO_WRENCH = np.zeros(6)
 _WORTH = 50_000
 """States of batches, of one function and robot, from which on it is compiled: what that takes, they take uncompiled."""

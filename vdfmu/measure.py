@@ -9,8 +9,6 @@ from functools import lru_cache
 
 from vdfmu.errors import UsageError
 
-__all__ = ["Measure", "coherent", "derivative_of", "measure", "unit_of"]
-
 
 @dataclass(frozen=True)
 class Measure:

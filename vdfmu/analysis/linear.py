@@ -14,8 +14,6 @@ from vdfmu.study.wired import System
 from vdfmu.unit.evaluate import Evaluation, Traced
 from vdfmu.unit.trace import argument_name
 
-__all__ = ["Linear", "feedback", "held", "linearize"]
-
 Floats = npt.NDArray[np.float64]
 
 

@@ -24,8 +24,6 @@ from vdfmu.scenario.values import system_values
 from vdfmu.ssp.description import SystemDescription
 from vdfmu.study.wired import System
 
-__all__ = ["ArmLoops", "Loop", "Margins", "stability_margins"]
-
 Floats = npt.NDArray[np.float64]
 Complex = npt.NDArray[np.complex128]
 

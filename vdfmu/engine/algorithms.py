@@ -4,8 +4,6 @@ import math
 
 from vdfmu.errors import UsageError
 
-__all__ = ["ALGORITHMS", "CONTINUOUS", "count_steps"]
-
 ALGORITHMS = ("gauss-seidel", "jacobi", "extrapolated", "iterative")
 CONTINUOUS = ("extrapolated", "iterative")
 """Those that take the coupled signals as continuous, between the communication points too."""

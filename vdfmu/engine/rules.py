@@ -5,8 +5,6 @@ from __future__ import annotations
 import re
 from typing import Any, NamedTuple
 
-__all__ = ["RULES", "Finding", "Place", "Rule", "found", "place_of", "reworded", "rules_table", "within"]
-
 Place = tuple[str, int]
 """XML file, with the package before it, and line; empty and 0 where there is none."""
 

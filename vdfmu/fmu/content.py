@@ -22,8 +22,6 @@ from vdfmu.unit.interface import Interface
 from vdfmu.unit.load import load_units
 from vdfmu.units import shipped_units
 
-__all__ = ["BACKENDS", "CONTENT_FILE", "FMI_VERSIONS", "Content", "installed_digest"]
-
 CONTENT_FILE = "vdfmu.json"
 _UNIT_FILE = "unit.py"
 """Source of a unit that is not one of the package, in a Python FMU."""

@@ -20,8 +20,6 @@ from vdfmu.kernel.structure import structure_key, values
 from vdfmu.kernel.trace import FUNCTIONS, trace
 from vdfmu.model import Robot
 
-__all__ = ["Functions", "Kernel", "KernelFunction"]
-
 
 class KernelFunction:
     """A traced function with buffers for its arguments and results.

@@ -17,8 +17,6 @@ from vdfmu.model import Robot
 from vdfmu.model.check import CONTRACTION_LIMIT, INERTIA_TOLERANCE
 from vdfmu.scalar.generic import minimum
 
-__all__ = ["Requirement", "margins", "requirements"]
-
 # A margin holds from 0 on. Where equality must fail this is taken off: it changes no number but zero.
 _STRICT = 1e-300
 

@@ -17,8 +17,6 @@ import numpy.typing as npt
 from vdfmu.scalar.elimination import factorize, pattern, solve
 from vdfmu.scalar.symbol import from_sx, to_sx
 
-__all__ = ["ORDER", "Stages", "rodas_step", "stage_equations"]
-
 ORDER = 4
 GAMMA = 0.25
 # Coefficients in the transformed variables u_i of the book: a_ij of the stage values, c_ij of the stage

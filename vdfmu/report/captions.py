@@ -13,8 +13,6 @@ from vdfmu.model import Robot
 from vdfmu.scenario import Scenario
 from vdfmu.scenario.values import group_value
 
-__all__ = ["contrast_caption", "paper_table", "run_caption"]
-
 _SHOWN = 4
 """Settings that a caption shows; more would leave no room for the panels."""
 

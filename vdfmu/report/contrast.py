@@ -11,8 +11,6 @@ from vdfmu.engine.cosim.results import Results, Signal
 from vdfmu.measure import unit_of
 from vdfmu.model import Robot
 
-__all__ = ["LOW_GRAVITY", "Contrast"]
-
 Floats = npt.NDArray[np.float64]
 
 LOW_GRAVITY = 9.80 / 9.81

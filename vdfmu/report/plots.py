@@ -25,16 +25,6 @@ from vdfmu.report.contrast import Contrast
 from vdfmu.report.joints import UNITS, Group, group_joints, panel_letter
 from vdfmu.scenario import Scenario
 
-__all__ = [
-    "draw_contrast_differences",
-    "draw_contrast_torques",
-    "draw_errors",
-    "draw_moving_positions",
-    "draw_moving_torques",
-    "draw_torques",
-    "run_figures",
-]
-
 Floats = NDArray[np.float64]
 
 _BACK: dict[str, Any] = {"color": style.COLORS[5], "linewidth": 3.2}

@@ -9,16 +9,6 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
-__all__ = [
-    "Sheet",
-    "contrast_sheet",
-    "estimation_sheet",
-    "facts",
-    "reference_sheet",
-    "sheets",
-    "tracking_sheet",
-]
-
 Summary = Mapping[str, Any]
 
 

@@ -14,9 +14,6 @@ import numpy as np
 
 from vdfmu.errors import KernelError
 
-__all__ = ["Symbol", "SymbolArray", "from_sx", "to_sx"]
-
-
 _binary = ca.SX.binary
 """Operation of two scalars; CasADi's operators take seven times as long to find the types of theirs."""
 

@@ -11,8 +11,6 @@ from vdfmu.scenario.parts import tables_of
 from vdfmu.scenario.scenario import Scenario
 from vdfmu.scenario.values import section_values
 
-__all__ = ["check_step", "model_notes"]
-
 
 def model_notes(scenario: Scenario) -> list[str]:
     """Return what of a robot and its motion looks like a wrong sign or unit of measurement, though it may be meant."""

@@ -10,8 +10,6 @@ from typing import Any, cast
 
 from vdfmu.model.read import Problems, Table, nearest, shown
 
-__all__ = ["Box", "Part", "SystemFile", "read_system_file"]
-
 _KEYS = ("extends", "name", "description", "units", "shared", "connections")
 Box = tuple[float, float, float, float]
 

@@ -19,8 +19,6 @@ from vdfmu.scenario.values import system_values
 from vdfmu.unit.interface import Interface, general_description
 from vdfmu.unit.variable import Variable
 
-__all__ = ["Binding", "Link", "ParameterSet", "Signal", "SystemDescription", "positions"]
-
 Values = Mapping[str, Mapping[str, Any]]
 
 

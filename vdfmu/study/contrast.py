@@ -12,8 +12,6 @@ from vdfmu.report.contrast import LOW_GRAVITY, Contrast
 from vdfmu.scenario import Scenario
 from vdfmu.scenario.values import group_value
 
-__all__ = ["contrast"]
-
 Floats = npt.NDArray[np.float64]
 
 

@@ -31,8 +31,6 @@ from vdfmu.study.compiled import runs, sources
 from vdfmu.study.solution import Continuous, Sampled
 from vdfmu.study.wired import System
 
-__all__ = ["BLOCK", "REFERENCE_OF", "Reference", "reference", "reference_blocks"]
-
 Floats = npt.NDArray[np.float64]
 
 REFERENCE_OF = {"gauss-seidel": "sampled", "jacobi": "sampled-delayed"}

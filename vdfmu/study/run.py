@@ -44,8 +44,6 @@ from vdfmu.study.summary import (
 )
 from vdfmu.temporary import temporary_folder
 
-__all__ = ["RUN_OUTPUTS", "prepare", "run"]
-
 RUN_OUTPUTS = (
     *SYSTEM_OUTPUTS,
     "system.ssp",

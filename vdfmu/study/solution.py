@@ -22,8 +22,6 @@ from vdfmu.interrupt import InterruptGuard
 from vdfmu.study.wired import Action, Carry, Clock, Evaluate, Places, Run, System
 from vdfmu.unit.motion import samples
 
-__all__ = ["Continuous", "Sampled"]
-
 Floats = npt.NDArray[np.float64]
 
 _SHORT: dict[str, Any] = {"rtol": 1e-9, "atol": 1e-11}

@@ -13,8 +13,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from vdfmu.errors import UsageError
 
-__all__ = ["Axis", "is_option", "read_axes"]
-
 _FORMS = {
     "lin": "lin(FROM, TO) or, with the number of values in a grid, lin(FROM, TO, N)",
     "log": "log(FROM, TO) or, with the number of values in a grid, log(FROM, TO, N)",

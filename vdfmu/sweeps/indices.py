@@ -14,8 +14,6 @@ from vdfmu.errors import UsageError
 if TYPE_CHECKING:
     from vdfmu.sweeps.table import Sweep
 
-__all__ = ["CONFIDENCE", "Indices", "indices", "morris_indices", "sobol_indices"]
-
 CONFIDENCE = 0.95
 """Probability with which a true index lies within its half-width, by bootstrap."""
 _RESAMPLES = 500

@@ -16,8 +16,6 @@ from vdfmu.errors import CosimError, VdfmuError
 from vdfmu.sweeps.measures import Measure, measured
 from vdfmu.text import error_text, matching
 
-__all__ = ["Binding", "Bench", "Job", "Row", "Task", "WiredSystem"]
-
 Row = dict[str, Any]
 """``point``, ``failed`` (why, or None), ``failed_at`` [s], ``wall_s``, measures and signals, by column."""
 _ALIVE = 8

@@ -18,18 +18,6 @@ from numpy.typing import NDArray
 from vdfmu.report import style
 from vdfmu.sweeps.sides import Side, View
 
-__all__ = [
-    "COLOUR_MAP",
-    "FAILED",
-    "HIGH",
-    "LOW",
-    "at_bottom",
-    "colours_of",
-    "dress",
-    "legend_of",
-    "new_figure",
-]
-
 COLOUR_MAP = "viridis"
 LOW, HIGH, FAILED = style.COLORS[0], style.COLORS[4], style.COLORS[1]
 

@@ -17,8 +17,6 @@ from numpy.typing import NDArray
 from vdfmu.engine.cosim.results import Results
 from vdfmu.errors import UsageError
 
-__all__ = ["Measure", "measured", "read_measures", "unit_of"]
-
 Array = NDArray[Any]
 
 

@@ -18,8 +18,6 @@ from vdfmu.sweeps.plots import plot
 from vdfmu.sweeps.table import Sweep
 from vdfmu.temporary import temporary_folder
 
-__all__ = ["write_page"]
-
 _SHOWN = 20
 """Failed points that are listed."""
 

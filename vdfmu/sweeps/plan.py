@@ -25,8 +25,6 @@ from vdfmu.sweeps.points import Points, draw
 from vdfmu.temporary import temporary_folder
 from vdfmu.text import close_to, matching
 
-__all__ = ["TRACKING", "Plan", "binding", "make_plan", "name_of"]
-
 _MOST_SYSTEMS = 200
 TRACKING = {
     "error": "rms(trajectory.q_d - plant.q)",

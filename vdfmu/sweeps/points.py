@@ -14,8 +14,6 @@ from numpy.typing import NDArray
 from vdfmu.errors import UsageError
 from vdfmu.sweeps.axes import Axis, read_axes
 
-__all__ = ["LEVELS", "MOST_POINTS", "SAMPLES", "Points", "draw", "shares", "unit_problem"]
-
 SAMPLES = ("grid", "lhs", "sobol", "random", "saltelli", "morris")
 """Ways to draw points; the last two for indices of sensitivity."""
 MOST_POINTS = 10_000_000

@@ -12,8 +12,6 @@ from vdfmu.errors import UsageError
 from vdfmu.sweeps.axes import read_axes
 from vdfmu.sweeps.table import Sweep
 
-__all__ = ["Side", "View", "groups", "view"]
-
 Floats = NDArray[np.float64]
 _DECADES = 1.5
 """Those over which a measure must go to be drawn on a logarithmic scale."""

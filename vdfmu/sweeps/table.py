@@ -17,8 +17,6 @@ from vdfmu.sweeps.axes import is_option
 from vdfmu.sweeps.ledger import LEDGER, TABLE
 from vdfmu.text import close_to
 
-__all__ = ["Sweep"]
-
 
 class Sweep:
     """What a parameter study found; columns are read from disk when they are asked for.

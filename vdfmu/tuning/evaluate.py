@@ -22,8 +22,6 @@ from vdfmu.sweeps.table import Sweep
 from vdfmu.sweeps.worker import Worker
 from vdfmu.tuning.problem import Problem
 
-__all__ = ["Evaluations", "Score", "SpentError"]
-
 Floats = npt.NDArray[np.float64]
 
 _STEEP = 100.0

@@ -20,8 +20,6 @@ from vdfmu.study.run import prepare
 from vdfmu.sweeps.axes import Axis, read_axes
 from vdfmu.sweeps.plan import TRACKING, Plan, make_plan
 
-__all__ = ["Problem", "make_problem"]
-
 Floats = npt.NDArray[np.float64]
 
 _RANGE = "*log(0.1, 10)"

@@ -24,8 +24,6 @@ from vdfmu.tuning.evaluate import Evaluations, Score
 from vdfmu.tuning.problem import make_problem
 from vdfmu.tuning.search import METHODS, objective, search
 
-__all__ = ["Tuned", "tune"]
-
 
 @dataclass(frozen=True)
 class Tuned:

@@ -12,8 +12,6 @@ import numpy.typing as npt
 
 from vdfmu.tuning.evaluate import Evaluations, Score, SpentError
 
-__all__ = ["METHODS", "objective", "search"]
-
 Floats = npt.NDArray[np.float64]
 
 METHODS = ("both", "global", "local")

@@ -7,8 +7,6 @@ from dataclasses import dataclass, field
 
 from vdfmu.engine.rules import Finding, reworded, within
 
-__all__ = ["Findings", "one_line"]
-
 
 @dataclass
 class Findings:

@@ -20,8 +20,6 @@ from vdfmu.engine.ssp.archive import Archive
 from vdfmu.engine.ssp.parse import parse_xml
 from vdfmu.errors import SspError, StorageError
 
-__all__ = ["NOT_RUN", "check_unit", "read_unit", "store"]
-
 _VERSION = re.compile(r"[12]\.0|3\.0(\.\d+)?")
 """FMI 1.0 and 2.0 fix the text of fmiVersion; FMI 3.0 leaves a third number open."""
 NOT_RUN = found("RUN006", "not run: code of a file with problems is not run; mend them first")

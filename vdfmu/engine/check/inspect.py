@@ -23,8 +23,6 @@ from vdfmu.errors import SspError, StorageError, UsageError
 from vdfmu.files import pack_zip
 from vdfmu.temporary import temporary_folder
 
-__all__ = ["FORMAT", "Report", "check_file", "inspect_file"]
-
 FORMAT = 1
 """Version of the structure of `Report`; it changes when a key changes its meaning or goes."""
 _ENDINGS = ".fmu, .ssp, .ssd, or an OspSystemStructure.xml"

@@ -22,8 +22,6 @@ from vdfmu.engine.rules import found
 from vdfmu.engine.ssp.parse import parse_xml
 from vdfmu.errors import SspError
 
-__all__ = ["compare"]
-
 FOLDER = "extra/org.fmi-standard.fmi-ls-ref/"
 MANIFEST = f"{FOLDER}fmi-ls-manifest.xml"
 # Reference results say nothing of the solver's tolerance. This is far above those in use and far below a wrong result.

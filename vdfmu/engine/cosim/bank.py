@@ -14,8 +14,6 @@ from vdfmu.engine.cosim.component import Slave
 from vdfmu.engine.cosim.link import Link, Port
 from vdfmu.engine.cosim.variables import Variable
 
-__all__ = ["Bank"]
-
 
 class Bank:
     """All outputs and connected inputs of one kind, in one array: ``[outputs | inputs]``.

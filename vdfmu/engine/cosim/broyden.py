@@ -8,8 +8,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Broyden"]
-
 Floats = NDArray[np.float64]
 
 _LEAST, _EACH = 30, 3

@@ -13,8 +13,6 @@ from vdfmu.engine.cosim.schedule import Schedule
 from vdfmu.engine.cosim.variables import Variable
 from vdfmu.engine.ssp.structure import System
 
-__all__ = ["Checked"]
-
 
 @dataclass(frozen=True)
 class Checked:

@@ -23,8 +23,6 @@ from vdfmu.engine.cosim.variables import Value, Variable
 from vdfmu.errors import CosimError
 from vdfmu.text import shown
 
-__all__ = ["Slave", "Starts", "Watch"]
-
 STATUS = ("ok", "warning", "discard", "error", "fatal", "pending")
 Floats = NDArray[np.float64]
 Starts = Sequence[tuple[Variable, Value]]

@@ -21,8 +21,6 @@ try:
 except Exception:  # no proxy library for this platform: messages come without their arguments
     addLoggerProxy = None
 
-__all__ = ["Slave2"]
-
 _LAST_SUCCESSFUL_TIME, _TERMINATED = 2, 3
 """Of fmi2StatusKind."""
 

@@ -16,8 +16,6 @@ from vdfmu.engine.cosim.component import Slave, Starts, on_message
 from vdfmu.engine.cosim.variables import Variable
 from vdfmu.errors import CosimError
 
-__all__ = ["Slave3"]
-
 _RECEIVER = CFUNCTYPE(None, c_void_p, c_int, c_char_p, c_char_p)(on_message)
 _UPDATE = CFUNCTYPE(None, c_void_p, c_double, c_bool, c_bool, c_bool, c_bool, c_void_p, c_void_p)
 _EVENT, _END, _EARLY = range(3)

@@ -21,8 +21,6 @@ from vdfmu.engine.cosim.multirate import MultirateStepper
 from vdfmu.errors import CosimError
 from vdfmu.interrupt import InterruptGuard
 
-__all__ = ["CONVERGENCE", "Components"]
-
 CONVERGENCE = 1e-8
 """Default relative change at which repetitions end."""
 

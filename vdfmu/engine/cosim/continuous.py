@@ -20,8 +20,6 @@ from vdfmu.engine.cosim.interface import interface_inverse
 from vdfmu.engine.cosim.messages import MessageBox
 from vdfmu.errors import CosimError
 
-__all__ = ["ContinuousStepper"]
-
 Floats = NDArray[np.float64]
 
 _FIRST = 1e-5

@@ -16,8 +16,6 @@ from vdfmu.engine.cosim.component import Slave
 from vdfmu.engine.cosim.exchange import Exchange
 from vdfmu.engine.cosim.link import SOURCE
 
-__all__ = ["Block", "Coupled", "Unit"]
-
 Floats = NDArray[np.float64]
 Indices = NDArray[np.intp]
 

@@ -18,8 +18,6 @@ from numpy.typing import NDArray
 from vdfmu.engine.cosim.results import copies_beside, later
 from vdfmu.errors import UsageError
 
-__all__ = ["Course", "Inputs", "Table", "outside", "read_inputs"]
-
 Floats = NDArray[np.float64]
 
 _HEADING = re.compile(r"(.*?)(?:\s+\[(.+)\])?")

@@ -19,8 +19,6 @@ from vdfmu.errors import CosimError
 if TYPE_CHECKING:
     from vdfmu.engine.cosim.component import Slave
 
-__all__ = ["Integrator"]
-
 Floats = NDArray[np.float64]
 TOLERANCE = 1e-6
 """Relative, where none is asked for; absolute, times the nominal values of the states."""

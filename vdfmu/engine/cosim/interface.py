@@ -10,8 +10,6 @@ from numpy.typing import NDArray
 
 from vdfmu.engine.cosim.coupled import Block, Coupled, Unit
 
-__all__ = ["interface_inverse"]
-
 Floats = NDArray[np.float64]
 
 

@@ -34,8 +34,6 @@ from vdfmu.engine.cosim.messages import LogMessage, MessageBox
 from vdfmu.errors import CosimError, UsageError, VdfmuError
 from vdfmu.process import Listener, end_group, started
 
-__all__ = ["CALLS", "REPLY", "REQUEST", "Isolated", "Limits", "mapped"]
-
 REQUEST = struct.Struct("<Iddd")
 """Length of what follows, or 0 and time, step and stop of `advance`."""
 REPLY = struct.Struct("<I")

@@ -8,8 +8,6 @@ from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 
-__all__ = ["LogMessage", "MessageBox", "log_to_logging"]
-
 _FAILURE = re.compile("error|fatal|discard", re.IGNORECASE)
 """In the category of a message that is worse than its status says."""
 _LEVEL = {"ok": logging.DEBUG, "note": logging.INFO, "warning": logging.WARNING}

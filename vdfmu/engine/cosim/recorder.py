@@ -13,8 +13,6 @@ from numpy.typing import NDArray
 
 from vdfmu.engine.cosim.results import Signal, csv_head, csv_lines, no_rows
 
-__all__ = ["ROWS", "Recorder"]
-
 ROWS = 512
 """Rows that are kept in memory at most."""
 _SECONDS = 2.0

@@ -32,8 +32,6 @@ from vdfmu.temporary import temporary_folder
 if TYPE_CHECKING:
     from vdfmu.engine.federation.federated import Federated
 
-__all__ = ["Interrupted", "Run"]
-
 
 class Interrupted(KeyboardInterrupt):
     """The signal `number` stopped the run between two steps; `results` holds the rows so far."""

@@ -28,8 +28,6 @@ from vdfmu.errors import UsageError
 if TYPE_CHECKING:
     from vdfmu.engine.federation import Federation
 
-__all__ = ["Simulator", "check_coupling"]
-
 
 class Simulator:
     """A system whose components are loaded once for many runs, and reset between them.

@@ -24,8 +24,6 @@ from vdfmu.text import close_to
 if TYPE_CHECKING:
     from vdfmu.engine.federation.federated import Federated
 
-__all__ = ["CORES", "Federation", "Plan", "Sent", "federate", "share"]
-
 CORES = ("zmq", "tcp", "tcp_ss", "ipc")
 """Ways of HELICS to carry messages; ``tcp_ss`` needs one port, that of the broker; ``ipc``, shared memory, one machine.
 

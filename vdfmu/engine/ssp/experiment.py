@@ -10,8 +10,6 @@ from vdfmu.engine.algorithms import ALGORITHMS, CONTINUOUS
 from vdfmu.engine.rules import found
 from vdfmu.engine.ssp.parse import NAMESPACES
 
-__all__ = ["EXPERIMENT_TYPE", "FOREIGN", "OSP_TYPE", "Experiment", "read_experiment", "read_step"]
-
 EXPERIMENT_TYPE = "org.vdfmu.experiment"
 OSP_TYPE = "com.opensimulationplatform"
 FOREIGN = {

@@ -10,8 +10,6 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-__all__ = ["Read", "Write", "reader", "writer"]
-
 Read = Callable[[], list[float]]
 Write = Callable[..., None]
 

@@ -16,8 +16,6 @@ from vdfmu.unit.integrator import Integrator
 from vdfmu.unit.interface import Interface
 from vdfmu.unit.motion import Motion
 
-__all__ = ["Behaviour", "robot_problems"]
-
 Floats = npt.NDArray[np.float64]
 
 

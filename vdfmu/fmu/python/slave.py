@@ -27,8 +27,6 @@ from vdfmu.fmu.python.behaviour import Behaviour
 from vdfmu.fmu.python.wrapper import hold, hold_all_for_ever, hold_for_ever, loaded_from, plain, refusal
 from vdfmu.unit.variable import Variable
 
-__all__ = ["UnitSlave", "slave_class"]
-
 _PHASES = ("instantiated", "initialization", "step", "terminated")
 _WHEN = {
     "instantiated": "before enterInitializationMode",
