@@ -12,7 +12,8 @@ import numpy as np
 from fmpy import fmi2
 
 from vdfmu.engine.cosim.access import Call, Transfer
-from vdfmu.engine.cosim.component import Floats, Slave, Starts, on_message
+from vdfmu.engine.cosim.component import Floats, Slave, Starts
+from vdfmu.engine.cosim.messages import on_message
 from vdfmu.engine.cosim.variables import Variable
 from vdfmu.errors import CosimError
 

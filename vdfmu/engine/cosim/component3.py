@@ -12,7 +12,8 @@ from typing import Any
 import numpy as np
 
 from vdfmu.engine.cosim.access import Call, Transfer
-from vdfmu.engine.cosim.component import Slave, Starts, on_message
+from vdfmu.engine.cosim.component import Slave, Starts
+from vdfmu.engine.cosim.messages import on_message
 from vdfmu.engine.cosim.variables import Variable
 from vdfmu.errors import CosimError
 
