@@ -17,6 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from vdfmu.analysis.linear import Linear, feedback, held, linearize
+from vdfmu.arrays import Floats
 from vdfmu.errors import UsageError
 from vdfmu.model.parameters import section
 from vdfmu.scenario import Scenario
@@ -24,7 +25,6 @@ from vdfmu.scenario.values import system_values
 from vdfmu.ssp.description import SystemDescription
 from vdfmu.study.wired import System
 
-Floats = npt.NDArray[np.float64]
 Complex = npt.NDArray[np.complex128]
 
 _DESIRED = {

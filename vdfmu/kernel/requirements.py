@@ -81,17 +81,13 @@ def _kinematic_error(robot: Any, first: Parameter) -> Any:
     return CONTRACTION_LIMIT - 2.0 * robot.ell[i] * robot.theta_err_amplitude[i] - _STRICT
 
 
-def _matrix(robot: Any, first: Parameter) -> Any:
-    return getattr(robot, first.field)[first.index[:-2]]
-
-
 def _definite(robot: Any, first: Parameter) -> Any:
-    return _smallest_minor(_matrix(robot, first))
+    return _smallest_minor(getattr(robot, first.field)[first.index[:-2]])
 
 
 def _triangle(robot: Any, first: Parameter) -> Any:
     """Margin of ``tr(I)/2 E - I``, the second moments of mass, being semidefinite."""
-    inertia = _matrix(robot, first)
+    inertia = getattr(robot, first.field)[first.index[:-2]]
     half_trace = 0.5 * (inertia[0, 0] + inertia[1, 1] + inertia[2, 2])
     # check_inertia allows INERTIA_TOLERANCE times the largest moment, which is about half the trace where it counts
     return _smallest_minor(half_trace * (1.0 + 0.5 * INERTIA_TOLERANCE) * np.eye(3) - inertia)

@@ -5,13 +5,11 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
+from vdfmu.arrays import Floats
 from vdfmu.engine.cosim.results import Results, Signal
 from vdfmu.measure import unit_of
 from vdfmu.model import Robot
-
-Floats = npt.NDArray[np.float64]
 
 LOW_GRAVITY = 9.80 / 9.81
 """Share of the robot's gravity in the third variant: for 9.81 m/s2 it is 9.80."""

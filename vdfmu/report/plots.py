@@ -17,6 +17,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
+from vdfmu.arrays import Floats
 from vdfmu.engine.cosim.results import Results
 from vdfmu.model import Robot
 from vdfmu.report import style
@@ -24,8 +25,6 @@ from vdfmu.report.captions import contrast_caption, paper_table, run_caption
 from vdfmu.report.contrast import Contrast
 from vdfmu.report.joints import UNITS, Group, group_joints, panel_letter
 from vdfmu.scenario import Scenario
-
-Floats = NDArray[np.float64]
 
 _BACK: dict[str, Any] = {"color": style.COLORS[5], "linewidth": 3.2}
 _ON_TOP: dict[str, Any] = {"color": "#000000", "linewidth": 1.1, "linestyle": (0, (5, 3))}

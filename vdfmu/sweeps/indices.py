@@ -7,8 +7,9 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from vdfmu.arrays import Floats
 from vdfmu.errors import UsageError
 
 if TYPE_CHECKING:
@@ -17,7 +18,6 @@ if TYPE_CHECKING:
 CONFIDENCE = 0.95
 """Probability with which a true index lies within its half-width, by bootstrap."""
 _RESAMPLES = 500
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -5,13 +5,14 @@ from __future__ import annotations
 import base64
 import shlex
 from collections.abc import Iterable
+from contextlib import suppress
 from html import escape
 from pathlib import Path
 
 import numpy as np
 
-from vdfmu.errors import UsageError, VdfmuError
-from vdfmu.files import replacing
+from vdfmu.errors import UsageError
+from vdfmu.files import write_whole
 from vdfmu.fmu.page import page, table
 from vdfmu.sweeps.indices import indices
 from vdfmu.sweeps.plots import plot
@@ -33,7 +34,7 @@ def write_page(study: Sweep, path: Path | None = None) -> Path:
 
     Raises
     ------
-    VdfmuError
+    UsageError, VdfmuError
         If the file cannot be written.
     """
     path = study.folder / "report.html" if path is None else path
@@ -71,12 +72,9 @@ def write_page(study: Sweep, path: Path | None = None) -> Path:
             _table(("point", "why"), rows),
             f"<p>and {more} more</p>" if more else "",
         ]
-    try:
+    with suppress(OSError):  # of which the writing then says more
         path.parent.mkdir(parents=True, exist_ok=True)
-        with replacing(path) as file:
-            file.write(page(str(facts["scenario"]), "Parameter study", "\n".join(parts), 60))
-    except OSError as error:
-        raise VdfmuError(f"cannot write {path}: {error.strerror or error}") from None
+    write_whole(path, [page(str(facts["scenario"]), "Parameter study", "\n".join(parts), 60)])
     return path
 
 

@@ -94,7 +94,8 @@ def make_plan(
             f"{', '.join(axis.target for axis in switches)}: expected at most {_MOST_SYSTEMS} different systems, got "
             f"{len(combinations)}; each is a package of its own."
         )
-    wire = _of_package if _is_package(scenario) else _of_scenario
+    is_package = isinstance(scenario, (str, os.PathLike)) and Path(scenario).suffix.lower() == ".ssp"
+    wire = _of_package if is_package else _of_scenario
     systems: list[WiredSystem] = []
     measures: list[Measure] = [] if measure is None else read_measures(measure)
     for number, combination in enumerate(combinations):
@@ -163,10 +164,6 @@ def name_of(scenario: Any) -> str:
 
 def _digest(*parts: bytes) -> str:
     return hashlib.sha256(b"\0".join(parts)).hexdigest()[:16]
-
-
-def _is_package(scenario: Any) -> bool:
-    return isinstance(scenario, (str, os.PathLike)) and Path(scenario).suffix.lower() == ".ssp"
 
 
 def _unit_of_axis(axis: Axis, system: WiredSystem, units: Mapping[str, str]) -> str:

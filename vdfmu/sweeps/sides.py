@@ -8,11 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from vdfmu.arrays import Floats
 from vdfmu.errors import UsageError
 from vdfmu.sweeps.axes import read_axes
 from vdfmu.sweeps.table import Sweep
 
-Floats = NDArray[np.float64]
 _DECADES = 1.5
 """Those over which a measure must go to be drawn on a logarithmic scale."""
 _FIFTHS = 5

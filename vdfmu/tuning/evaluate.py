@@ -12,17 +12,15 @@ from types import TracebackType
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from vdfmu.analysis.margins import Margins
+from vdfmu.arrays import Floats
 from vdfmu.interrupt import InterruptGuard
 from vdfmu.sweeps.job import Row
 from vdfmu.sweeps.ledger import Ledger
 from vdfmu.sweeps.table import Sweep
 from vdfmu.sweeps.worker import Worker
 from vdfmu.tuning.problem import Problem
-
-Floats = npt.NDArray[np.float64]
 
 _STEEP = 100.0
 """Excess for each unit of the spectral radius beyond 1, where margins are 0."""

@@ -11,16 +11,14 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from vdfmu.analysis.margins import ArmLoops, Margins
+from vdfmu.arrays import Floats
 from vdfmu.errors import UsageError
 from vdfmu.scenario.values import override, system_values
 from vdfmu.study.run import prepare
 from vdfmu.sweeps.axes import Axis, read_axes
 from vdfmu.sweeps.plan import TRACKING, Plan, make_plan
-
-Floats = npt.NDArray[np.float64]
 
 _RANGE = "*log(0.1, 10)"
 """Of a number that varies, unless another is given."""

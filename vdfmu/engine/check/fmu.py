@@ -207,7 +207,8 @@ def _binaries(unit: _Unit, description: Any, kinds: list[str], findings: Finding
     folders = sorted({n.split("/")[1] for n in names if n.startswith("binaries/") and n.count("/") >= 2})
     here = [p for p in (fmpy.platform, fmpy.platform_tuple) if p in folders]
     if not here:
-        sources = "; it has sources, which must be compiled first" if _has_sources(names) else ""
+        has_sources = any(n.startswith("sources/") and n.endswith((".c", ".cpp", ".cc")) for n in names)
+        sources = "; it has sources, which must be compiled first" if has_sources else ""
         text = f"no binary for this platform, {fmpy.platform}; there are: {', '.join(folders) or 'none'}{sources}"
         findings.problems.append(found("FMI017", text))
         return
@@ -224,7 +225,3 @@ def _binaries(unit: _Unit, description: Any, kinds: list[str], findings: Finding
         findings.problems += [
             found("FMI018", unit.misbuilt[name]) for name in here_too if name in unit.misbuilt
         ]
-
-
-def _has_sources(names: list[str]) -> bool:
-    return any(n.startswith("sources/") and n.endswith((".c", ".cpp", ".cc")) for n in names)

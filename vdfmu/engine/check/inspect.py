@@ -6,7 +6,7 @@ import html
 import os
 import posixpath
 import re
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 from urllib.parse import unquote
@@ -29,27 +29,19 @@ _ENDINGS = ".fmu, .ssp, .ssd, or an OspSystemStructure.xml"
 
 
 @dataclass
-class Report:
+class Report(Findings):
     """What the check of a file found; `vdfmu check --json` prints these keys."""
 
-    file: str
+    file: str = ""
     """The path as it was given."""
-    kind: str
+    kind: str = ""
     """``FMU``, ``SSP``, ``SSD`` or ``OSP``."""
     standard: str | None = None
     """Such as ``FMI 3.0``; None where the file does not get that far."""
-    ran: bool = False
-    """Whether code of the units was run."""
-    compared: list[str] = field(default_factory=list[str])
-    """Files of reference results whose values were compared."""
-    problems: list[str] = field(default_factory=list[str])
-    """Findings, each with its rule and place; so are the notes."""
-    notes: list[str] = field(default_factory=list[str])
-    format: int = FORMAT
 
     def to_dict(self) -> dict[str, Any]:
         """Return the report for JSON; ``findings`` are problems and notes with rule and place."""
-        values = dict(vars(self))
+        head = {name: getattr(self, name) for name in ("file", "kind", "standard", "ran", "compared")}
         findings = [
             {
                 "rule": text.rule.number, "severity": severity, "file": text.file or None, "line": text.line or None,
@@ -59,7 +51,8 @@ class Report:
             for text in texts
             if isinstance(text, Finding)
         ]  # fmt: skip
-        return {"format": values.pop("format"), **values, "findings": findings}
+        texts = {"problems": self.problems, "notes": self.notes}
+        return {"format": FORMAT, **head, **texts, "findings": findings}
 
 
 def check_file(path: str | os.PathLike[str], run: bool = True) -> list[str]:
@@ -134,7 +127,7 @@ def _report(path: Path, kind: str, findings: Findings, standard: str | None) -> 
     problems, notes = (
         list(dict.fromkeys(map(one_line, texts))) for texts in (findings.problems, findings.notes)
     )
-    return Report(str(path), kind, standard, findings.ran, findings.compared, problems, notes)
+    return Report(problems, notes, findings.compared, findings.ran, str(path), kind, standard)
 
 
 def _require(path: Path, suffix: str) -> None:

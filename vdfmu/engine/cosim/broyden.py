@@ -6,9 +6,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from vdfmu.arrays import Floats
 
 _LEAST, _EACH = 30, 3
 """Repetitions at least, and for each unknown: a linear loop needs two, but for rounding errors (Gay 1979)."""

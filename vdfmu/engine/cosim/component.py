@@ -15,6 +15,7 @@ import fmpy
 import numpy as np
 from numpy.typing import NDArray
 
+from vdfmu.arrays import Floats
 from vdfmu.engine.cosim.access import DTYPES, Call, Heap, Transfer
 from vdfmu.engine.cosim.description import Description, library_name
 from vdfmu.engine.cosim.integrator import Integrator
@@ -22,7 +23,6 @@ from vdfmu.engine.cosim.messages import STATUS, MessageBox, boxes
 from vdfmu.engine.cosim.variables import Value, Variable
 from vdfmu.errors import CosimError
 
-Floats = NDArray[np.float64]
 Starts = Sequence[tuple[Variable, Value]]
 """Variables, and the values that they are set to."""
 Watch = Callable[[str, str, Any], Any]
@@ -162,7 +162,7 @@ class Slave:
 
         return run, None, None, None, None, "setRealInputDerivatives"
 
-    def slopes(self, variables: Sequence[Variable], values: NDArray[np.float64]) -> Call:
+    def slopes(self, variables: Sequence[Variable], values: Floats) -> Call:
         """Return the call that gets the derivatives of real outputs by time into `values`, in place."""
         places = range(len(variables))
         return self.slope_call(

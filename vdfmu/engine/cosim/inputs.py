@@ -13,12 +13,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from vdfmu.arrays import Floats
 from vdfmu.engine.cosim.results import copies_beside, later
 from vdfmu.errors import UsageError
-
-Floats = NDArray[np.float64]
 
 _HEADING = re.compile(r"(.*?)(?:\s+\[(.+)\])?")
 """A name, and a unit of measurement in brackets behind a space."""

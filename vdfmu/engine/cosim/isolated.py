@@ -24,8 +24,8 @@ from time import monotonic
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from vdfmu.arrays import Floats
 from vdfmu.engine.cosim.checked import Checked
 from vdfmu.engine.cosim.component2 import Slave2
 from vdfmu.engine.cosim.component3 import Slave3
@@ -280,7 +280,7 @@ def _has_ended(process: subprocess.Popen[bytes]) -> bool:
     return True
 
 
-def mapped(path: Path) -> NDArray[np.float64]:
+def mapped(path: Path) -> Floats:
     """Return the shared memory."""
     with open(path, "r+b") as file:
         return np.frombuffer(mmap.mmap(file.fileno(), 0), np.float64)
