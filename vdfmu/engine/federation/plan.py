@@ -24,7 +24,7 @@ from vdfmu.text import close_to
 if TYPE_CHECKING:
     from vdfmu.engine.federation.federated import Federated
 
-CORES = ("zmq", "tcp", "tcp_ss", "ipc")
+CORES = ("tcp_ss", "tcp", "zmq", "ipc")
 """Ways of HELICS to carry messages; ``tcp_ss`` needs one port, that of the broker; ``ipc``, shared memory, one machine.
 
 Not ``zmq_ss``: exchanges of four federates stall with it in HELICS 3.6.1, for a tenth of a second each.
@@ -67,7 +67,7 @@ class Federation:
     split: Sequence[str]
     only: str | None = None
     broker: str | None = None
-    core: str = "zmq"
+    core: str = "tcp_ss"
 
     def apart(self, checked: Checked) -> tuple[Checked, Callable[..., Federated]]:
         """Return the part of a checked system that runs here, and what makes its `Federated`.
@@ -194,7 +194,7 @@ def federate(
     *,
     only: str | None = None,
     broker: str | None = None,
-    core: str = "zmq",
+    core: str = "tcp_ss",
     **options: Any,
 ) -> Results:
     """Co-simulate a system in several processes, federates, that pass each other values by HELICS.
