@@ -17,8 +17,6 @@ from vdfmu.sweeps.measures import Measure, read_measures
 from vdfmu.temporary import temporary_folder
 from vdfmu.text import close_to, matching
 
-__all__ = ["TRACKING", "check_overlap", "default_measures", "recorded", "signals_of", "try_measures"]
-
 TRACKING = {
     "error": "rms(trajectory.q_d - plant.q)",
     "peak_error": "peak(trajectory.q_d - plant.q)",

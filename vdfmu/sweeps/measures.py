@@ -23,8 +23,6 @@ from vdfmu.errors import UsageError, VdfmuError
 from vdfmu.sweeps.axes import OPTIONS
 from vdfmu.text import error_text
 
-__all__ = ["Measure", "function_digest", "measured", "read_measures", "unit_of"]
-
 Array = NDArray[Any]
 
 
@@ -87,24 +85,16 @@ _OPERATORS: dict[type, Callable[..., Any]] = {
 
 @dataclass(frozen=True)
 class Measure:
-    """A named expression, or a function of the results.
-
-    Attributes
-    ----------
-    name : str
-        Of its column; one with several elements has ``name[1]``, ``name[2]`` and so on.
-    text : str
-        The expression; of a function its name.
-    signals : tuple of str
-        Those that it needs, ``plant.q[1]``, or all elements, ``plant.q``; a function needs all that there are, ``*``.
-    function : callable, optional
-        Called with the `Results`; returns a number, or several.
-    """
+    """A named expression, or a function of the results."""
 
     name: str
+    """Of its column; one with several elements has ``name[1]``, ``name[2]`` and so on."""
     text: str
+    """The expression; of a function its name."""
     signals: tuple[str, ...]
+    """Those that it needs, ``plant.q[1]``, or all elements, ``plant.q``; a function needs all that there are, ``*``."""
     function: Callable[[Results], Any] | None = None
+    """Called with the `Results`; returns a number, or several."""
 
     def of(self, results: Results) -> dict[str, float]:
         """Return its value, or values, by column.

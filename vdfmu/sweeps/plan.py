@@ -23,29 +23,19 @@ from vdfmu.sweeps.measures import Measure, function_digest, read_measures, unit_
 from vdfmu.sweeps.points import Points, draw
 from vdfmu.temporary import temporary_folder
 
-__all__ = ["Plan", "digest", "make_plan", "name_of", "of_scenario"]
-
 _MOST_SYSTEMS = 200
 
 
 @dataclass(frozen=True)
 class Plan:
-    """A parameter study, ready to run.
-
-    Attributes
-    ----------
-    points : Points
-    chosen : (n,) array of int
-        Number of each point's system.
-    job : Job
-    facts : dict
-        What it is, for the ledger; the same for the same study.
-    """
+    """A parameter study, ready to run."""
 
     points: Points
     chosen: Any
+    """(n,): Number of each point's system."""
     job: Job
     facts: dict[str, Any]
+    """What it is, for the ledger; the same for the same study."""
 
     def __len__(self) -> int:
         return len(self.chosen)
@@ -96,7 +86,8 @@ def make_plan(
             f"{', '.join(axis.target for axis in switches)}: expected at most {_MOST_SYSTEMS} different systems, got "
             f"{len(combinations)}; each is a package of its own."
         )
-    wire = _of_package if _is_package(scenario) else of_scenario
+    is_package = isinstance(scenario, (str, os.PathLike)) and Path(scenario).suffix.lower() == ".ssp"
+    wire = _of_package if is_package else of_scenario
     systems: list[WiredSystem] = []
     measures: list[Measure] = [] if measure is None else read_measures(measure)
     for number, combination in enumerate(combinations):
@@ -172,10 +163,6 @@ def name_of(scenario: Any) -> str:
 def digest(*parts: bytes) -> str:
     """Return what tells contents apart."""
     return hashlib.sha256(b"\0".join(parts)).hexdigest()[:16]
-
-
-def _is_package(scenario: Any) -> bool:
-    return isinstance(scenario, (str, os.PathLike)) and Path(scenario).suffix.lower() == ".ssp"
 
 
 def _unit_of_axis(axis: Axis, system: WiredSystem, units: Mapping[str, str]) -> str:

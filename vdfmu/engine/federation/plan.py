@@ -24,9 +24,7 @@ from vdfmu.text import close_to
 if TYPE_CHECKING:
     from vdfmu.engine.federation.federated import Federated
 
-__all__ = ["CORES", "Federation", "Plan", "Sent", "federate", "share"]
-
-CORES = ("zmq", "tcp", "tcp_ss", "ipc")
+CORES = ("tcp_ss", "tcp", "zmq", "ipc")
 """Ways of HELICS to carry messages; ``tcp_ss`` needs one port, that of the broker; ``ipc``, shared memory, one machine.
 
 Not ``zmq_ss``: exchanges of four federates stall with it in HELICS 3.6.1, for a tenth of a second each.
@@ -41,27 +39,18 @@ class Sent(NamedTuple):
 
 
 class Plan(NamedTuple):
-    """The federates of a system.
-
-    Attributes
-    ----------
-    parts : mapping of str to tuple of str
-        The components of each federate, by its name, that of its first component.
-    here : tuple of str
-        Those to run here.
-    sent : mapping of str to Sent
-        What each sends; of the reals those that change in steps come first.
-    levels : mapping of (str, str) to int
-        How often a value passes from federate to federate before it reaches a variable in initialization mode.
-    core, broker
-        As of `Federation`.
-    """
+    """The federates of a system."""
 
     parts: Mapping[str, tuple[str, ...]]
+    """The components of each federate, by its name, that of its first component."""
     here: tuple[str, ...]
+    """Those to run here."""
     sent: Mapping[str, Sent]
+    """What each sends; of the reals those that change in steps come first."""
     levels: Mapping[Port, int]
+    """How often a value passes from federate to federate before it reaches a variable in initialization mode."""
     core: str
+    """As of `Federation`; so is the broker."""
     broker: str | None
 
     @property
@@ -78,7 +67,7 @@ class Federation:
     split: Sequence[str]
     only: str | None = None
     broker: str | None = None
-    core: str = "zmq"
+    core: str = "tcp_ss"
 
     def apart(self, checked: Checked) -> tuple[Checked, Callable[..., Federated]]:
         """Return the part of a checked system that runs here, and what makes its `Federated`.
@@ -205,7 +194,7 @@ def federate(
     *,
     only: str | None = None,
     broker: str | None = None,
-    core: str = "zmq",
+    core: str = "tcp_ss",
     **options: Any,
 ) -> Results:
     """Co-simulate a system in several processes, federates, that pass each other values by HELICS.
