@@ -1,0 +1,105 @@
+"""What a robot's file describes, before an arm is chosen from it: links on joints, in the file's own frames."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+
+from vdfmu.model.read import FloatArray, Problems
+from vdfmu.model.visual import Visual
+
+__all__ = ["MOVING", "Joint", "Link", "Placement", "Tree", "aligned"]
+
+MOVING = {"revolute": "revolute", "continuous": "revolute", "prismatic": "prismatic"}
+"""Kinds of joints that an arm of vdfmu can have, to their type in its robot file."""
+
+
+class Placement(NamedTuple):
+    """A frame in another one.
+
+    Attributes
+    ----------
+    R : (3, 3)
+        Its axes as columns.
+    p : (3,) [m]
+        Its origin.
+    """
+
+    R: FloatArray
+    p: FloatArray
+
+    def __matmul__(self, inner: Placement) -> Placement:
+        """Return the placement, in the outer frame, of what `inner` places in this one."""
+        return Placement(self.R @ inner.R, self.p + self.R @ inner.p)
+
+
+@dataclass(frozen=True, eq=False)
+class Link:
+    """A rigid link: centroid (3,) [m] and inertia (3, 3) [kg.m2] about it, both in the link's frame."""
+
+    name: str
+    mass: float = 0.0
+    centroid: FloatArray = field(default_factory=lambda: np.zeros(3))
+    inertia: FloatArray = field(default_factory=lambda: np.zeros((3, 3)))
+    visuals: tuple[Visual, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class Joint:
+    """A joint.
+
+    Attributes
+    ----------
+    name, parent, child : str
+    kind : str
+        As in URDF: one of `MOVING`, "fixed", or what is refused.
+    placement : Placement
+        Of the child link's frame in that of the parent, at q = 0.
+    axis : (3,)
+        Of length 1, in the child's frame.
+    given : mapping
+        What the file says of it: lower, upper, effort, velocity, damping, friction, armature, SI units, link-side.
+    follows : str
+        The joint that it mimics; empty for none.
+    """
+
+    name: str
+    kind: str
+    parent: str
+    child: str
+    placement: Placement
+    axis: FloatArray
+    given: Mapping[str, float] = field(default_factory=dict[str, float])
+    follows: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class Tree:
+    """Links by name and joints, in the order of the file; gravity (3,) [m/s2] in the root's frame, upward."""
+
+    name: str
+    problems: Problems
+    links: Mapping[str, Link]
+    joints: tuple[Joint, ...]
+    gravity: FloatArray
+    notes: list[str]
+
+    def above(self, link: str) -> Joint | None:
+        """Return the joint that carries a link, None for a root."""
+        return next((joint for joint in self.joints if joint.child == link), None)
+
+    def below(self, link: str) -> list[Joint]:
+        """Return the joints that a link carries."""
+        return [joint for joint in self.joints if joint.parent == link]
+
+
+def aligned(axis: FloatArray) -> FloatArray:
+    """Rotation (3, 3) whose third column is `axis`, (3,) of length 1, by the shortest turn from z."""
+    x, y, z = axis
+    if z < -1 + 1e-12:  # any axis across z will do for half a turn
+        return np.diag([1.0, -1.0, -1.0])
+    turn = np.array([[0.0, 0.0, x], [0.0, 0.0, y], [-x, -y, 0.0]])
+    return np.eye(3) + turn + turn @ turn / (1.0 + z)

@@ -1,0 +1,131 @@
+"""The text of a robot file that was made from another file."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from vdfmu.model.parameters import PARAMETERS, Section, section
+from vdfmu.model.visual import Visual
+from vdfmu.robots.chain import Arm, Body
+from vdfmu.robots.drives import PARTS, Driven
+from vdfmu.robots.tree import MOVING
+
+__all__ = ["robot_text"]
+
+_HEAD = """\
+# {file}, from {base} to {tip}, as a robot file of vdfmu.
+# SI units, angles in rad. Frame B_i is fixed to link i; its z axis is the axis of joint i; B_0 is the frame of {base}.
+#   rotation  maps B_i to B_(i-1) at q_i = 0: its columns are the axes of B_i in B_(i-1); written row by row
+#   offset    origin of B_i in B_(i-1) at q_i = 0 [m]
+#   inertia   about the centre of mass, axes of B_i [kg.m2]
+# [sources] says where each number is from. What it calls assumed is not in {file}: replace it where you know better.
+"""
+_MOST_LINKS = 12
+"""Most links that a text names."""
+
+
+def robot_text(name: str, file: str, arm: Arm, driven: Sequence[Driven], folder: Path) -> str:
+    """Return the content of the robot file.
+
+    Parameters
+    ----------
+    name : str
+        Of the robot.
+    file : str
+        Name of the file that it is from.
+    arm : Arm
+    driven : sequence of Driven
+        Of each joint.
+    folder : Path
+        Of the robot file, from which the paths of meshes start.
+    """
+    sources: list[dict[str, str]] = []
+    lines = [_HEAD.format(file=_line(file), base=arm.base, tip=arm.tip)]
+    description = f"From {file}: {len(arm.bodies)} joints from {arm.base} to {arm.tip}"
+    lines += [f"name = {_value(name[:100])}", f"description = {_value(description)}"]
+    lines += _entries("robot", {"gravity": arm.gravity, "tool_offset": arm.tool.p})
+    for i, (body, drive) in enumerate(zip(arm.bodies, driven, strict=True), 1):
+        lines += ["", f"# Joint {i}: {_about(body)}", *_told(drive), "[[joints]]"]
+        lines.append(f"type = {_value(MOVING[body.joint.kind])}")
+        lines += _entries("joint", {"rotation": body.placement.R, "offset": body.placement.p})
+        lines += ["", "[joints.link]"]
+        lines += _entries("link", {"mass": body.mass, "centroid": body.centroid, "inertia": body.inertia})
+        for part in PARTS:
+            rows = [row for row in section(part) if row.path in drive.numbers]
+            if rows:
+                lines += ["", f"[joints.{part}]", *(f"{r.key} = {_value(drive.numbers[r.path][0])}" for r in rows)]
+        links = _few([f"link {link}" for link in body.links])
+        placed = f"{file}: origin and axis of joint {body.joint.name}; z turned onto the axis"
+        where = {row.path: placed for row in section("joint")} | {
+            row.path: f"{file}: {links}" + (", joined" if len(body.links) > 1 else "") for row in section("link")
+        }
+        sources.append(where | {path: source for path, (_, source) in drive.numbers.items()})
+    lines += ["", "[sources]"]
+    lines += [f"{key} = {_value(text)}" for key, text in _sources(file, arm, sources)]
+    for visual in arm.visuals:
+        lines += ["", "[[visuals]]", *_look(visual, folder)]
+    return "\n".join(lines) + "\n"
+
+
+def _entries(part: Section, values: dict[str, Any]) -> list[str]:
+    return [f"{row.key} = {_value(values[row.name])}" for row in section(part) if row.name in values]
+
+
+def _about(body: Body) -> str:
+    joint = body.joint
+    return f"{joint.name}, {joint.kind}, moves {_few(body.links)}"
+
+
+def _told(drive: Driven) -> Iterator[str]:
+    """Yield comments on a joint."""
+    yield f"# largest torque {drive.rating:.6g}, {drive.rated_by}"
+
+
+def _sources(file: str, arm: Arm, joints: list[dict[str, str]]) -> Iterator[tuple[str, str]]:
+    """Yield keys and texts of [sources]: one key for all joints where the text is the same."""
+    yield "gravity", f"{file}: standard gravity" if file.endswith(".urdf") else f"{file}: option gravity"
+    yield "tool_offset", f"{file}: origin of {arm.tip}"
+    for row in (row for row in PARAMETERS.values() if row.per_joint):
+        texts = [joint[row.path] for joint in joints if row.path in joint]
+        if len(set(texts)) == 1 and len(texts) == len(joints):
+            yield _value(row.path), texts[0]
+            continue
+        for i, joint in enumerate(joints, 1):
+            if row.path in joint:
+                yield _value(row.path.replace("joints", f"joints[{i}]", 1)), joint[row.path]
+
+
+def _look(visual: Visual, folder: Path) -> Iterator[str]:
+    table = visual.to_dict()
+    if Path(visual.file).is_absolute():
+        table["file"] = Path(os.path.relpath(visual.file, folder.resolve())).as_posix()
+    for key, value in table.items():
+        yield f"{key} = {_value(value)}"
+
+
+def _few(names: Sequence[str]) -> str:
+    more = f" and {len(names) - _MOST_LINKS} more" if len(names) > _MOST_LINKS else ""
+    return ", ".join(names[:_MOST_LINKS]) + more
+
+
+def _line(text: str) -> str:
+    return " ".join(text.split())
+
+
+def _value(value: Any) -> str:
+    """Return a value of TOML; what turning frames has left of a zero is written as zero."""
+    if isinstance(value, str):
+        return json.dumps(_line(value), ensure_ascii=False)
+    if isinstance(value, (list, tuple, np.ndarray)):
+        array = np.asarray(value, dtype=float)
+        clean = np.where(np.abs(array) <= 1e-16 * np.abs(array).max(initial=0.0), 0.0, array)
+        if clean.ndim == 1:
+            return f"[{', '.join(map(_value, clean))}]"
+        return f"[{', '.join(map(_value, clean))}]"
+    return repr(int(value)) if isinstance(value, int) else repr(float(value))
