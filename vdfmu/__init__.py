@@ -4,6 +4,8 @@ Python API
 ----------
 ``load_robot``, ``load_scenario``
     A shipped robot or scenario by name, or a file by path.
+``robot_from_urdf``, ``robot_from_mjcf``
+    An arm of a file of another tool.
 ``inverse_dynamics``, ``forward_dynamics``, ``gravity_torque``, ``mass_matrix``, ``jacobian``, ``forward_kinematics``
     Rigid links, link-side torques, one state or a batch.
 ``build_fmus``, ``write_ssp``, ``write_osp``, ``write_container``
@@ -46,6 +48,7 @@ if TYPE_CHECKING:
     from vdfmu.errors import VdfmuError
     from vdfmu.fmu import build_fmus
     from vdfmu.model import Robot, load_robot, robot_names
+    from vdfmu.robots import robot_from_mjcf, robot_from_urdf
     from vdfmu.scenario import Scenario, load_scenario, scenario_names
     from vdfmu.ssp.write import write_osp, write_ssp
     from vdfmu.study.run import run
@@ -72,6 +75,8 @@ _WHERE = {
     "load_ssp": "vdfmu.engine.ssp",
     "mass_matrix": "vdfmu.dynamics",
     "package_limit": "vdfmu.engine.ssp.limits",
+    "robot_from_mjcf": "vdfmu.robots",
+    "robot_from_urdf": "vdfmu.robots",
     "robot_names": "vdfmu.model",
     "run": "vdfmu.study.run",
     "scenario_names": "vdfmu.scenario",
@@ -103,6 +108,8 @@ __all__ = [
     "load_ssp",
     "mass_matrix",
     "package_limit",
+    "robot_from_mjcf",
+    "robot_from_urdf",
     "robot_names",
     "run",
     "scenario_names",

@@ -13,7 +13,7 @@ from vdfmu.model.read import FloatArray, Problems, nearest
 from vdfmu.model.visual import Visual
 from vdfmu.robots.tree import MOVING, Joint, Link, Placement, Tree, aligned
 
-__all__ = ["Arm", "Body", "choose_arm"]
+__all__ = ["Arm", "Body", "choose_arm", "tips"]
 
 _HERE = Placement(np.eye(3), np.zeros(3))
 _MOST_TIPS = 12
@@ -84,7 +84,10 @@ def choose_arm(tree: Tree, base: str | None, tip: str | None) -> Arm | None:
     _refuse_joints(tree, moving)
     if not moving:
         problems.add(
-            "the file", f"a joint that moves between {base} and {tip}", "none", "Choose others by --base, --tip."
+            "the file",
+            f"a joint that moves between {base} and {tip}",
+            "none",
+            "Choose others by --base, --tip.",
         )
         return None
     if problems.lines:
@@ -97,6 +100,7 @@ def _assemble(tree: Tree, base: str, tip: str, path: list[Joint]) -> Arm:
     on_path = {joint.name for joint in path if joint.kind != "fixed"}
     held: list[Joint] = []
     carried = _carried(tree, base, _HERE, on_path, held)
+    owner = {link.name: 0 for link, _ in carried}  # number of the joint that moves it
     visuals = _looks(0, np.eye(3), carried)
     bodies: list[Body] = []
     into = _HERE  # the last body's frame, in the file's frame of the same link
@@ -110,9 +114,18 @@ def _assemble(tree: Tree, base: str, tip: str, path: list[Joint]) -> Arm:
         placement = Placement(into.R.T, np.zeros(3)) @ at @ frame
         bodies.append(_body(tree, joint, frame.R, placement, carried))
         visuals += _looks(len(bodies), frame.R, carried)
+        owner |= {link.name: len(bodies) for link, _ in carried}
         into, at = frame, _HERE
     tool = Placement(into.R.T, np.zeros(3)) @ at
-    _note_held(tree, held)
+    for name, one, other in tree.loops:
+        if owner.get(one, 0) != owner.get(other, 0):
+            tree.problems.add(
+                name, "links of one chain", f"what joins {one} to {other} beside the joints",
+                "That closes a chain, which an arm of vdfmu has none of: delete it, or end the arm before by --tip.",
+            )  # fmt: skip
+    if held:
+        names = ", ".join(joint.name for joint in held)
+        tree.notes.append(f"held at 0, beside the arm: {names}.")
     up = _pose(tree, base).R.T @ tree.gravity
     return Arm(base, tip, tuple(bodies), tool, up, tuple(visuals))
 
@@ -143,15 +156,13 @@ def _only_tip(tree: Tree, base: str) -> str | None:
     """Return the last link of the one arm that stands on a base; note the tips of several."""
     link = base
     while True:
-        rigid = list(_rigid(tree, link))
-        onward = [joint for name, _ in rigid for joint in tree.below(name) if joint.kind != "fixed"]
+        last, onward = _onward(tree, link)
         if not onward:
-            depth = max(far for _, far in rigid)
-            return next(name for name, far in rigid if far == depth)
+            return last
         if len(onward) > 1:
-            tips = _tips(tree, base)
-            shown = [f"{name} ({n} joint{'s' * (n > 1)})" for n, name in tips[:_MOST_TIPS]]
-            more = f" and {len(tips) - _MOST_TIPS} more" if len(tips) > _MOST_TIPS else ""
+            ends = tips(tree, base)
+            shown = [f"{name} ({n} joint{'s' * (n > 1)})" for n, name in ends[:_MOST_TIPS]]
+            more = f" and {len(ends) - _MOST_TIPS} more" if len(ends) > _MOST_TIPS else ""
             tree.problems.add(
                 "--tip", "a link", f"nothing, and {len(onward)} joints branch off from {link}",
                 f"Choose where the arm ends; what moves beside it is held at 0. There are: {', '.join(shown)}{more}.",
@@ -160,24 +171,34 @@ def _only_tip(tree: Tree, base: str) -> str | None:
         link = onward[0].child
 
 
-def _rigid(tree: Tree, link: str, far: int = 0) -> Iterator[tuple[str, int]]:
+def _rigid(tree: Tree, link: str, far: int = 0) -> Iterator[tuple[int, str]]:
     """Yield a link and those that are fixed to it, outward, with the number of fixed joints to them."""
-    yield link, far
+    yield far, link
     for joint in tree.below(link):
         if joint.kind == "fixed":
             yield from _rigid(tree, joint.child, far + 1)
 
 
-def _tips(tree: Tree, base: str) -> list[tuple[int, str]]:
+def _onward(tree: Tree, link: str) -> tuple[str, list[Joint]]:
+    """Return the last link that is fixed to a link, and the joints that go on from there.
+
+    Joints that are coupled to others, as those of a gripper, are none of an arm.
+    """
+    rigid = list(_rigid(tree, link))
+    coupled = {joint.follows for joint in tree.joints}
+    moving = [joint for _, name in rigid for joint in tree.below(name) if joint.kind != "fixed"]
+    onward = [joint for joint in moving if not joint.follows and joint.name not in coupled]
+    return max(rigid, key=lambda entry: entry[0])[1], onward
+
+
+def tips(tree: Tree, base: str) -> list[tuple[int, str]]:
     """Return where arms may end: the links after which a chain branches or ends, with the number of joints to them."""
     found: list[tuple[int, str]] = []
 
     def walk(link: str, n: int) -> None:
-        rigid = list(_rigid(tree, link))
-        onward = [joint for name, _ in rigid for joint in tree.below(name) if joint.kind != "fixed"]
+        last, onward = _onward(tree, link)
         if n and len(onward) != 1:
-            depth = max(far for _, far in rigid)
-            found.append((n, next(name for name, far in rigid if far == depth)))
+            found.append((n, last))
         for joint in onward:
             walk(joint.child, n + 1)
 
@@ -241,10 +262,10 @@ def _body(
     tree: Tree, joint: Joint, R: FloatArray, placement: Placement, carried: list[tuple[Link, Placement]]
 ) -> Body:
     """Join links to one body, in the frame whose axes in the child's frame are the columns of R."""
-    heavy = [(link, at) for link, at in carried if link.mass > 0.0]
+    heavy = [(link, at) for link, at in carried if link.mass > 0.0 or link.inertia.any()]
     names = ", ".join(link.name for link, _ in heavy or carried)
     mass = sum(link.mass for link, _ in heavy)
-    if not heavy:
+    if not mass:
         tree.problems.add(
             f"joint {joint.name}", "a link with mass, which it moves", f"no <inertial> with a mass in {names}",
             'Give one of them its inertia, or make the joint type="fixed".',
@@ -255,6 +276,8 @@ def _body(
         tree.notes.append(f"joint {joint.name}: {', '.join(bare)}: no mass, as the file says.")
     centroids = [at.p + at.R @ link.centroid for link, at in heavy]
     center = sum((link.mass * c for (link, _), c in zip(heavy, centroids, strict=True)), np.zeros(3)) / mass
+    if len(heavy) == 1:
+        center = centroids[0]  # without rounding
     inertia = np.zeros((3, 3))
     for (link, at), c in zip(heavy, centroids, strict=True):
         d = c - center
@@ -278,16 +301,8 @@ def _looks(joint: int, R: FloatArray, carried: list[tuple[Link, Placement]]) -> 
     for link, at in carried:
         for visual in link.visuals:
             rotation, offset = Placement(R.T, np.zeros(3)) @ at @ Placement(visual.rotation, visual.offset)
-            found.append(
-                replace(visual, joint=joint, rotation=read_only(rotation), offset=read_only(offset))
-            )
+            found.append(replace(visual, joint=joint, rotation=read_only(rotation), offset=read_only(offset)))
     return found
-
-
-def _note_held(tree: Tree, held: list[Joint]) -> None:
-    if held:
-        names = ", ".join(joint.name for joint in held)
-        tree.notes.append(f"held at 0, beside the arm: {names}.")
 
 
 def _pose(tree: Tree, link: str) -> Placement:

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -22,7 +22,7 @@ __all__ = ["PARTS", "Driven", "drive_joints"]
 
 PARTS: tuple[Section, ...] = ("drive", "friction", "limits")
 _ACCELERATION = 10.0
-"""Acceleration [rad/s2, m/s2] that a joint without a largest torque is assumed to be made for, beside its load's weight."""
+"""Acceleration [rad/s2, m/s2] that a joint without a given torque is assumed to be made for, beside the weight."""
 _MOTOR_SIDE = ("N.m", "rotor inertia")
 """Quantities of the table that are given link-side in a robot's file, ell times as large."""
 
@@ -61,13 +61,17 @@ def drive_joints(
         _read_drives(drives, bodies, chosen, problems)
     given = [_given(body, file) for body in bodies]
     limits = {row.path for row in section("limits")}
-    parts = PARTS if any(limits & {*one, *other} for one, other in zip(chosen, given, strict=True)) else PARTS[:-1]
+    parts = (
+        PARTS
+        if any(limits & {*one, *other} for one, other in zip(chosen, given, strict=True))
+        else PARTS[:-1]
+    )
     found: list[Driven] = []
     for i, body in enumerate(bodies):
         kind = MOVING[body.joint.kind]
         rating, rated_by = _rating(bodies[i:], file, gravity)
         like, numbers = assumed[kind], dict[str, tuple[float, str]]()
-        source = f"Assumed: {like['source']}, scaled from {like['rating']:g} to {rating:.4g} {_force(kind)}"
+        source = f"Assumed: {like['source']}, for the largest torque in the comment above the joint"
         ratio = chosen[i].get(PARAMETERS["ell"].path, (like["drive"]["ell"], ""))[0]
         for row in (row for part in parts for row in section(part)):
             scale = (rating / like["rating"]) ** measure(row.unit(kind)).exponents.get("kg", 0)
@@ -77,13 +81,9 @@ def drive_joints(
                 value, source_given = given[i][row.path]
                 numbers[row.path] = (value / ratio if row.quantity in _MOTOR_SIDE else value), source_given
             elif row.key in like[row.section]:
-                numbers[row.path] = like[row.section][row.key] * scale, source
+                numbers[row.path] = float(f"{like[row.section][row.key] * scale:.6g}"), source
         found.append(Driven(numbers, rating, rated_by))
     return found
-
-
-def _force(kind: str) -> str:
-    return "N" if kind == "prismatic" else "N.m"
 
 
 def _given(body: Body, file: str) -> Numbers:
@@ -92,9 +92,11 @@ def _given(body: Body, file: str) -> Numbers:
     stops = joint.kind != "continuous" and joint.given.get("lower", 0.0) < joint.given.get("upper", 0.0)
     for row in (row for part in PARTS for row in section(part)):
         value = joint.given.get(row.given)
-        usable = stops if row.given in ("lower", "upper") else value is not None and value >= (row.smallest or 0.0)
-        if value is not None and usable and np.isfinite(value):
-            found[row.path] = value, f"{file}: {row.given} of joint {joint.name}"
+        lowest = -row.largest if row.smallest is None else row.smallest
+        if value is None or not lowest <= value <= row.largest:
+            continue
+        if stops or row.given not in ("lower", "upper"):
+            found[row.path] = value, f"{file}: {row.given} of the joint"
     return found
 
 
@@ -106,7 +108,7 @@ def _rating(outward: Sequence[Body], file: str, gravity: float) -> tuple[float, 
     joint = outward[0].joint
     effort = joint.given.get("effort", 0.0)
     if effort > 0.0 and np.isfinite(effort):
-        return effort, f"{file}: effort of joint {joint.name}"
+        return effort, f"the effort in {file}"
     weight = inertia = mass = reach = 0.0
     for i, body in enumerate(outward):
         reach += float(np.linalg.norm(body.placement.p)) if i else 0.0
@@ -116,7 +118,7 @@ def _rating(outward: Sequence[Body], file: str, gravity: float) -> tuple[float, 
         inertia += body.mass * far**2 + float(np.linalg.eigvalsh(body.inertia)[-1])
     moved = (mass, mass) if MOVING[joint.kind] == "prismatic" else (weight, inertia)
     load = moved[0] * gravity + moved[1] * _ACCELERATION
-    return 2.0 * load, f"assumed: twice what holds the stretched arm and accelerates it by {_ACCELERATION:g}/s2"
+    return 2.0 * load, f"twice what holds the stretched arm and accelerates it by {_ACCELERATION:g} SI units"
 
 
 def _read_drives(path: Path, bodies: Sequence[Body], chosen: list[Numbers], problems: Problems) -> None:
@@ -127,7 +129,7 @@ def _read_drives(path: Path, bodies: Sequence[Body], chosen: list[Numbers], prob
         table = Table(here, entry, pattern, (*PARTS, "source"))
         meant = set(matching(names, [pattern]))
         if not meant:
-            here.add(pattern, "a joint of the arm, or a pattern such as \"*\"", "none", nearest(pattern, names))
+            here.add(pattern, 'a joint of the arm, or a pattern such as "*"', "none", nearest(pattern, names))
         source = table.text("source", "") or f"{path.name}: {pattern}"
         for body, numbers in zip(bodies, chosen, strict=True):
             if body.joint.name in meant:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import tomllib
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -101,7 +101,7 @@ def import_robot(
     if root.tag not in ("robot", "mujoco") or kind not in ("", root.tag):
         expected = f"<{kind}>" if kind else "<robot> of a URDF or <mujoco> of an MJCF"
         raise ModelError(f"{path}: expected {expected}, got <{root.tag}>. Is it the right file?")
-    tree = (read_urdf if root.tag == "robot" else read_mjcf)(root, path, problems)
+    tree = read_urdf(root, path, problems) if root.tag == "robot" else read_mjcf(path, problems)
     arm = choose_arm(tree, base, tip)
     problems.raise_any()
     assert arm is not None
@@ -114,7 +114,7 @@ def import_robot(
     return Imported(robot, text, [f"the arm ends at {arm.tip}", *tree.notes] if tip is None else tree.notes)
 
 
-def _xml(path: Path) -> object:
+def _xml(path: Path) -> Any:
     """Return the root of an XML file."""
     data = read_bytes(path, "a URDF or MJCF file", _LARGEST)
     try:

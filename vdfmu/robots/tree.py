@@ -78,7 +78,10 @@ class Joint:
 
 @dataclass(frozen=True, eq=False)
 class Tree:
-    """Links by name and joints, in the order of the file; gravity (3,) [m/s2] in the root's frame, upward."""
+    """Links by name and joints, in the order of the file; gravity (3,) [m/s2] in the root's frame, upward.
+
+    `notes` is what is worth knowing, `loops` what closes chains beside joints: its name and the links that it joins.
+    """
 
     name: str
     problems: Problems
@@ -86,6 +89,7 @@ class Tree:
     joints: tuple[Joint, ...]
     gravity: FloatArray
     notes: list[str]
+    loops: tuple[tuple[str, str, str], ...] = ()
 
     def above(self, link: str) -> Joint | None:
         """Return the joint that carries a link, None for a root."""

@@ -46,12 +46,11 @@ def read_urdf(root: Any, path: Path, problems: Problems) -> Tree:
     for element in root.findall("joint"):
         name = reader.name(element, joints)
         joints[name] = reader.joint(name, element, links)
-    for joint in joints.values():
-        if joint.follows and joint.follows not in joints:
-            problems.add(
-                f"joint {joint.name}: mimic", "a joint of the file", repr(joint.follows),
-                nearest(joint.follows, list(joints)),
-            )  # fmt: skip
+    if reader.lost:
+        reader.notes.append(
+            f"{len(reader.lost)} meshes were not found; the robot file has their names as they are: "
+            f"{', '.join(list(reader.lost)[:3])}{' ...' if len(reader.lost) > 3 else ''}."
+        )
     return Tree(
         str(root.get("name") or path.stem), problems, links, tuple(joints.values()), _STANDARD_GRAVITY,
         reader.notes,
@@ -65,6 +64,7 @@ class _Reader:
         self.path = path
         self.problems = problems
         self.notes: list[str] = []
+        self.lost: dict[str, None] = {}
 
     def add(self, element: Any, what: str, expected: str, got: str, way_out: str) -> None:
         """Note a problem with an element."""
@@ -196,7 +196,7 @@ class _Reader:
         except (OSError, ValueError):
             found = None
         if found is None:
-            self.notes.append(f"mesh {printable(name)}: no such file found; the robot file has its name as it is.")
+            self.lost[printable(name)] = None
             return name
         return str(found.resolve())
 
@@ -212,7 +212,9 @@ class _Reader:
             ends[tag] = "" if end is None else end.get("link", "")
             if ends[tag] not in links:
                 got = repr(ends[tag]) if ends[tag] else "nothing"
-                self.add(element, f"{what}: {tag}", "a link of the file", got, nearest(ends[tag], list(links)))
+                self.add(
+                    element, f"{what}: {tag}", "a link of the file", got, nearest(ends[tag], list(links))
+                )
         given: dict[str, float] = {}
         for tag, keys in _GIVEN.items():
             part = element.find(tag)

@@ -51,7 +51,7 @@ def robot_text(name: str, file: str, arm: Arm, driven: Sequence[Driven], folder:
     lines += [f"name = {_value(name[:100])}", f"description = {_value(description)}"]
     lines += _entries("robot", {"gravity": arm.gravity, "tool_offset": arm.tool.p})
     for i, (body, drive) in enumerate(zip(arm.bodies, driven, strict=True), 1):
-        lines += ["", f"# Joint {i}: {_about(body)}", *_told(drive), "[[joints]]"]
+        lines += ["", f"# Joint {i}: {_about(body, drive)}", "[[joints]]"]
         lines.append(f"type = {_value(MOVING[body.joint.kind])}")
         lines += _entries("joint", {"rotation": body.placement.R, "offset": body.placement.p})
         lines += ["", "[joints.link]"]
@@ -59,12 +59,14 @@ def robot_text(name: str, file: str, arm: Arm, driven: Sequence[Driven], folder:
         for part in PARTS:
             rows = [row for row in section(part) if row.path in drive.numbers]
             if rows:
-                lines += ["", f"[joints.{part}]", *(f"{r.key} = {_value(drive.numbers[r.path][0])}" for r in rows)]
-        links = _few([f"link {link}" for link in body.links])
-        placed = f"{file}: origin and axis of joint {body.joint.name}; z turned onto the axis"
-        where = {row.path: placed for row in section("joint")} | {
-            row.path: f"{file}: {links}" + (", joined" if len(body.links) > 1 else "") for row in section("link")
-        }
+                lines += [
+                    "",
+                    f"[joints.{part}]",
+                    *(f"{r.key} = {_value(drive.numbers[r.path][0])}" for r in rows),
+                ]
+        placed = f"{file}: origins and axes of the joints; z turned onto the axis"
+        where = {row.path: placed for row in section("joint")}
+        where |= {row.path: f"{file}: the links in the comment above the joint" for row in section("link")}
         sources.append(where | {path: source for path, (_, source) in drive.numbers.items()})
     lines += ["", "[sources]"]
     lines += [f"{key} = {_value(text)}" for key, text in _sources(file, arm, sources)]
@@ -77,14 +79,11 @@ def _entries(part: Section, values: dict[str, Any]) -> list[str]:
     return [f"{row.key} = {_value(values[row.name])}" for row in section(part) if row.name in values]
 
 
-def _about(body: Body) -> str:
-    joint = body.joint
-    return f"{joint.name}, {joint.kind}, moves {_few(body.links)}"
-
-
-def _told(drive: Driven) -> Iterator[str]:
-    """Yield comments on a joint."""
-    yield f"# largest torque {drive.rating:.6g}, {drive.rated_by}"
+def _about(body: Body, drive: Driven) -> str:
+    joint, unit = body.joint, "N" if MOVING[body.joint.kind] == "prismatic" else "N.m"
+    largest = f"# largest torque {drive.rating:.6g} {unit}: {drive.rated_by}"
+    joined = ", joined to one body" if len(body.links) > 1 else ""
+    return f"{joint.name}, {joint.kind}, moves {_few(body.links)}{joined}\n{largest}"
 
 
 def _sources(file: str, arm: Arm, joints: list[dict[str, str]]) -> Iterator[tuple[str, str]]:
@@ -125,7 +124,5 @@ def _value(value: Any) -> str:
     if isinstance(value, (list, tuple, np.ndarray)):
         array = np.asarray(value, dtype=float)
         clean = np.where(np.abs(array) <= 1e-16 * np.abs(array).max(initial=0.0), 0.0, array)
-        if clean.ndim == 1:
-            return f"[{', '.join(map(_value, clean))}]"
         return f"[{', '.join(map(_value, clean))}]"
     return repr(int(value)) if isinstance(value, int) else repr(float(value))
