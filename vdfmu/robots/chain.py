@@ -11,7 +11,7 @@ from vdfmu.model.check import check_inertia
 from vdfmu.model.parameters import read_only
 from vdfmu.model.read import FloatArray, Problems, nearest
 from vdfmu.model.visual import Visual
-from vdfmu.robots.tree import MOVING, Joint, Link, Placement, Tree, aligned
+from vdfmu.robots.tree import MOVING, Joint, Link, Placement, Tree, aligned, few
 
 __all__ = ["Arm", "Body", "choose_arm", "tips"]
 
@@ -124,7 +124,7 @@ def _assemble(tree: Tree, base: str, tip: str, path: list[Joint]) -> Arm:
                 "That closes a chain, which an arm of vdfmu has none of: delete it, or end the arm before by --tip.",
             )  # fmt: skip
     if held:
-        names = ", ".join(joint.name for joint in held)
+        names = few([joint.name for joint in held])
         tree.notes.append(f"held at 0, beside the arm: {names}.")
     up = _pose(tree, base).R.T @ tree.gravity
     return Arm(base, tip, tuple(bodies), tool, up, tuple(visuals))
@@ -273,7 +273,7 @@ def _body(
         return Body(joint, (), placement, mass, np.zeros(3), np.zeros((3, 3)))
     bare = [link.name for link, _ in carried if not link.mass]
     if bare:
-        tree.notes.append(f"joint {joint.name}: {', '.join(bare)}: no mass, as the file says.")
+        tree.notes.append(f"joint {joint.name}: the file gives no mass to {few(bare)}.")
     centroids = [at.p + at.R @ link.centroid for link, at in heavy]
     center = sum((link.mass * c for (link, _), c in zip(heavy, centroids, strict=True)), np.zeros(3)) / mass
     if len(heavy) == 1:

@@ -96,7 +96,7 @@ def import_robot(
         If a package is missing.
     """
     path = Path(path)
-    root = _xml(path)
+    root = parse_file(path)
     problems = Problems(str(path))
     if root.tag not in ("robot", "mujoco") or kind not in ("", root.tag):
         expected = f"<{kind}>" if kind else "<robot> of a URDF or <mujoco> of an MJCF"
@@ -114,8 +114,8 @@ def import_robot(
     return Imported(robot, text, [f"the arm ends at {arm.tip}", *tree.notes] if tip is None else tree.notes)
 
 
-def _xml(path: Path) -> Any:
-    """Return the root of an XML file."""
+def parse_file(path: Path) -> Any:
+    """Return the root element of an XML file; `ModelError` for what is none, or has the elements of xacro."""
     data = read_bytes(path, "a URDF or MJCF file", _LARGEST)
     try:
         root = parse_xml(data, str(path))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -11,10 +11,14 @@ import numpy as np
 from vdfmu.model.read import FloatArray, Problems
 from vdfmu.model.visual import Visual
 
-__all__ = ["MOVING", "Joint", "Link", "Placement", "Tree", "aligned"]
+__all__ = ["MOVING", "Joint", "Link", "Placement", "Tree", "aligned", "few"]
 
 MOVING = {"revolute": "revolute", "continuous": "revolute", "prismatic": "prismatic"}
 """Kinds of joints that an arm of vdfmu can have, to their type in its robot file."""
+
+
+_MOST_NAMES = 12
+"""Most names that a text lists."""
 
 
 class Placement(NamedTuple):
@@ -107,3 +111,9 @@ def aligned(axis: FloatArray) -> FloatArray:
         return np.diag([1.0, -1.0, -1.0])
     turn = np.array([[0.0, 0.0, x], [0.0, 0.0, y], [-x, -y, 0.0]])
     return np.eye(3) + turn + turn @ turn / (1.0 + z)
+
+
+def few(names: Sequence[str]) -> str:
+    """Return names as a text, the first ones of many."""
+    more = f" and {len(names) - _MOST_NAMES} more" if len(names) > _MOST_NAMES else ""
+    return ", ".join(names[:_MOST_NAMES]) + more

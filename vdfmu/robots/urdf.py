@@ -27,7 +27,7 @@ _GREY = (0.7, 0.7, 0.7, 1.0)
 
 
 def read_urdf(root: Any, path: Path, problems: Problems) -> Tree:
-    """Return what a URDF describes; what is wrong is noted, and read as zero.
+    """Return what a URDF describes; what is wrong is noted, and read as something else.
 
     Parameters
     ----------
@@ -81,7 +81,7 @@ class _Reader:
         return printable(name) or f"line {element.sourceline}"
 
     def numbers(self, element: Any, attribute: str, n: int, what: str) -> FloatArray | None:
-        """Return the numbers of an attribute; None where it is missing, zeros where it is wrong."""
+        """Return the numbers of an attribute; None where it is missing, ones where it is wrong."""
         text = element.get(attribute)
         if text is None:
             return None
@@ -93,7 +93,7 @@ class _Reader:
             return np.array(found)
         expected = "a finite number" if n == 1 else f"{n} finite numbers"
         self.add(element, f"{what}: {attribute}", expected, repr(text[:60]), "Correct it.")
-        return np.zeros(n)
+        return np.ones(n)
 
     def placement(self, parent: Any, what: str) -> Placement:
         """Return what <origin> says: xyz and, about fixed axes, roll, pitch, yaw."""

@@ -14,7 +14,7 @@ from vdfmu.model.parameters import PARAMETERS, Section, section
 from vdfmu.model.visual import Visual
 from vdfmu.robots.chain import Arm, Body
 from vdfmu.robots.drives import PARTS, Driven
-from vdfmu.robots.tree import MOVING
+from vdfmu.robots.tree import MOVING, few
 
 __all__ = ["robot_text"]
 
@@ -26,8 +26,6 @@ _HEAD = """\
 #   inertia   about the centre of mass, axes of B_i [kg.m2]
 # [sources] says where each number is from. What it calls assumed is not in {file}: replace it where you know better.
 """
-_MOST_LINKS = 12
-"""Most links that a text names."""
 
 
 def robot_text(name: str, file: str, arm: Arm, driven: Sequence[Driven], folder: Path) -> str:
@@ -50,6 +48,10 @@ def robot_text(name: str, file: str, arm: Arm, driven: Sequence[Driven], folder:
     description = f"From {file}: {len(arm.bodies)} joints from {arm.base} to {arm.tip}"
     lines += [f"name = {_value(name[:100])}", f"description = {_value(description)}"]
     lines += _entries("robot", {"gravity": arm.gravity, "tool_offset": arm.tool.p})
+    if np.abs(arm.tool.R - np.eye(3)).max() > 1e-9:
+        lines.append(
+            f"# {{O}} has the axes of the last link frame; in it {_line(arm.tip)} has the axes {_value(arm.tool.R)}"
+        )
     for i, (body, drive) in enumerate(zip(arm.bodies, driven, strict=True), 1):
         lines += ["", f"# Joint {i}: {_about(body, drive)}", "[[joints]]"]
         lines.append(f"type = {_value(MOVING[body.joint.kind])}")
@@ -59,11 +61,8 @@ def robot_text(name: str, file: str, arm: Arm, driven: Sequence[Driven], folder:
         for part in PARTS:
             rows = [row for row in section(part) if row.path in drive.numbers]
             if rows:
-                lines += [
-                    "",
-                    f"[joints.{part}]",
-                    *(f"{r.key} = {_value(drive.numbers[r.path][0])}" for r in rows),
-                ]
+                lines += ["", f"[joints.{part}]"]
+                lines += [f"{row.key} = {_value(drive.numbers[row.path][0])}" for row in rows]
         placed = f"{file}: origins and axes of the joints; z turned onto the axis"
         where = {row.path: placed for row in section("joint")}
         where |= {row.path: f"{file}: the links in the comment above the joint" for row in section("link")}
@@ -83,7 +82,7 @@ def _about(body: Body, drive: Driven) -> str:
     joint, unit = body.joint, "N" if MOVING[body.joint.kind] == "prismatic" else "N.m"
     largest = f"# largest torque {drive.rating:.6g} {unit}: {drive.rated_by}"
     joined = ", joined to one body" if len(body.links) > 1 else ""
-    return f"{joint.name}, {joint.kind}, moves {_few(body.links)}{joined}\n{largest}"
+    return f"{joint.name}, {joint.kind}, moves {few(body.links)}{joined}\n{largest}"
 
 
 def _sources(file: str, arm: Arm, joints: list[dict[str, str]]) -> Iterator[tuple[str, str]]:
@@ -106,11 +105,6 @@ def _look(visual: Visual, folder: Path) -> Iterator[str]:
         table["file"] = Path(os.path.relpath(visual.file, folder.resolve())).as_posix()
     for key, value in table.items():
         yield f"{key} = {_value(value)}"
-
-
-def _few(names: Sequence[str]) -> str:
-    more = f" and {len(names) - _MOST_LINKS} more" if len(names) > _MOST_LINKS else ""
-    return ", ".join(names[:_MOST_LINKS]) + more
 
 
 def _line(text: str) -> str:
