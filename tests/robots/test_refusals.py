@@ -38,7 +38,7 @@ def refused(path: Path, **options: str) -> list[str]:
         (
             ARM,
             {"tip": "ground"},
-            "the file: expected a joint that moves between ground and ground, got none. Choose others by --base, --tip.",
+            "the file: expected a joint that moves between ground and ground, got none. Choose others by --base, ",
         ),
         (
             ARM.replace('name="b" type="revolute"', 'name="b" type="floating"'),
@@ -83,8 +83,8 @@ def refused(path: Path, **options: str) -> list[str]:
         (
             ARM.replace(link("one"), link("one", "")),
             {},
-            "joint a: expected a link with mass, which it moves, got no <inertial> with a mass in one. Give one of them "
-            'its inertia, or make the joint type="fixed".',
+            "joint a: expected a link with mass, which it moves, got no <inertial> with a mass in one. Give one of "
+            'them its inertia, or make the joint type="fixed".',
         ),
         (
             ARM.replace('izz="0.02"', 'izz="0.2"', 1),
@@ -175,5 +175,7 @@ def test_what_is_no_urdf_is_named(tmp_path: Path, text: str, expected: str) -> N
 
 
 def test_a_file_that_is_missing_is_named(tmp_path: Path) -> None:
-    with pytest.raises(vdfmu.VdfmuError, match="expected a URDF or MJCF file, got nothing: it does not exist"):
+    with pytest.raises(
+        vdfmu.VdfmuError, match="expected a URDF or MJCF file, got nothing: it does not exist"
+    ):
         vdfmu.robot_from_urdf(tmp_path / "arm.urdf")

@@ -41,6 +41,7 @@ def import_file(
     """Write a robot file from a URDF or a MuJoCo file. It says where each number is from."""
     from vdfmu.errors import UsageError
     from vdfmu.files import write_whole
+    from vdfmu.model.robot import joint_free
     from vdfmu.robots import import_robot
 
     target = out if out is not None else Path(f"{file.stem}.toml")
@@ -51,7 +52,8 @@ def import_file(
     robot, text, notes = import_robot(file, base, tip, drives, out=target)
     write_whole(target, [text.encode()])
     say_notes(notes)
-    assumed = sum(text.startswith("Assumed") for text in robot.sources.values())
-    say(
-        f"{target}: {robot.n} joint{'s' * (robot.n > 1)}; {assumed} of {len(robot.sources)} sources are assumed"
-    )
+    assumed = [joint_free(key) for key, source in robot.sources.items() if source.startswith("Assumed")]
+    if assumed:
+        names = ", ".join(key.removeprefix("joints.") for key in dict.fromkeys(assumed))
+        say_notes([f"assumed, for --drives to give what is known: {names}."])
+    say(f"{target}: {robot.n} joint{'s' * (robot.n > 1)}")

@@ -64,7 +64,8 @@ class Row:
     hint : str
         Way out of a problem with it; else the text.
     given : str
-        What a URDF calls it: attribute of a joint's <limit> or <dynamics>; "armature" as in MJCF.
+        What a file of another tool calls it: an attribute of a URDF's <limit> or <dynamics>, MJCF's armature and
+        gravity, the tip.
     """
 
     name: str
@@ -151,10 +152,10 @@ class Parameters:
     # fmt: off
     gravity: Array = _row(
         "robot", "m/s2", "Gravity vector of Eq. {} in {I}, upward", "(62)", 1e4, shape=_VECTOR, fold="zeros",
-        hint="Write +9.81 along the upward axis.")
+        hint="Write +9.81 along the upward axis.", given="gravity")
     tool_offset: Array = _row(
         "robot", "m", "Origin of the end-effector frame {O} in the last link frame", "(44)", 1e4, default=0.0,
-        shape=_VECTOR, fold="zeros")
+        shape=_VECTOR, fold="zeros", given="tip")
     payload_mass: Array = _row(
         "payload", "kg", "Mass of the payload", "(51)", 1e6, 0.0, hint="Give 0 for none; it can be set at run time.")
     payload_centroid: Array = _row(

@@ -45,13 +45,17 @@ class Body:
 
 @dataclass(frozen=True, eq=False)
 class Arm:
-    """An arm: bodies from base to tip, the tip's placement in the last, gravity (3,) in the base's frame."""
+    """An arm: bodies from base to tip, the tip's placement in the last, gravity (3,) in the base's frame.
+
+    `standard` says that gravity is none of the file's.
+    """
 
     base: str
     tip: str
     bodies: tuple[Body, ...]
     tool: Placement
     gravity: FloatArray
+    standard: bool
     visuals: tuple[Visual, ...]
 
 
@@ -127,7 +131,7 @@ def _assemble(tree: Tree, base: str, tip: str, path: list[Joint]) -> Arm:
         names = few([joint.name for joint in held])
         tree.notes.append(f"held at 0, beside the arm: {names}.")
     up = _pose(tree, base).R.T @ tree.gravity
-    return Arm(base, tip, tuple(bodies), tool, up, tuple(visuals))
+    return Arm(base, tip, tuple(bodies), tool, up, tree.standard, tuple(visuals))
 
 
 def _root(tree: Tree) -> str | None:

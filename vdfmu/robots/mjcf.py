@@ -80,7 +80,8 @@ class _Reader:
         if tendons:
             self.notes.append(f"tendons are left out: {', '.join(tendons)}.")
         return Tree(
-            self.path.stem, self.problems, links, tuple(joints), -np.array(m.opt.gravity), self.notes, self.loops()
+            self.path.stem, self.problems, links, tuple(joints), -np.array(m.opt.gravity), False, self.notes,
+            self.loops(),
         )  # fmt: skip
 
     def link(self, i: int, name: str) -> Link:

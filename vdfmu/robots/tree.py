@@ -84,7 +84,7 @@ class Joint:
 class Tree:
     """Links by name and joints, in the order of the file; gravity (3,) [m/s2] in the root's frame, upward.
 
-    `notes` is what is worth knowing, `loops` what closes chains beside joints: its name and the links that it joins.
+    Gravity is `standard` where the file has none; `notes` is what is worth knowing, `loops` what closes chains beside joints: its name and the links that it joins.
     """
 
     name: str
@@ -92,6 +92,7 @@ class Tree:
     links: Mapping[str, Link]
     joints: tuple[Joint, ...]
     gravity: FloatArray
+    standard: bool
     notes: list[str]
     loops: tuple[tuple[str, str, str], ...] = ()
 

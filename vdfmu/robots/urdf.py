@@ -53,7 +53,7 @@ def read_urdf(root: Any, path: Path, problems: Problems) -> Tree:
         )
     return Tree(
         str(root.get("name") or path.stem), problems, links, tuple(joints.values()), _STANDARD_GRAVITY,
-        reader.notes,
+        True, reader.notes,
     )  # fmt: skip
 
 

@@ -47,7 +47,8 @@ def robot_text(name: str, file: str, arm: Arm, driven: Sequence[Driven], folder:
     lines = [_HEAD.format(file=_line(file), base=arm.base, tip=arm.tip)]
     description = f"From {file}: {len(arm.bodies)} joints from {arm.base} to {arm.tip}"
     lines += [f"name = {_value(name[:100])}", f"description = {_value(description)}"]
-    lines += _entries("robot", {"gravity": arm.gravity, "tool_offset": arm.tool.p})
+    whole = {"gravity": arm.gravity, "tip": arm.tool.p}
+    lines += [f"{row.key} = {_value(whole[row.given])}" for row in section("robot") if row.given]
     if np.abs(arm.tool.R - np.eye(3)).max() > 1e-9:
         lines.append(
             f"# {{O}} has the axes of the last link frame; in it {_line(arm.tip)} has the axes {_value(arm.tool.R)}"
@@ -87,8 +88,9 @@ def _about(body: Body, drive: Driven) -> str:
 
 def _sources(file: str, arm: Arm, joints: list[dict[str, str]]) -> Iterator[tuple[str, str]]:
     """Yield keys and texts of [sources]: one key for all joints where the text is the same."""
-    yield "gravity", f"{file}: standard gravity" if file.endswith(".urdf") else f"{file}: option gravity"
-    yield "tool_offset", f"{file}: origin of {arm.tip}"
+    whole = {"gravity": "Standard gravity, along z of the root" if arm.standard else f"{file}: gravity"}
+    whole["tip"] = f"{file}: origin of {arm.tip}"
+    yield from ((row.path, whole[row.given]) for row in section("robot") if row.given)
     for row in (row for row in PARAMETERS.values() if row.per_joint):
         texts = [joint[row.path] for joint in joints if row.path in joint]
         if len(set(texts)) == 1 and len(texts) == len(joints):
