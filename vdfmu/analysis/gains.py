@@ -95,7 +95,7 @@ def arm_gains(robot: Robot, q: npt.ArrayLike, step: float, margin: float = 0.5) 
     M = mass_matrix(robot, np.atleast_2d(np.asarray(q, dtype=float)))
     held = np.diagonal(M, axis1=1, axis2=2)
     free = 1.0 / np.diagonal(np.linalg.inv(M), axis1=1, axis2=2)
-    seen = np.concatenate([held, free])
+    seen: Floats = np.concatenate([held, free]).astype(float)
     J = robot.I_m * robot.ell
     K = 1.0 / np.asarray(deformation_derivative(robot, np.zeros(robot.n)), dtype=float)
     each = [joint_gains(float(J[i]), float(K[i]), seen[:, i], step, margin) for i in range(robot.n)]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 from pathlib import Path
 from typing import NamedTuple
@@ -17,9 +18,10 @@ from vdfmu.equations.trajectory import desired_motion
 from vdfmu.files import write_whole
 from vdfmu.model import Robot, load_robot, robot_names
 from vdfmu.model.toml_file import locate
-from vdfmu.scenario import load_scenario
+from vdfmu.scenario import Scenario, load_scenario
+from vdfmu.temporary import temporary_folder
 
-__all__ = ["Reach", "write_reach"]
+__all__ = ["Reach", "reach_scenario", "write_reach"]
 
 Floats = npt.NDArray[np.float64]
 
@@ -40,10 +42,10 @@ _TEXT = """\
 # A first motion of {robot}, written by vdfmu robot reach.
 # SI units, angles in rad. It keeps clear of end stops, and takes at most {reserve:g} % of what the motors can give.
 
-name = "{name}"
-description = "A first motion of {robot}"
+name = {name}
+description = {description}
 kind = "cosimulation"
-robot = "{written}"
+robot = {written}
 stop = {stop!r}
 step = {step!r}
 
@@ -69,36 +71,48 @@ class Reach(NamedTuple):
     notes: list[str]
 
 
-def write_reach(robot: str | os.PathLike[str], out: str | os.PathLike[str] | None = None) -> Reach:
+def write_reach(robot: str | os.PathLike[str], out: str | os.PathLike[str]) -> Reach:
     """Write the scenario of a first motion of a robot.
 
     Parameters
     ----------
     robot : str or path
         As of :func:`~vdfmu.load_robot`.
-    out : path, optional
-        File to write; default ROBOT_reach.toml, in this folder.
+    out : path
+        File to write.
 
     Raises
     ------
     UsageError, ModelError
         As of :func:`~vdfmu.load_robot`; if the file cannot be written.
     """
-    place = locate(robot, "robots")
-    arm = load_robot(robot)
-    path = Path(out) if out is not None else Path(f"{place.stem}_reach.toml")
+    path = Path(out)
+    gains, notes = _write(robot, path)
+    return Reach(path, gains, stability_margins(load_scenario(path), growth=GROWTH), notes)
+
+
+def reach_scenario(robot: str | os.PathLike[str]) -> Scenario:
+    """Return the scenario that :func:`write_reach` writes."""
+    with temporary_folder("vdfmu_") as folder:
+        path = Path(folder) / f"{locate(robot, 'robots').stem}_reach.toml"
+        _write(robot, path)
+        return load_scenario(path)
+
+
+def _write(robot: str | os.PathLike[str], path: Path) -> tuple[Gains, list[str]]:
+    """Write the scenario; return its gains, and what is to be said of its motion."""
+    place, arm = locate(robot, "robots"), load_robot(robot)
     shipped = str(robot) in robot_names() and not Path(robot).exists()
     written = str(robot) if shipped else Path(os.path.relpath(place, path.parent)).as_posix()
     start, end, T, notes = _motion(arm)
     gains = arm_gains(arm, np.linspace(start, end, _POINTS), _STEP)
     text = _TEXT.format(
-        robot=place.stem, name=path.stem, written=written, stop=T + 0.5, step=_STEP, T=T, start=_list(start),
-        end=_list(end), K_p=_list(gains.K_p), K_v=_list(gains.K_v), reserve=100 * _RESERVE,
-        margins=", ".join(f"{m:.2f}" for m in gains.modulus),
+        robot=place.stem, name=json.dumps(path.stem), written=json.dumps(written), stop=T + 0.5, step=_STEP, T=T,
+        start=_list(start), end=_list(end), K_p=_list(gains.K_p), K_v=_list(gains.K_v), reserve=100 * _RESERVE,
+        margins=", ".join(f"{m:.2f}" for m in gains.modulus), description=json.dumps(f"A first motion of {place.stem}"),
     )  # fmt: skip
     write_whole(path, [text.encode()])
-    margins = stability_margins(load_scenario(path), growth=GROWTH)
-    return Reach(path, gains, margins, notes)
+    return gains, notes
 
 
 def _motion(robot: Robot) -> tuple[Floats, Floats, float, list[str]]:
