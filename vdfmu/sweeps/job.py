@@ -16,8 +16,6 @@ from vdfmu.errors import CosimError, VdfmuError
 from vdfmu.sweeps.measures import Measure, measured
 from vdfmu.text import error_text, matching
 
-__all__ = ["Binding", "Bench", "Job", "Row", "Task", "WiredSystem"]
-
 Row = dict[str, Any]
 """``point``, ``failed`` (why, or None), ``failed_at`` [s], ``wall_s``, measures and signals, by column."""
 _ALIVE = 8
@@ -26,21 +24,14 @@ _ALIVE = 8
 
 @dataclass(frozen=True)
 class Binding:
-    """What the value of an axis sets in a system.
-
-    Attributes
-    ----------
-    names : tuple of str
-        Variables, ``component.variable``.
-    nominal : tuple of float
-        Their values, where the axis has factors; else empty.
-    words : mapping
-        Value of the axis to value of the variables, for what is no number.
-    """
+    """What the value of an axis sets in a system."""
 
     names: tuple[str, ...]
+    """Variables, ``component.variable``."""
     nominal: tuple[float, ...] = ()
+    """Their values, where the axis has factors; else empty."""
     words: Mapping[Any, Any] | None = None
+    """Value of the axis to value of the variables, for what is no number."""
 
     def values(self, value: Any) -> dict[str, Any]:
         """Values by ``component.variable``."""
@@ -65,22 +56,14 @@ class WiredSystem:
 
 @dataclass(frozen=True)
 class Job:
-    """All that a worker needs to know; it is sent to each once.
-
-    Attributes
-    ----------
-    systems : tuple of WiredSystem
-    measures : tuple of Measure
-    record : tuple of str
-        Patterns of the signals that a run records.
-    keep : tuple of str
-        Of those, the patterns of signals that are kept.
-    """
+    """All that a worker needs to know; it is sent to each once."""
 
     systems: tuple[WiredSystem, ...]
     measures: tuple[Measure, ...]
     record: tuple[str, ...]
+    """Patterns of the signals that a run records."""
     keep: tuple[str, ...]
+    """Of those, the patterns of signals that are kept."""
 
 
 Task = tuple[int, int, dict[str, Any]]

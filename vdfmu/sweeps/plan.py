@@ -25,8 +25,6 @@ from vdfmu.sweeps.points import Points, draw
 from vdfmu.temporary import temporary_folder
 from vdfmu.text import close_to, matching
 
-__all__ = ["TRACKING", "Plan", "binding", "make_plan", "name_of"]
-
 _MOST_SYSTEMS = 200
 TRACKING = {
     "error": "rms(trajectory.q_d - plant.q)",
@@ -38,22 +36,14 @@ TRACKING = {
 
 @dataclass(frozen=True)
 class Plan:
-    """A parameter study, ready to run.
-
-    Attributes
-    ----------
-    points : Points
-    chosen : (n,) array of int
-        Number of each point's system.
-    job : Job
-    facts : dict
-        What it is, for the ledger; the same for the same study.
-    """
+    """A parameter study, ready to run."""
 
     points: Points
     chosen: Any
+    """(n,): Number of each point's system."""
     job: Job
     facts: dict[str, Any]
+    """What it is, for the ledger; the same for the same study."""
 
     def __len__(self) -> int:
         return len(self.chosen)
@@ -104,7 +94,8 @@ def make_plan(
             f"{', '.join(axis.target for axis in switches)}: expected at most {_MOST_SYSTEMS} different systems, got "
             f"{len(combinations)}; each is a package of its own."
         )
-    wire = _of_package if _is_package(scenario) else _of_scenario
+    is_package = isinstance(scenario, (str, os.PathLike)) and Path(scenario).suffix.lower() == ".ssp"
+    wire = _of_package if is_package else _of_scenario
     systems: list[WiredSystem] = []
     measures: list[Measure] = [] if measure is None else read_measures(measure)
     for number, combination in enumerate(combinations):
@@ -173,10 +164,6 @@ def name_of(scenario: Any) -> str:
 
 def _digest(*parts: bytes) -> str:
     return hashlib.sha256(b"\0".join(parts)).hexdigest()[:16]
-
-
-def _is_package(scenario: Any) -> bool:
-    return isinstance(scenario, (str, os.PathLike)) and Path(scenario).suffix.lower() == ".ssp"
 
 
 def _unit_of_axis(axis: Axis, system: WiredSystem, units: Mapping[str, str]) -> str:
