@@ -19,13 +19,10 @@ import numpy.typing as npt
 
 from vdfmu.analysis.linear import Linear
 from vdfmu.analysis.margins import Loop
+from vdfmu.arrays import Floats
 from vdfmu.dynamics import mass_matrix
 from vdfmu.equations.harmonic_drive import deformation_derivative
 from vdfmu.model import Robot
-
-__all__ = ["GROWTH", "Gains", "arm_gains", "joint_gains"]
-
-Floats = npt.NDArray[np.float64]
 
 GROWTH = 2.0
 """Rate [1/s] up to which what grows counts as stable: a fast mode of links on springs, which friction holds."""

@@ -8,10 +8,10 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from vdfmu.analysis.gains import GROWTH, Gains, arm_gains
 from vdfmu.analysis.margins import Margins, stability_margins
+from vdfmu.arrays import Floats
 from vdfmu.dynamics import inverse_dynamics
 from vdfmu.equations.limits import motor_torque
 from vdfmu.equations.trajectory import desired_motion
@@ -20,10 +20,6 @@ from vdfmu.model import Robot, load_robot, robot_names
 from vdfmu.model.toml_file import locate
 from vdfmu.scenario import Scenario, load_scenario
 from vdfmu.temporary import temporary_folder
-
-__all__ = ["Reach", "reach_scenario", "write_reach"]
-
-Floats = npt.NDArray[np.float64]
 
 _STEP = 1e-3
 _FAR = {"revolute": 0.5, "prismatic": 0.1}

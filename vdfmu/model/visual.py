@@ -11,8 +11,6 @@ from vdfmu.model.check import check_rotation
 from vdfmu.model.parameters import Array, read_only
 from vdfmu.model.read import FloatArray, Problems, Table, shown
 
-__all__ = ["SHAPES", "Visual", "read_visuals"]
-
 SHAPES = {"mesh": 3, "box": 3, "ellipsoid": 3, "cylinder": 2, "capsule": 2, "sphere": 1}
 """Shape to the numbers of its size: scale of a mesh, sides, half-axes, radius and length along z, radius."""
 _KEYS = ("joint", "shape", "file", "size", "rotation", "offset", "color")

@@ -7,13 +7,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from vdfmu.arrays import Floats
 from vdfmu.model.check import check_inertia
 from vdfmu.model.parameters import read_only
-from vdfmu.model.read import FloatArray, Problems, nearest
+from vdfmu.model.read import Problems, nearest
 from vdfmu.model.visual import Visual
 from vdfmu.robots.tree import MOVING, Joint, Link, Placement, Tree, aligned, few
-
-__all__ = ["Arm", "Body", "choose_arm", "tips"]
 
 _HERE = Placement(np.eye(3), np.zeros(3))
 _MOST_TIPS = 12
@@ -39,8 +38,8 @@ class Body:
     links: tuple[str, ...]
     placement: Placement
     mass: float
-    centroid: FloatArray
-    inertia: FloatArray
+    centroid: Floats
+    inertia: Floats
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,7 +53,7 @@ class Arm:
     tip: str
     bodies: tuple[Body, ...]
     tool: Placement
-    gravity: FloatArray
+    gravity: Floats
     standard: bool
     visuals: tuple[Visual, ...]
 
@@ -263,7 +262,7 @@ def _carried(
 
 
 def _body(
-    tree: Tree, joint: Joint, R: FloatArray, placement: Placement, carried: list[tuple[Link, Placement]]
+    tree: Tree, joint: Joint, R: Floats, placement: Placement, carried: list[tuple[Link, Placement]]
 ) -> Body:
     """Join links to one body, in the frame whose axes in the child's frame are the columns of R."""
     heavy = [(link, at) for link, at in carried if link.mass > 0.0 or link.inertia.any()]
@@ -299,7 +298,7 @@ def _body(
     )
 
 
-def _looks(joint: int, R: FloatArray, carried: list[tuple[Link, Placement]]) -> list[Visual]:
+def _looks(joint: int, R: Floats, carried: list[tuple[Link, Placement]]) -> list[Visual]:
     """Place the visuals of links in the frame of the body."""
     found: list[Visual] = []
     for link, at in carried:

@@ -18,8 +18,6 @@ from vdfmu.robots.chain import Body
 from vdfmu.robots.tree import MOVING
 from vdfmu.text import matching
 
-__all__ = ["PARTS", "Driven", "drive_joints"]
-
 PARTS: tuple[Section, ...] = ("drive", "friction", "limits")
 _ACCELERATION = 10.0
 """Acceleration [rad/s2, m/s2] that a joint without a given torque is assumed to be made for, beside the weight."""

@@ -21,8 +21,6 @@ from vdfmu.robots.mjcf import read_mjcf
 from vdfmu.robots.urdf import read_urdf
 from vdfmu.robots.write import robot_text
 
-__all__ = ["Imported", "import_robot", "robot_from_mjcf", "robot_from_urdf"]
-
 _LARGEST = 2**26
 """Bytes of a file."""
 

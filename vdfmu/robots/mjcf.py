@@ -8,13 +8,12 @@ from typing import Any
 
 import numpy as np
 
+from vdfmu.arrays import Floats
 from vdfmu.errors import ModelError, UsageError
 from vdfmu.model.parameters import read_only
-from vdfmu.model.read import FloatArray, Problems, printable
+from vdfmu.model.read import Problems, printable
 from vdfmu.model.visual import Visual
 from vdfmu.robots.tree import Joint, Link, Placement, Tree, aligned
-
-__all__ = ["read_mjcf"]
 
 _FREE, _BALL, _SLIDE, _HINGE = range(4)
 _CONNECT, _WELD, _JOINT = range(3)
@@ -126,7 +125,7 @@ class _Reader:
         turns = "revolute" if self.model.jnt_limited[j] else "continuous"
         return {_FREE: "floating", _BALL: "ball", _SLIDE: "prismatic", _HINGE: turns}[kind]
 
-    def zero(self, j: int, kind: int, axis: FloatArray) -> Placement:
+    def zero(self, j: int, kind: int, axis: Floats) -> Placement:
         """Return where q = 0 is: the file's pose is that at the joint's `ref`."""
         if kind not in (_SLIDE, _HINGE):
             return Placement(np.eye(3), np.zeros(3))
@@ -232,7 +231,7 @@ class _Reader:
         return str(place.resolve()) if place.is_file() else name
 
 
-def _rotation(quaternion: Any) -> FloatArray:
+def _rotation(quaternion: Any) -> Floats:
     """Rotation matrix of a quaternion w, x, y, z."""
     w, x, y, z = np.asarray(quaternion, dtype=float) / np.linalg.norm(quaternion)
     v = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])

@@ -8,10 +8,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from vdfmu.model.read import FloatArray, Problems
+from vdfmu.arrays import Floats
+from vdfmu.model.read import Problems
 from vdfmu.model.visual import Visual
-
-__all__ = ["MOVING", "Joint", "Link", "Placement", "Tree", "aligned", "few"]
 
 MOVING = {"revolute": "revolute", "continuous": "revolute", "prismatic": "prismatic"}
 """Kinds of joints that an arm of vdfmu can have, to their type in its robot file."""
@@ -32,8 +31,8 @@ class Placement(NamedTuple):
         Its origin.
     """
 
-    R: FloatArray
-    p: FloatArray
+    R: Floats
+    p: Floats
 
     def __matmul__(self, inner: Placement) -> Placement:
         """Return the placement, in the outer frame, of what `inner` places in this one."""
@@ -46,8 +45,8 @@ class Link:
 
     name: str
     mass: float = 0.0
-    centroid: FloatArray = field(default_factory=lambda: np.zeros(3))
-    inertia: FloatArray = field(default_factory=lambda: np.zeros((3, 3)))
+    centroid: Floats = field(default_factory=lambda: np.zeros(3))
+    inertia: Floats = field(default_factory=lambda: np.zeros((3, 3)))
     visuals: tuple[Visual, ...] = ()
 
 
@@ -75,7 +74,7 @@ class Joint:
     parent: str
     child: str
     placement: Placement
-    axis: FloatArray
+    axis: Floats
     given: Mapping[str, float] = field(default_factory=dict[str, float])
     follows: str = ""
 
@@ -92,7 +91,7 @@ class Tree:
     problems: Problems
     links: Mapping[str, Link]
     joints: tuple[Joint, ...]
-    gravity: FloatArray
+    gravity: Floats
     standard: bool
     notes: list[str]
     loops: tuple[tuple[str, str, str], ...] = ()
@@ -106,7 +105,7 @@ class Tree:
         return [joint for joint in self.joints if joint.parent == link]
 
 
-def aligned(axis: FloatArray) -> FloatArray:
+def aligned(axis: Floats) -> Floats:
     """Rotation (3, 3) whose third column is `axis`, (3,) of length 1, by the shortest turn from z."""
     x, y, z = axis
     if z < -1 + 1e-12:  # any axis across z will do for half a turn

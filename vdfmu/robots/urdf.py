@@ -13,12 +13,11 @@ from typing import Any
 
 import numpy as np
 
+from vdfmu.arrays import Floats
 from vdfmu.model.parameters import read_only
-from vdfmu.model.read import FloatArray, Problems, nearest, printable
+from vdfmu.model.read import Problems, nearest, printable
 from vdfmu.model.visual import Visual
 from vdfmu.robots.tree import MOVING, Joint, Link, Placement, Tree
-
-__all__ = ["read_urdf"]
 
 _STANDARD_GRAVITY = np.array([0.0, 0.0, 9.81])
 _KINDS = (*MOVING, "fixed", "floating", "planar")
@@ -80,7 +79,7 @@ class _Reader:
             self.add(element, f"{kind} {name}", "one of this name", "a second one", "Rename it.")
         return printable(name) or f"line {element.sourceline}"
 
-    def numbers(self, element: Any, attribute: str, n: int, what: str) -> FloatArray | None:
+    def numbers(self, element: Any, attribute: str, n: int, what: str) -> Floats | None:
         """Return the numbers of an attribute; None where it is missing, ones where it is wrong."""
         text = element.get(attribute)
         if text is None:
@@ -237,7 +236,7 @@ class _Reader:
             "" if mimic is None else mimic.get("joint", ""),
         )
 
-    def axis(self, what: str, kind: str, element: Any) -> FloatArray:
+    def axis(self, what: str, kind: str, element: Any) -> Floats:
         """Return the axis of a joint, of length 1: x where the file gives none."""
         found = element.find("axis")
         axis = None if found is None else self.numbers(found, "xyz", 3, f"{what}: axis")

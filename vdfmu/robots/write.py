@@ -16,8 +16,6 @@ from vdfmu.robots.chain import Arm, Body
 from vdfmu.robots.drives import PARTS, Driven
 from vdfmu.robots.tree import MOVING, few
 
-__all__ = ["robot_text"]
-
 _HEAD = """\
 # {file}, from {base} to {tip}, as a robot file of vdfmu.
 # SI units, angles in rad. Frame B_i is fixed to link i; its z axis is the axis of joint i; B_0 is the frame of {base}.
