@@ -79,6 +79,11 @@ def refused(path: Path, **options: str) -> list[str]:
             {},
             "the file: expected a link that no joint carries, got none. The joints go in a circle.",
         ),
+        (
+            ARM + link("p") + link("q") + joint("x", "p", "q") + joint("y", "q", "p"),
+            {"tip": "p"},
+            "the file: expected links that hang on ground, got p, q. Their joints go in a circle.",
+        ),
         ("", {}, "the file: expected links, got none. Is it whole? xacro writes a URDF from a .xacro file."),
         (
             ARM.replace(link("one"), link("one", "")),
@@ -179,3 +184,11 @@ def test_a_file_that_is_missing_is_named(tmp_path: Path) -> None:
         vdfmu.VdfmuError, match="expected a URDF or MJCF file, got nothing: it does not exist"
     ):
         vdfmu.robot_from_urdf(tmp_path / "arm.urdf")
+
+
+def test_a_row_of_links_without_end_is_refused(urdf) -> None:
+    n = 3000
+    row = "".join(link(f"l{i}", "") for i in range(n + 1))
+    row += "".join(joint(f"j{i}", f"l{i}", f"l{i + 1}", "fixed") for i in range(n))
+    (problem,) = refused(urdf(row))
+    assert problem == "expected some hundred links in a row, got more. Is it one robot?"

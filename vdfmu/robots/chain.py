@@ -152,6 +152,16 @@ def _root(tree: Tree) -> str | None:
     elif len(roots) > 1:
         way_out = "Join them by fixed joints, or delete what is no part of the arm."
         tree.problems.add("the file", "one link that no joint carries", ", ".join(roots), way_out)
+    elif not tree.problems.lines:
+        queue = roots[:]
+        for link in queue:
+            queue += [joint.child for joint in tree.below(link)]
+        reached = set(queue)
+        circle = [link for link in tree.links if link not in reached]
+        if circle:
+            tree.problems.add(
+                "the file", f"links that hang on {roots[0]}", few(circle), "Their joints go in a circle."
+            )
     return roots[0] if len(roots) == 1 else None
 
 
@@ -188,9 +198,8 @@ def _onward(tree: Tree, link: str) -> tuple[str, list[Joint]]:
     Joints that are coupled to others, as those of a gripper, are none of an arm.
     """
     rigid = list(_rigid(tree, link))
-    coupled = {joint.follows for joint in tree.joints}
     moving = [joint for _, name in rigid for joint in tree.below(name) if joint.kind != "fixed"]
-    onward = [joint for joint in moving if not joint.follows and joint.name not in coupled]
+    onward = [joint for joint in moving if not joint.follows and joint.name not in tree.coupled]
     return max(rigid, key=lambda entry: entry[0])[1], onward
 
 

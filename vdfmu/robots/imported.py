@@ -100,7 +100,12 @@ def import_robot(
         expected = f"<{kind}>" if kind else "<robot> of a URDF or <mujoco> of an MJCF"
         raise ModelError(f"{path}: expected {expected}, got <{root.tag}>. Is it the right file?")
     tree = read_urdf(root, path, problems) if root.tag == "robot" else read_mjcf(path, problems)
-    arm = choose_arm(tree, base, tip)
+    try:
+        arm = choose_arm(tree, base, tip)
+    except RecursionError:
+        raise ModelError(
+            f"{path}: expected some hundred links in a row, got more. Is it one robot?"
+        ) from None
     problems.raise_any()
     assert arm is not None
     gravity = float(np.linalg.norm(tree.gravity))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -98,11 +99,27 @@ class Tree:
 
     def above(self, link: str) -> Joint | None:
         """Return the joint that carries a link, None for a root."""
-        return next((joint for joint in self.joints if joint.child == link), None)
+        return self._above.get(link)
 
     def below(self, link: str) -> list[Joint]:
         """Return the joints that a link carries."""
-        return [joint for joint in self.joints if joint.parent == link]
+        return self._below.get(link, [])
+
+    @cached_property
+    def _above(self) -> dict[str, Joint]:
+        return {joint.child: joint for joint in self.joints}
+
+    @cached_property
+    def _below(self) -> dict[str, list[Joint]]:
+        found: dict[str, list[Joint]] = {}
+        for joint in self.joints:
+            found.setdefault(joint.parent, []).append(joint)
+        return found
+
+    @cached_property
+    def coupled(self) -> frozenset[str]:
+        """Joints that others follow."""
+        return frozenset(joint.follows for joint in self.joints)
 
 
 def aligned(axis: Floats) -> Floats:
