@@ -133,9 +133,9 @@ def run(
         Loaded, or the name of a shipped one, or a file.
     robot : Robot, str or path, optional
         Robot in place of the scenario's.
-    step : float, optional [s]
+    step : float [s], optional
         Communication step.
-    stop : float, optional [s]
+    stop : float [s], optional
         End of the run.
     master : "gauss-seidel", "jacobi", "extrapolated" or "iterative", optional
     adaptive : float, optional
