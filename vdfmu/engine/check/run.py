@@ -259,8 +259,8 @@ def _main(kind: str, path: str, deadline: str, folder: str, unpacked: str) -> No
         Path(folder, _PHASE).write_text(what, encoding="utf-8")
 
     try:
-        for kind, size in (("AS", MEMORY), ("FSIZE", FILE_SIZE), ("CORE", 0)):
-            limit(kind, size)
+        for what, size in (("AS", MEMORY), ("FSIZE", FILE_SIZE), ("CORE", 0)):
+            limit(what, size)
         _refuse_negative_statuses()
         phase(f"a run of {STEPS} steps")
         with package_limit(int(unpacked)):
