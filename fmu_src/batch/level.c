@@ -1,7 +1,8 @@
 /* Which of the libraries of a system the processor can run: 0 any, 1 that for AVX2, 2 that for AVX-512. */
 #include "processor.h"
+#include "shown.h"
 
-int level(void);
+SHOWN int level(void);
 
 #ifdef AVX2_STEP
 

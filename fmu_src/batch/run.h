@@ -3,11 +3,7 @@
  * The generated part before this file has `start` and `communication_step`, SIZE (of the memory), MOVING (units with states)
  * and MOST_STATES.
  */
-#ifdef _WIN32
-#define SHOWN __declspec(dllexport)
-#else
-#define SHOWN __attribute__((visibility("default")))
-#endif
+#include "shown.h"
 
 SHOWN int lanes(void);
 SHOWN int64_t run(real *m, const scalar *points, const scalar *sizes, int64_t n, const int64_t *fed, int64_t n_fed, const scalar *course,

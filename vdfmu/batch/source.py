@@ -35,7 +35,7 @@ def lane_sources(system: System, delayed: bool) -> tuple[dict[str, bytes], list[
     """
     code = _LaneCode(system)
     folder = data_path("fmu_src")
-    files = {name: (folder / "batch" / name).read_bytes() for name in ("lanes.h", "advance.h", "run.h", "level.c")}
+    files = {name: (folder / "batch" / name).read_bytes() for name in ("lanes.h", "advance.h", "run.h", "shown.h", "level.c")}
     files |= {name: (folder / "c" / name).read_bytes() for name in ("control.h", "processor.h", "processor.c")}
     return files | {"system.c": code.text(delayed).encode()}, list(code.optional.values())
 
