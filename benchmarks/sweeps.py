@@ -160,7 +160,7 @@ def _point(report: Report, folder: Path, stops: tuple[float, ...], points: int) 
             for k in range(points):
                 for length, bench in benches.items():
                     began = time.process_time()
-                    bench.run((k, 0, {AXIS: 1.0}))
+                    bench.run([(k, 0, {AXIS: 1.0})])
                     spent[length] = min(spent[length], time.process_time() - began) if k else np.inf
         finally:
             for bench in benches.values():

@@ -14,10 +14,8 @@ from vdfmu.engine.cosim.results import Results, Signal
 from vdfmu.fmu.native.loaded import load_library
 from vdfmu.text import matching
 
-__all__ = ["LANES", "Engine"]
+__all__ = ["Engine"]
 
-LANES = 8
-"""Most lanes that a processor has."""
 _ALIGNED = 64
 """Bytes at multiples of which the memory begins."""
 
@@ -31,7 +29,7 @@ class Engine:
     record : sequence of str
         Patterns of the signals that the results have.
     level : int, optional
-        Of the library, see :data:`~vdfmu.batch.program.LEVELS`; default the highest that the processor can run.
+        Of the library, see :data:`~vdfmu.batch.make.LEVELS`; default the highest that the processor can run.
     """
 
     def __init__(self, program: Program, record: Sequence[str], level: int | None = None) -> None:
