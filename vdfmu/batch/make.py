@@ -20,12 +20,12 @@ from vdfmu.study.wired import System
 from vdfmu.unit.evaluate import Traced
 from vdfmu.unit.interface import Interface
 
-__all__ = ["make_program"]
+__all__ = ["FLAGS", "LEVELS", "make_program"]
 
 _WIDE = ("-mavx2", "-mfma", "-mavx512f", "-mavx512dq", "-mavx512vl", "-mprefer-vector-width=512")
 LEVELS = ((4, ()), (4, ("-mavx2", "-mfma")), (8, _WIDE))
 """Lanes and flags of the libraries: for any processor, for those with AVX2, for those with AVX-512."""
-_FLAGS = ("-ffp-contract=fast", "-freciprocal-math")
+FLAGS = ("-ffp-contract=fast", "-freciprocal-math")
 """No bits are to be those of an FMU: products and sums in one go, one division for several by the same number."""
 
 
@@ -43,9 +43,6 @@ def make_program(description: SystemDescription, varied: Iterable[str]) -> Progr
         problems.append(f"master: expected {' or '.join(REFERENCE_OF)}, got {scenario.master}")
     if scenario.adaptive is not None:
         problems.append("adaptive: its steps are as long as given")
-    n = round(scenario.stop / scenario.step)
-    if abs(scenario.stop / scenario.step - n) > 1e-9 * n:
-        problems.append(f"stop: {scenario.stop:g} s is no multiple of the step {scenario.step:g} s")
     foreign = [name for name, table in description.tables.items() if not isinstance(table, Interface)]
     if foreign:
         problems.append(f"{', '.join(foreign)}: an FMU of another tool")
@@ -68,8 +65,9 @@ def make_program(description: SystemDescription, varied: Iterable[str]) -> Progr
     platform = this_platform()
     levels = LEVELS if platform.startswith("x86_64") else LEVELS[:1]
     libraries = compile_libraries(
-        Job("lanes", files, platform, (*_FLAGS, f"-DLANES={width}", *flags)) for width, flags in levels
+        Job("lanes", files, platform, (*FLAGS, f"-DLANES={width}", *flags)) for width, flags in levels
     )
+    n = round(scenario.stop / scenario.step)
     points = scenario.step * np.arange(n, dtype=np.float64)
     sizes = np.full(n, scenario.step)
     if points[-1] + sizes[-1] != scenario.stop:
@@ -96,6 +94,7 @@ def _variables(system: System) -> tuple[dict[str, tuple[int, float, float]], dic
     """Return parameters and signals, of each unit outputs before inputs, as a master records them."""
     parameters: dict[str, tuple[int, float, float]] = {}
     signals: dict[str, tuple[int, str]] = {}
+    fed = system.linked | {place for place, _ in system.outside}
     for name, unit in system.units.items():
         begin = system.begin(name)
         for i, v in enumerate(unit.interface.variables):
@@ -104,7 +103,7 @@ def _variables(system: System) -> tuple[dict[str, tuple[int, float, float]], dic
                 parameters[f"{name}.{v.name}"] = begin + i, least, np.inf if v.maximum is None else v.maximum
         for kind in ("output", "input"):
             for i, v in enumerate(unit.interface.variables):
-                if v.causality == kind and (kind == "output" or begin + i in system.linked):
+                if v.causality == kind and (kind == "output" or begin + i in fed):
                     signals[f"{name}.{v.name}"] = begin + i, v.unit or ""
     return parameters, signals
 

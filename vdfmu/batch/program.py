@@ -13,6 +13,7 @@ __all__ = ["LANES", "Program"]
 LANES = 8
 """Most lanes that a processor has."""
 
+
 @dataclass(frozen=True)
 class Program:
     """The compiled communication steps of a system.

@@ -6,6 +6,7 @@ from collections.abc import Iterator, Sequence
 
 from vdfmu.data import data_path
 from vdfmu.fmu.native.kernels import kernel_source
+from vdfmu.fmu.native.loaded import SHOWN
 from vdfmu.fmu.native.text import head
 from vdfmu.kernel import Kernel
 from vdfmu.kernel.requirements import requirements
@@ -35,8 +36,13 @@ def lane_sources(system: System, delayed: bool) -> tuple[dict[str, bytes], list[
     """
     code = _LaneCode(system)
     folder = data_path("fmu_src")
-    files = {name: (folder / "batch" / name).read_bytes() for name in ("lanes.h", "advance.h", "run.h", "shown.h", "level.c")}
-    files |= {name: (folder / "c" / name).read_bytes() for name in ("control.h", "processor.h", "processor.c")}
+    files = {
+        name: (folder / "batch" / name).read_bytes() for name in ("lanes.h", "advance.h", "run.h", "level.c")
+    }
+    files |= {
+        name: (folder / "c" / name).read_bytes() for name in ("control.h", "processor.h", "processor.c")
+    }
+    files["shown.h"] = SHOWN.encode()
     return files | {"system.c": code.text(delayed).encode()}, list(code.optional.values())
 
 
@@ -77,7 +83,9 @@ class _LaneCode(Code):
             for name, carry in system.starting
             for action in (Evaluate(name, "start"), Evaluate(name, "outputs"), carry)
         ]
-        lists = {"begin": start} | {f"part_{i}": solution.lists[f"part_{i}"] for i in range(len(solution.moving) + 1)}
+        lists = {"begin": start} | {
+            f"part_{i}": solution.lists[f"part_{i}"] for i in range(len(solution.moving) + 1)
+        }
         functions = [f"static {self.function(name, actions)}" for name, actions in lists.items()]
         moving = [name for name in solution.moving if system.units[name].x.size]
         steps = [self._step(i, name) for i, name in enumerate(moving)]

@@ -73,7 +73,9 @@ class WiredSystem:
     def parameters(self, values: Mapping[str, Any]) -> dict[str, Any]:
         """Values by ``component.variable`` of those of the axes."""
         return {
-            name: one for target, value in values.items() for name, one in self.bindings[target].values(value).items()
+            name: one
+            for target, value in values.items()
+            for name, one in self.bindings[target].values(value).items()
         }
 
 

@@ -71,7 +71,9 @@ class Plan:
     @property
     def key(self) -> str:
         """A digest of `facts`, but for where files are: that of the same study is the same."""
-        facts = {name: fact for name, fact in self.facts.items() if name not in ("source", "options", "engine")}
+        facts = {
+            name: fact for name, fact in self.facts.items() if name not in ("source", "options", "engine")
+        }
         return hashlib.sha256(json.dumps(facts, sort_keys=True).encode()).hexdigest()
 
 
@@ -165,7 +167,9 @@ def make_plan(
     }  # fmt: skip
     chosen = np.array([combinations[row] for row in rows])
     compared = tuple(sorted({0, count // 2, count - 1}))
-    return Plan(points, chosen, Job(tuple(systems), tuple(measures), tuple(record), tuple(keep), compared), facts)
+    return Plan(
+        points, chosen, Job(tuple(systems), tuple(measures), tuple(record), tuple(keep), compared), facts
+    )
 
 
 def _plain(value: Any) -> Any:
@@ -281,7 +285,9 @@ def _of_package(
 ) -> WiredSystem:
     """Take a package as it is; what the axes name is checked by the master."""
     if engine == "batch":
-        raise UsageError(f"engine: batch needs a scenario, whose equations are known; {package} is a package.")
+        raise UsageError(
+            f"engine: batch needs a scenario, whose equations are known; {package} is a package."
+        )
     wrong = [target for target in switched if target not in ("master", "step", "stop")]
     wrong += [name for name in ("robot", "units") if options.get(name) is not None]
     wrong += [axis.target for axis in axes if axis.factor]
@@ -352,7 +358,9 @@ def _program(
     from vdfmu.ssp.description import SystemDescription
 
     try:
-        return make_program(SystemDescription(scenario, values), [name for one in bindings for name in one.names])
+        return make_program(
+            SystemDescription(scenario, values), [name for one in bindings for name in one.names]
+        )
     except UsageError as error:
         if not needed:
             return None

@@ -77,7 +77,12 @@ class Worker:
                     apart = len(group)
                     continue
                 rows = [
-                    {"point": group[0][0], "failed": rows, "failed_at": None, "wall_s": perf_counter() - begin}
+                    {
+                        "point": group[0][0],
+                        "failed": rows,
+                        "failed_at": None,
+                        "wall_s": perf_counter() - begin,
+                    }
                 ]
             del left[: len(group)]
             apart = max(apart - 1, 0)
