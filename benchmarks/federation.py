@@ -23,7 +23,7 @@ __all__ = ["break_even", "run"]
 
 TITLE = "Federates"
 SPLITS: dict[str, Sequence[str]] = {"2": ["plant"], "4": ["plant", "feedforward", "controller"]}
-_FASTEST = ("zmq", "ipc")
+_FASTEST = ("tcp_ss", "ipc")
 """The default, and the one for a single machine."""
 BURNS = (0.0, 1e-4, 3e-4, 1e-3, 3e-3)
 """Processor time [s] that each component takes a step."""

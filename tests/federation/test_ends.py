@@ -7,6 +7,7 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 import time
 
 import pytest
@@ -14,6 +15,7 @@ import pytest
 import vdfmu
 from tests.cosim.conftest import make_fmu, variable
 from vdfmu.engine.cosim import Interrupted
+from vdfmu.engine.federation.federated import Federated
 from vdfmu.errors import CosimError
 
 STEP = 0.1
@@ -53,6 +55,33 @@ def test_a_component_that_fails_in_its_initialization_does_not_leave_the_others_
 ):
     with pytest.raises(CosimError, match="f: exitInitializationMode at t = 0 s failed: .*no start possible"):
         vdfmu.federate(package, split, step=STEP, parameters={"f.mode": 3})
+
+
+def test_one_that_cannot_join_ends_those_that_would_wait_for_it():
+    refused = CosimError("federate b", "exchange", 0.0, "there is no broker")
+
+    class Waiting:
+        """Answers when it is cut off."""
+
+        waits = False
+        ended = threading.Event()
+
+        def take(self):
+            assert self.ended.wait(60.0)
+            raise CosimError("federate a", "exchange", 0.0, "its process ended (SIGKILL)")
+
+        def cut(self, late):
+            self.ended.set()
+
+    class Refused(Waiting):
+        def take(self):
+            raise refused
+
+    run = Federated.__new__(Federated)
+    run._federates, run._first, run._lock = {"a": Waiting(), "b": Refused()}, None, threading.Lock()
+    with pytest.raises(CosimError) as info:
+        run._take(joining=True)
+    assert info.value is refused
 
 
 @pytest.mark.parametrize("victim", [0, 1])

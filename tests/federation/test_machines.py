@@ -42,7 +42,7 @@ def broker():
         found.bind(("127.0.0.1", 0))
         port = found.getsockname()[1]
     process = subprocess.Popen(
-        [PROGRAM, "--federates=2", "--coretype=zmq", f"--port={port}", "--tick=1s", "--loglevel=no_print"]
+        [PROGRAM, "--federates=2", "--coretype=tcp_ss", f"--port={port}", "--tick=1s", "--loglevel=no_print"]
     )
     yield f"127.0.0.1:{port}"
     process.kill()

@@ -40,7 +40,7 @@ def package(pack, xml):
         ({"split": []}, "split: expected at least two federates, got r"),
         ({"split": ["a"], "only": "plant", "broker": "x:1"}, "no federate is named 'plant'; there are a, r"),
         ({"split": ["a"], "only": "a"}, "federate a runs alone, and needs the address of a broker"),
-        ({"split": ["a"], "core": "pigeon"}, "core: expected zmq, tcp, tcp_ss, ipc, got 'pigeon'"),
+        ({"split": ["a"], "core": "pigeon"}, "core: expected tcp_ss, tcp, zmq, ipc, got 'pigeon'"),
         ({"split": ["a"], "algorithm": "gauss-seidel"}, "federates step as jacobi has it, not gauss-seidel"),
     ],
 )
@@ -70,7 +70,7 @@ def test_without_helics_it_says_how_to_get_it(package, monkeypatch):
         vdfmu.federate(package, ["a"], step=0.1)
 
 
-@pytest.mark.parametrize("core", ["zmq", "tcp", "tcp_ss"])
+@pytest.mark.parametrize("core", ["tcp_ss", "tcp", "zmq"])
 def test_nothing_listens_but_on_loopback(package, federates, core):
     """The sockets of the federates' processes, by their inodes, while they run."""
     found: list[str] = []

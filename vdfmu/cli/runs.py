@@ -271,8 +271,8 @@ def federate(
     ] = None,
     core: Annotated[
         str,
-        typer.Option(help="How HELICS carries messages: zmq, tcp, tcp_ss, or ipc on one machine."),
-    ] = "zmq",
+        typer.Option(help="How HELICS carries messages: tcp_ss, tcp, zmq, or ipc on one machine."),
+    ] = "tcp_ss",
     variant: VariantOption = "SystemStructure.ssd",
     start: StartOption = None,
     stop: StopOption = None,

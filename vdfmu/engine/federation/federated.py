@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 import threading
 from collections.abc import Callable, Mapping
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -132,7 +133,7 @@ class Federated:
         address = plan.broker or federates[plan.here[0]].ask("broker", plan.core, len(plan.parts))
         for name, federate in federates.items():
             federate.post_call("join", name, plan, address, federate.content)
-        self._take()
+        self._take(joining=True)
 
     def initialize(self, *arguments: Any) -> None:
         """See `Components.initialize`."""
@@ -178,14 +179,27 @@ class Federated:
             federate.post_call(name, *arguments)
         self._take()
 
-    def _take(self) -> None:
-        """Wait for the answers of all; raise the error of the one that failed or ended first."""
+    def _take(self, joining: bool = False) -> None:
+        """Wait for the answers of all; raise the error of the one that failed or ended first.
+
+        A failure is known to all but while they are `joining`: who cannot join ends those that would wait for it.
+        """
         failures: dict[str, VdfmuError] = {}
-        for name, federate in self._federates.items():
+
+        def take(name: str) -> None:
             try:
-                federate.take()
+                self._federates[name].take()
             except VdfmuError as error:
                 failures[name] = error
+                if joining and isinstance(error, CosimError) and error.call == "exchange":
+                    self._ended(name)
+
+        if joining:
+            with ThreadPoolExecutor(len(self._federates)) as pool:
+                list(pool.map(take, self._federates))
+        else:
+            for name in self._federates:
+                take(name)
         if failures:
             raise failures.get(self._first or "") or next(iter(failures.values()))
 

@@ -9,6 +9,7 @@ import sys
 from collections.abc import Sequence
 from contextlib import suppress
 from ctypes import CDLL, RTLD_GLOBAL
+from random import randrange
 from time import perf_counter
 from typing import Any, NamedTuple
 
@@ -38,11 +39,22 @@ def start_broker(core: str, federates: int) -> tuple[Any, str]:
     if core == "ipc":
         place = f"--local_interface={name}"
     else:
-        with socket.socket() as found:
-            found.bind(("127.0.0.1", 0))
-            place = f"--port={found.getsockname()[1]} {_loopback(core)}"
+        place = f"--port={_free_ports(2 * federates + 2)} {_loopback(core)}"
     broker = h.helicsCreateBroker(core, name, f"--federates={federates} {_QUIET} {place}")
     return broker, h.helicsBrokerGetAddress(broker)
+
+
+def _free_ports(number: int) -> int:
+    """Return the first of some ports in a row that are free, below those that systems give to connections."""
+    while True:
+        first = randrange(20_000, 32_000)
+        try:
+            for port in range(first, first + number):
+                with socket.socket() as probe:
+                    probe.bind(("127.0.0.1", port))
+        except OSError:
+            continue
+        return first
 
 
 def _loopback(core: str) -> str:

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 __all__ = ["CORES", "Federation", "Plan", "Sent", "federate", "share"]
 
-CORES = ("zmq", "tcp", "tcp_ss", "ipc")
+CORES = ("tcp_ss", "tcp", "zmq", "ipc")
 """Ways of HELICS to carry messages; ``tcp_ss`` needs one port, that of the broker; ``ipc``, shared memory, one machine.
 
 Not ``zmq_ss``: exchanges of four federates stall with it in HELICS 3.6.1, for a tenth of a second each.
@@ -78,7 +78,7 @@ class Federation:
     split: Sequence[str]
     only: str | None = None
     broker: str | None = None
-    core: str = "zmq"
+    core: str = "tcp_ss"
 
     def apart(self, checked: Checked) -> tuple[Checked, Callable[..., Federated]]:
         """Return the part of a checked system that runs here, and what makes its `Federated`.
@@ -205,7 +205,7 @@ def federate(
     *,
     only: str | None = None,
     broker: str | None = None,
-    core: str = "zmq",
+    core: str = "tcp_ss",
     **options: Any,
 ) -> Results:
     """Co-simulate a system in several processes, federates, that pass each other values by HELICS.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from collections.abc import Callable, Collection, Generator, Mapping, Sequence
 from contextlib import contextmanager
@@ -181,3 +182,4 @@ def _from_json(value: Any) -> Value:
 
 if __name__ == "__main__":
     serve(FederateServer, *sys.argv[1:])
+    os._exit(0)  # without the end of HELICS' libraries, in which some processes die
