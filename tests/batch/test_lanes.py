@@ -25,9 +25,10 @@ FUNCTIONS = {
     "log1p": (np.log1p, (0.5,)),
 }
 ULP = 3.0
-"""Units in the last place. exp: the sum 1 + less rounds by 1/2, `less`, at most 0.42, has two roundings of 1/4 each, and the
-argument's reduction less than 1/4. expm1: a product and a sum after that, 2; tanh: of that a quotient with a rounded divisor, 2.5.
-sin, cos, atan: one sum of the leading term and a small correction, 1, and for atan a rounded quotient before it, 1.5."""
+"""Units in the last place. exp: the sum 1 + less rounds by 1/2, and `less`, at most 0.42, has two roundings of 1/4, and
+less than 1/4 by the reduction of the argument. expm1: a product and a sum after that, 2; tanh: a quotient of that by a
+rounded divisor, 2.5. sin, cos, atan: the sum of the leading term and a small correction, 1; for atan after a quotient,
+1.5."""
 
 
 def source() -> bytes:

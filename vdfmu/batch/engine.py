@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from ctypes import CDLL, c_int64, c_void_p
+from ctypes import c_int64, c_void_p
 from typing import Any
 
 import numpy as np
@@ -35,8 +35,8 @@ class Engine:
     def __init__(self, program: Program, record: Sequence[str], level: int | None = None) -> None:
         self._program = program
         plain = load_library(program.libraries[0], "lanes")
-        level = plain.level() if level is None else level
-        self._library = plain if level == 0 else load_library(program.libraries[level], "lanes")
+        chosen: int = plain.level() if level is None else level
+        self._library = load_library(program.libraries[chosen], "lanes") if chosen else plain
         self.lanes: int = self._library.lanes()
         run = self._library.run
         run.argtypes = [
@@ -47,8 +47,8 @@ class Engine:
         names = matching(program.signals, record)
         self._signals = [Signal(name, "real", program.signals[name][1], i) for i, name in enumerate(names)]
         self._recorded = np.array([program.signals[name][0] for name in names], dtype=np.int64)
-        known = set(self._recorded.tolist())
-        self._shown = np.array([*(not known.isdisjoint(places) for places in program.optional), False])
+        known: set[int] = {program.signals[name][0] for name in names}
+        self._shown = np.array([not known.isdisjoint(places) for places in program.optional], dtype=np.bool_)
         self._memory = _aligned(len(program.memory), self.lanes)
 
     def run(self, points: Sequence[Mapping[str, Any]]) -> list[Results | None]:
@@ -81,12 +81,13 @@ class Engine:
         self._library.run(
             m, at, sizes, n, fed, len(program.fed), course, shown, recorded, len(self._recorded), kept, ended
         )
+        facts = {"start": 0.0, "stop": program.time[-1].item(), "steps": n}
         return [
-            Results(program.time, self._signals, {"real": rows[lane]}, {"start": 0.0, "stop": program.time[-1], "steps": n})
+            Results(program.time, self._signals, {"real": rows[lane]}, dict(facts))
             if fits and good[lane]
             else None
             for lane, fits in enumerate(fit)
-        ]  # fmt: skip
+        ]
 
     def _set(self, lane: int, point: Mapping[str, Any]) -> bool:
         """Set the parameters of a lane; whether they are within their limits."""

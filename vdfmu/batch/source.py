@@ -1,4 +1,4 @@
-"""The C text of a system whose runs go side by side: `fmu_src/batch` with the traced functions and the order of a step."""
+"""The C of a system whose runs go side by side: `fmu_src/batch`, the traced functions, and the order of a step."""
 
 from __future__ import annotations
 

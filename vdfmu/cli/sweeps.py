@@ -129,7 +129,8 @@ def run(
                 settings=parse_settings(settings), robot=robot, step=step, stop=stop, master=master, adaptive=adaptive,
                 units=parse_settings(unit, "--unit", "COMPONENT=UNIT, such as controller=my_unit.py") or None,
                 inputs=inputs, input_hold=input_hold or None, backend=backend, engine=engine, workers=workers,
-                scheduler=scheduler, chunk=chunk, time_limit=time_limit, out=folder, overwrite=overwrite, retry=retry, progress=bars.update,
+                scheduler=scheduler, chunk=chunk, time_limit=time_limit, out=folder, overwrite=overwrite, retry=retry,
+                progress=bars.update,
             )  # fmt: skip
     except KeyboardInterrupt as error:
         error.add_note(f"What was done is in {folder}: give the same command again to go on.")

@@ -25,8 +25,8 @@ if TYPE_CHECKING:
 __all__ = ["Binding", "Bench", "Job", "Row", "Task", "WiredSystem"]
 
 Row = dict[str, Any]
-"""``point``, ``failed`` (why, or None), ``failed_at`` [s], ``wall_s``, measures and signals, by column; of some points of the
-batch engine ``to_fmu[rad]`` and so on, the largest difference of a signal of that unit to the run of the FMUs."""
+"""``point``, ``failed`` (why, or None), ``failed_at`` [s], ``wall_s``, measures and signals, by column; of some points
+of the batch engine ``to_fmu[rad]`` and so on, the largest difference of a signal of that unit to the run of the FMUs."""
 _ALIVE = 8
 """Systems that a worker keeps loaded."""
 

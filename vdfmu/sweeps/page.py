@@ -105,7 +105,8 @@ def _compared(study: Sweep) -> Iterable[str]:
         return
     table = np.array([study["point"], *(study[column] for column in columns)], dtype=float).T
     rows = table[np.isfinite(table).all(axis=1)]
-    yield "<h2>Batch engine and FMUs</h2><p>Largest difference of a recorded signal, by unit, where both ran a point.</p>"
+    yield "<h2>Batch engine and FMUs</h2>"
+    yield "<p>Largest difference of a recorded signal, by unit, at points that both ran.</p>"
     heads = [column.removeprefix("to_fmu") for column in columns]
     yield _table(("point", *heads), [[f"{row[0]:.0f}", *(f"{x:.2g}" for x in row[1:])] for row in rows])
 
