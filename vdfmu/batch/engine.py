@@ -35,8 +35,8 @@ class Engine:
     def __init__(self, program: Program, record: Sequence[str], level: int | None = None) -> None:
         self._program = program
         plain = load_library(program.libraries[0], "lanes")
-        chosen: int = plain.level() if level is None else level
-        self._library = load_library(program.libraries[chosen], "lanes") if chosen else plain
+        self.level: int = plain.level() if level is None else level
+        self._library = load_library(program.libraries[self.level], "lanes") if self.level else plain
         self.lanes: int = self._library.lanes()
         run = self._library.run
         run.argtypes = [

@@ -26,7 +26,8 @@ __all__ = ["Binding", "Bench", "Job", "Row", "Task", "WiredSystem"]
 
 Row = dict[str, Any]
 """``point``, ``failed`` (why, or None), ``failed_at`` [s], ``wall_s``, measures and signals, by column; of some points
-of the batch engine ``to_fmu[rad]`` and so on, the largest difference of a signal of that unit to the run of the FMUs."""
+of the batch engine ``to_fmu[rad]`` and so on, the largest difference of a signal of that unit to the run of the FMUs.
+"""
 _ALIVE = 8
 """Systems that a worker keeps loaded."""
 
