@@ -25,8 +25,8 @@ __all__ = ["FLAGS", "LEVELS", "make_program"]
 _WIDE = ("-mavx2", "-mfma", "-mavx512f", "-mavx512dq", "-mavx512vl", "-mprefer-vector-width=512")
 LEVELS = ((4, ()), (4, ("-mavx2", "-mfma")), (8, _WIDE))
 """Lanes and flags of the libraries: for any processor, for those with AVX2, for those with AVX-512."""
-FLAGS = ("-ffp-contract=fast", "-freciprocal-math")
-"""No bits are to be those of an FMU: products and sums in one go, one division for several by the same number."""
+FLAGS = ("-ffp-contract=fast",)
+"""A product and a sum in one go: the bits are no FMU's in any case."""
 
 
 def make_program(description: SystemDescription, varied: Iterable[str]) -> Program:

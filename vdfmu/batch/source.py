@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Sequence
 
 from vdfmu.data import data_path
@@ -17,6 +18,9 @@ from vdfmu.unit.evaluate import Evaluation, Traced
 from vdfmu.unit.program import Call
 
 __all__ = ["lane_sources"]
+
+_DIVISION = re.compile(r" / (w\d+);")
+"""End of a line of C that divides: as a product, so that a compiler finds reciprocals that it has."""
 
 
 def lane_sources(system: System, delayed: bool) -> tuple[dict[str, bytes], list[list[int]]]:
@@ -99,7 +103,7 @@ class _LaneCode(Code):
             [
                 head("The order of a step of the units of a system, and what they calculate, in lanes."),
                 '#include "lanes.h"\n',
-                *(kernel_source(function) for function in self.called.values()),
+                *(_DIVISION.sub(r" * (1.0 / \1);", kernel_source(function)) for function in self.called.values()),
                 f"enum {{ {', '.join(f'{name} = {size}' for name, size in sizes.items())} }};",
                 "static const real still[MOST_INPUTS]; /* rates of the inputs */\n",
                 '#include "advance.h"\n',
