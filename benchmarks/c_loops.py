@@ -27,8 +27,6 @@ from vdfmu.kernel import Kernel
 from vdfmu.kernel.cache import cache_folder, load, store
 from vdfmu.model import Robot, load_robot
 
-__all__ = ["ALGORITHMS", "Comparison", "compare", "missing", "run"]
-
 TITLE = "Generated rigid-body dynamics against Pinocchio, from loops of compiled code"
 ALGORITHMS = {"inverse_dynamics": ("rnea",), "forward_dynamics": ("aba_local", "aba_world")}
 """Generated function to Pinocchio's, of which the faster counts."""

@@ -10,8 +10,6 @@ from benchmarks.counting import Counter
 from vdfmu.model import Robot, load_robot
 from vdfmu.model.parameters import PARAMETERS
 
-__all__ = ["counting_chain", "random_motion", "repeated_link"]
-
 _RIGID = ("rotation", "offset", "mass", "centroid", "inertia")
 
 

@@ -14,8 +14,6 @@ from vdfmu.fmu.native.platforms import PLATFORMS, this_platform
 from vdfmu.kernel.c_code import c_function
 from vdfmu.kernel.functions import Functions
 
-__all__ = ["CompiledFunction", "write_library"]
-
 
 def write_library(
     functions: Functions, names: Sequence[str], folder: Path, flags: Sequence[str] = ()

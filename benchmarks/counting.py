@@ -11,8 +11,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-__all__ = ["Count", "Counter", "count_operations"]
-
 
 class Count(NamedTuple):
     """Multiplications (and divisions), additions (and subtractions), and calls of sin and cos."""

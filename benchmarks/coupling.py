@@ -28,8 +28,6 @@ from vdfmu.ssp.description import SystemDescription
 from vdfmu.study.reference import reference
 from vdfmu.study.summary import power_bond
 
-__all__ = ["Coupling", "Point", "run", "study"]
-
 TITLE = "Work and precision: the coupled system"
 STEPS = {
     "gauss-seidel": (2e-3, 1e-3, 5e-4, 2e-4, 1e-4, 5e-5),

@@ -22,8 +22,6 @@ from vdfmu.fmu import build_fmus
 from vdfmu.fmu.native.compile import native_available
 from vdfmu.model import Robot, load_robot
 
-__all__ = ["METHODS", "drake_motion", "linear_robot", "mujoco_motion", "run", "study"]
-
 TITLE = "Work and precision: the plant beside engines of robot simulation"
 RK4, IMPLICITFAST = "MuJoCo, RK4", "MuJoCo, implicitfast"
 RK3, RK5 = "Drake, runge_kutta3", "Drake, runge_kutta5"

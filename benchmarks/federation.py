@@ -19,8 +19,6 @@ from vdfmu.files import pack_zip
 from vdfmu.fmu.native.compile import native_available
 from vdfmu.scenario import load_scenario
 
-__all__ = ["break_even", "run"]
-
 TITLE = "Federates"
 SPLITS: dict[str, Sequence[str]] = {"2": ["plant"], "4": ["plant", "feedforward", "controller"]}
 _FASTEST = ("tcp_ss", "ipc")

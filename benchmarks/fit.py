@@ -8,8 +8,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-__all__ = ["Exponent", "Polynomial", "exact_polynomial", "fit_exponent", "upper_half"]
-
 
 class Exponent(NamedTuple):
     """Fit ``y = factor * x**slope`` over `points` points from `low` to `high`.

@@ -30,8 +30,6 @@ from vdfmu.fmu import build_fmus
 from vdfmu.kernel.cache import COMPILER, cache_folder
 from vdfmu.model import Robot
 
-__all__ = ["run"]
-
 TITLE = "Growth of the FMUs with the number of joints"
 _UNITS = ("trajectory", "feedforward", "controller", "plant")
 _JOINTS = (1, 2, 3, 6, 12, 24, 48, 64)

@@ -24,8 +24,6 @@ from vdfmu.scenario import load_scenario
 from vdfmu.unit.interface import Interface
 from vdfmu.units.plant import Plant
 
-__all__ = ["Chain", "run"]
-
 TITLE = "One gradient of a cost by 12 gains: differences and the adjoint"
 MASS = 1.1
 """Factor of the plant's masses: what the feedforward does not know."""

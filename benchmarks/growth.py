@@ -24,8 +24,6 @@ from vdfmu.kernel.structure import symbolic_robot, values
 from vdfmu.model import Robot
 from vdfmu.scalar.symbol import from_sx, to_sx
 
-__all__ = ["FORMULATIONS", "Growth", "run", "trace"]
-
 TITLE = "Growth of inverse dynamics with the number of joints"
 FORMULATIONS: dict[str, Callable[..., np.ndarray]] = {
     "VD": inverse_dynamics,

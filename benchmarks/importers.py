@@ -26,18 +26,6 @@ from vdfmu.scenario import Scenario, load_scenario
 from vdfmu.scenario.values import system_values
 from vdfmu.ssp.write import write_ssp
 
-__all__ = [
-    "PACKAGES",
-    "ImporterError",
-    "Importers",
-    "ask",
-    "ask_rows",
-    "missing",
-    "run",
-    "run_elsewhere",
-    "study",
-]
-
 TITLE = "Native FMUs in other importers"
 PACKAGES = {"ecos": ("ecospy", "tbb"), "libcosim": ("libcosimpy",)}
 """Importer to the Python packages that install it."""

@@ -26,22 +26,10 @@ from vdfmu.fmu import build_fmus
 from vdfmu.scenario import Scenario, load_scenario
 from vdfmu.scenario.values import system_values
 from vdfmu.ssp.description import SystemDescription
-from vdfmu.ssp.write import write_osp, write_ssp
+from vdfmu.ssp.osp import write_osp
+from vdfmu.ssp.write import write_ssp
 from vdfmu.study.reference import reference
 from vdfmu.units import shipped_units
-
-__all__ = [
-    "CASES",
-    "EXACT_STEP",
-    "PACKAGES",
-    "Case",
-    "Seen",
-    "Tracking",
-    "drive",
-    "examine",
-    "missing",
-    "run",
-]
 
 TITLE = "The system in other importers"
 

@@ -14,8 +14,6 @@ import numpy as np
 from vdfmu.equations.rigid_body import link_body
 from vdfmu.scalar.generic import zeros
 
-__all__ = ["christoffel_symbols", "lagrange_inverse_dynamics", "lagrange_mass_matrix"]
-
 
 def _cross(a: Any, b: Any) -> np.ndarray:
     return np.stack(

@@ -26,8 +26,6 @@ from vdfmu.unit.integrator import Integrator
 from vdfmu.unit.interface import Interface
 from vdfmu.units import shipped_units
 
-__all__ = ["MasterStep", "instrumented", "kernel_cases", "run", "study"]
-
 TITLE = "Where the time of one master step goes"
 UNITS = ("trajectory", "feedforward", "controller", "plant")
 _ALGORITHM = "gauss-seidel"

@@ -20,8 +20,6 @@ from vdfmu.fmu.native.compile import native_available
 from vdfmu.scenario import Scenario, load_scenario
 from vdfmu.scenario.replace import with_units
 
-__all__ = ["Native", "run", "study"]
-
 TITLE = "Native FMUs: real-time factor and where the time of a step goes"
 UNITS = ("trajectory", "feedforward", "controller", "plant")
 PYTHON, NATIVE, ISOLATED, JACOBI, CONTAINER = (

@@ -27,8 +27,6 @@ from vdfmu.files import pack_zip
 from vdfmu.fmu.native.compile import compile_library
 from vdfmu.fmu.native.platforms import PLATFORMS, this_platform
 
-__all__ = ["Plan", "interpreter_parts", "loop_library", "ready"]
-
 _COPY, _TRANSFER, _DO_STEP = range(3)
 
 

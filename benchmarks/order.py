@@ -17,8 +17,6 @@ from vdfmu.scenario import Scenario, load_scenario
 from vdfmu.ssp.description import SystemDescription
 from vdfmu.study.reference import reference
 
-__all__ = ["EXPECTED", "Convergence", "converge", "run", "triangle"]
-
 TITLE = "Order in the communication step"
 ALGORITHMS = ("gauss-seidel", "jacobi", "extrapolated", "iterative")
 EXPECTED: dict[str, int] = dict(zip(ALGORITHMS, (1, 1, 2, 2), strict=True))

@@ -17,8 +17,6 @@ import rich.table
 from matplotlib.figure import Figure
 from rich.console import Console
 
-__all__ = ["COLOURS", "Report", "Table", "machine", "new_figure", "tidy"]
-
 COLOURS = {"blue": "#2a6fb0", "orange": "#d9730d", "green": "#3a8a4d", "grey": "#8c8c8c", "light": "#d9d9d9"}
 INK, FAINT = "#333333", "#dddddd"
 

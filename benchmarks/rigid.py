@@ -16,8 +16,6 @@ from benchmarks.timing import Case, measure
 from vdfmu.kernel import Kernel
 from vdfmu.model import Robot, load_robot
 
-__all__ = ["Comparison", "compare", "pinocchio_model", "run"]
-
 pin: Any = import_module("pinocchio")  # a binary module that no type checker sees into
 
 TITLE = "Generated rigid-body dynamics against Pinocchio, from Python"

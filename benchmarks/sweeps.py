@@ -34,8 +34,6 @@ from vdfmu.sweeps.ledger import Ledger
 from vdfmu.sweeps.measures import measured
 from vdfmu.sweeps.plan import Plan, make_plan
 
-__all__ = ["run"]
-
 TITLE = "Parameter studies"
 AXIS, MEASURE = "controller.K_v[2]", "rms(trajectory.q_d - plant.q)"
 STEP = 1e-3

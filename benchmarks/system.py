@@ -22,8 +22,6 @@ from vdfmu.scenario import Scenario
 from vdfmu.scenario.parts import build_parts
 from vdfmu.ssp.write import write_ssp
 
-__all__ = ["Clock", "container_run", "least", "median", "packed", "quiet", "quiet_run", "write_emptied"]
-
 
 @contextmanager
 def packed(scenario: Scenario, backend: str = "python") -> Generator[Path]:

@@ -11,9 +11,6 @@ from dataclasses import dataclass, field
 from itertools import repeat
 from typing import Any
 
-__all__ = ["Case", "Stopwatch", "measure", "stopwatch_cost"]
-
-
 _clock = time.process_time if time.get_clock_info("process_time").resolution <= 1e-6 else time.perf_counter
 """Processor time, which other programs do not lengthen much; where it is too coarse, wall time."""
 

@@ -19,8 +19,6 @@ from benchmarks.system import packed
 from benchmarks.timing import Case, measure
 from vdfmu.scenario import load_scenario
 
-__all__ = ["command", "run"]
-
 TITLE = "Whole commands and calls"
 _LARGE = 60_000
 

@@ -29,8 +29,6 @@ from vdfmu.model import Robot, load_robot
 from vdfmu.unit.interface import Interface
 from vdfmu.units.plant import Plant
 
-__all__ = ["COSIM", "INTERVAL", "METHODS", "CoSimulation", "Point", "WorkPrecision", "run", "study"]
-
 TITLE = "Work and precision: the plant alone"
 COSIM, CVODE = "FMU, co-simulation", "FMU, model exchange, CVODE"
 SCIPY = ("Radau", "BDF", "LSODA")

@@ -47,72 +47,41 @@ if TYPE_CHECKING:
     from vdfmu.fmu import build_fmus
     from vdfmu.model import Robot, load_robot, robot_names
     from vdfmu.scenario import Scenario, load_scenario, scenario_names
-    from vdfmu.ssp.write import write_osp, write_ssp
+    from vdfmu.ssp.osp import write_osp
+    from vdfmu.ssp.write import write_ssp
     from vdfmu.study.run import run
     from vdfmu.sweeps.run import sweep
     from vdfmu.sweeps.table import Sweep
     from vdfmu.tuning.run import tune
 
-_WHERE = {
-    "Results": "vdfmu.engine.cosim",
-    "Robot": "vdfmu.model",
-    "Scenario": "vdfmu.scenario",
-    "Simulator": "vdfmu.engine.cosim",
-    "Sweep": "vdfmu.sweeps.table",
-    "VdfmuError": "vdfmu.errors",
-    "build_fmus": "vdfmu.fmu",
-    "federate": "vdfmu.engine.federation",
-    "forward_dynamics": "vdfmu.dynamics",
-    "forward_kinematics": "vdfmu.dynamics",
-    "gravity_torque": "vdfmu.dynamics",
-    "inverse_dynamics": "vdfmu.dynamics",
-    "jacobian": "vdfmu.dynamics",
-    "load_robot": "vdfmu.model",
-    "load_scenario": "vdfmu.scenario",
-    "load_ssp": "vdfmu.engine.ssp",
-    "mass_matrix": "vdfmu.dynamics",
-    "package_limit": "vdfmu.engine.ssp.limits",
-    "robot_names": "vdfmu.model",
-    "run": "vdfmu.study.run",
-    "scenario_names": "vdfmu.scenario",
-    "simulate": "vdfmu.engine.cosim",
-    "sweep": "vdfmu.sweeps.run",
-    "tune": "vdfmu.tuning.run",
-    "write_container": "vdfmu.engine.cosim.container",
-    "write_osp": "vdfmu.ssp.write",
-    "write_ssp": "vdfmu.ssp.write",
-}
+_NAMES = {
+    "vdfmu.dynamics": (
+        "forward_dynamics", "forward_kinematics", "gravity_torque", "inverse_dynamics", "jacobian", "mass_matrix",
+    ),
+    "vdfmu.engine.cosim": ("Results", "Simulator", "simulate"),
+    "vdfmu.engine.cosim.container": ("write_container",),
+    "vdfmu.engine.federation": ("federate",),
+    "vdfmu.engine.ssp": ("load_ssp",),
+    "vdfmu.engine.ssp.limits": ("package_limit",),
+    "vdfmu.errors": ("VdfmuError",),
+    "vdfmu.fmu": ("build_fmus",),
+    "vdfmu.model": ("Robot", "load_robot", "robot_names"),
+    "vdfmu.scenario": ("Scenario", "load_scenario", "scenario_names"),
+    "vdfmu.ssp.osp": ("write_osp",),
+    "vdfmu.ssp.write": ("write_ssp",),
+    "vdfmu.study.run": ("run",),
+    "vdfmu.sweeps.run": ("sweep",),
+    "vdfmu.sweeps.table": ("Sweep",),
+    "vdfmu.tuning.run": ("tune",),
+}  # fmt: skip
+_WHERE = {name: module for module, names in _NAMES.items() for name in names}
 
 __all__ = [
-    "Results",
-    "Robot",
-    "Scenario",
-    "Simulator",
-    "Sweep",
-    "VdfmuError",
-    "__version__",
-    "build_fmus",
-    "federate",
-    "forward_dynamics",
-    "forward_kinematics",
-    "gravity_torque",
-    "inverse_dynamics",
-    "jacobian",
-    "load_robot",
-    "load_scenario",
-    "load_ssp",
-    "mass_matrix",
-    "package_limit",
-    "robot_names",
-    "run",
-    "scenario_names",
-    "simulate",
-    "sweep",
-    "tune",
-    "write_container",
-    "write_osp",
-    "write_ssp",
-]
+    "Results", "Robot", "Scenario", "Simulator", "Sweep", "VdfmuError", "__version__", "build_fmus", "federate",
+    "forward_dynamics", "forward_kinematics", "gravity_torque", "inverse_dynamics", "jacobian", "load_robot",
+    "load_scenario", "load_ssp", "mass_matrix", "package_limit", "robot_names", "run", "scenario_names", "simulate",
+    "sweep", "tune", "write_container", "write_osp", "write_ssp",
+]  # fmt: skip
 
 
 def __getattr__(name: str) -> Any:

@@ -11,15 +11,11 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from vdfmu.arrays import Floats
 from vdfmu.fmu.native.rows import compiled_rows
 from vdfmu.kernel import Kernel
 from vdfmu.model import Robot
 from vdfmu.model.robot import robot_argument
-
-__all__ = [
-    "forward_dynamics", "forward_kinematics", "gravity_torque", "inverse_dynamics", "jacobian", "mass_matrix",
-]  # fmt: skip
-
 
 _NO_WRENCH = np.zeros(6)
 _WORTH = 50_000
@@ -39,8 +35,8 @@ class _Kernel(Kernel):
         self,
         name: str,
         prepared: Any,
-        arrays: Sequence[npt.NDArray[np.float64]],
-        out: npt.NDArray[np.float64],
+        arrays: Sequence[Floats],
+        out: Floats,
     ) -> None:
         """Calculate a batch."""
         with self._lock:
@@ -65,7 +61,7 @@ def inverse_dynamics(
     q_dot: npt.ArrayLike,
     q_ddot: npt.ArrayLike,
     F_e: npt.ArrayLike | None = None,
-) -> npt.NDArray[np.float64]:
+) -> Floats:
     """Joint torques of the rigid arm for a given motion, Eq. (29)-(31) and (44)-(47), without friction.
 
     Parameters
@@ -103,7 +99,7 @@ def forward_dynamics(
     q_dot: npt.ArrayLike,
     tau: npt.ArrayLike,
     F_e: npt.ArrayLike | None = None,
-) -> npt.NDArray[np.float64]:
+) -> Floats:
     """Joint accelerations of the rigid arm, by the articulated recursion; the inverse of :func:`inverse_dynamics`.
 
     Parameters
@@ -122,7 +118,7 @@ def forward_dynamics(
     return kernel.rows("forward_dynamics", (q, q_dot, tau, wrench), (n, n, n, 6))
 
 
-def gravity_torque(robot: Robot, q: npt.ArrayLike) -> npt.NDArray[np.float64]:
+def gravity_torque(robot: Robot, q: npt.ArrayLike) -> Floats:
     """Joint torques that hold the rigid arm at rest against gravity, Eq. (44)-(47) with (62).
 
     For one position `q`, (n,) [rad or m], or a batch, (m, n); errors as of :func:`inverse_dynamics`.
@@ -135,7 +131,7 @@ def gravity_torque(robot: Robot, q: npt.ArrayLike) -> npt.NDArray[np.float64]:
     return inverse_dynamics(robot, q, rest, rest)
 
 
-def mass_matrix(robot: Robot, q: npt.ArrayLike) -> npt.NDArray[np.float64]:
+def mass_matrix(robot: Robot, q: npt.ArrayLike) -> Floats:
     """Mass matrix of the rigid arm by the mapping matrices (37)-(43), without the rotors.
 
     For one position `q`, (n,) [rad or m], or a batch, (m, n); errors as of :func:`inverse_dynamics`.
@@ -149,7 +145,7 @@ def mass_matrix(robot: Robot, q: npt.ArrayLike) -> npt.NDArray[np.float64]:
     return _at_position(robot, "mass_matrix", q, (n, n))
 
 
-def jacobian(robot: Robot, q: npt.ArrayLike) -> npt.NDArray[np.float64]:
+def jacobian(robot: Robot, q: npt.ArrayLike) -> Floats:
     """Jacobian of the end effector, Eq. (37)-(38): ``V_O = J_q @ q_dot``.
 
     For one position `q`, (n,) [rad or m], or a batch, (m, n); errors as of :func:`inverse_dynamics`.
@@ -162,9 +158,7 @@ def jacobian(robot: Robot, q: npt.ArrayLike) -> npt.NDArray[np.float64]:
     return _at_position(robot, "jacobian", q, (6, robot_argument(robot).n))
 
 
-def forward_kinematics(
-    robot: Robot, q: npt.ArrayLike
-) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+def forward_kinematics(robot: Robot, q: npt.ArrayLike) -> tuple[Floats, Floats]:
     """Pose of the end-effector frame {O} in {I}, by the product of (34)-(36).
 
     For one position `q`, (n,) [rad or m], or a batch, (m, n); errors as of :func:`inverse_dynamics`.
@@ -180,9 +174,7 @@ def forward_kinematics(
     return pose[..., :3], pose[..., 3:].reshape(*pose.shape[:-1], 3, 3)
 
 
-def _at_position(
-    robot: Robot, name: str, q: npt.ArrayLike, shape: tuple[int, ...]
-) -> npt.NDArray[np.float64]:
+def _at_position(robot: Robot, name: str, q: npt.ArrayLike, shape: tuple[int, ...]) -> Floats:
     """Return the result of a traced function of `q` alone, (..., *shape)."""
     kernel = _kernel(robot)
     flat = kernel.rows(name, (q,), (kernel.robot.n,))

@@ -14,8 +14,6 @@ from typing import BinaryIO
 
 from vdfmu.errors import StorageError, UsageError, VdfmuError
 
-__all__ = ["pack_zip", "read_member", "regular_target", "replacing", "storing", "write_whole"]
-
 _EPOCH = (1980, 1, 1, 0, 0, 0)
 _PACKED = (".fmu", ".ssp", ".png")
 

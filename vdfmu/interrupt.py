@@ -12,8 +12,6 @@ from contextlib import contextmanager
 from types import FrameType
 from typing import Any
 
-__all__ = ["InterruptGuard", "Stopped", "command_begins", "command_ended", "listening"]
-
 _SIGNALS = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
 _RETRY = 0.005
 """Time [s] after which a signal that came while CasADi was called, or that a library dropped, comes again."""

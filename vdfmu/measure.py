@@ -9,25 +9,16 @@ from functools import lru_cache
 
 from vdfmu.errors import UsageError
 
-__all__ = ["Measure", "coherent", "derivative_of", "measure", "unit_of"]
-
 
 @dataclass(frozen=True)
 class Measure:
-    """A unit of measurement of FMI and SSP; all are coherent SI, so factor 1 and offset 0.
-
-    Attributes
-    ----------
-    name : str
-    exponents : dict
-        Exponents of the base units kg, m, s, A, K, mol, cd, rad; those that are 0 are left out.
-    display : dict
-        Display unit to its factor, ``value in display unit = factor * value``.
-    """
+    """A unit of measurement of FMI and SSP; all are coherent SI, so factor 1 and offset 0."""
 
     name: str
     exponents: dict[str, int]
+    """Exponents of the base units kg, m, s, A, K, mol, cd, rad; those that are 0 are left out."""
     display: dict[str, float]
+    """Display unit to its factor, ``value in display unit = factor * value``."""
 
 
 _BASE = ("kg", "m", "s", "A", "K", "mol", "cd", "rad")

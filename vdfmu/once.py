@@ -12,8 +12,6 @@ from contextvars import ContextVar
 from functools import wraps
 from typing import Any, TypeVar, TypeVarTuple
 
-__all__ = ["once", "one_job"]
-
 _made: ContextVar[dict[Hashable, Any] | None] = ContextVar("_made", default=None)
 Arguments = TypeVarTuple("Arguments")
 Made = TypeVar("Made")

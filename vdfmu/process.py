@@ -15,8 +15,6 @@ from typing import IO, BinaryIO
 
 from vdfmu.text import shown
 
-__all__ = ["KEPT", "SHOWN", "Listener", "end_group", "private_pipes", "started"]
-
 KEPT = 4096
 """Bytes of a process's output that are kept: the last."""
 SHOWN = 2**16

@@ -7,8 +7,6 @@ from contextlib import contextmanager
 from contextvars import ContextVar
 from typing import TypeVar
 
-__all__ = ["Progress", "counted", "showing"]
-
 Progress = Callable[[str, int, int], None]
 """Called with the stage, the number of finished steps and their total."""
 _T = TypeVar("_T")

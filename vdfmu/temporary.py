@@ -8,8 +8,6 @@ from contextlib import contextmanager
 
 from vdfmu.interrupt import InterruptGuard
 
-__all__ = ["temporary_folder"]
-
 
 @contextmanager
 def temporary_folder(prefix: str) -> Generator[str]:

@@ -124,10 +124,10 @@ def test_an_integer_outside_the_mapping_is_kept(pack, xml):
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"step": 0.3}, r"no multiple of the step 0\.3 s; the nearest stop is 0\.9 s"),
-        ({"step": 0.0}, "step must be positive, got 0"),
-        ({"step": float("nan")}, "step must be finite"),
-        ({"step": 0.1, "start": 2.0}, "stop must be after start, got 2.0 s to 1.0 s"),
+        ({"step": 0.3}, r"stop: expected a multiple of step = 0\.3 s, got 1 s\. The nearest is 0\.9 s"),
+        ({"step": 0.0}, "step: expected a positive finite time, got 0 s"),
+        ({"step": float("nan")}, "step: expected a positive finite time, got nan s"),
+        ({"step": 0.1, "start": 2.0}, "stop - start: expected a positive finite time, got -1 s"),
         ({"step": 0.1, "tolerance": -1.0}, "tolerance must be positive"),
         ({"step": 0.1, "algorithm": "euler"}, "unknown algorithm 'euler'; there are gauss-seidel, jacobi"),
         ({"step": 0.1, "parameters": {"arm.att": 1.0}}, "arm has no variable 'att'; did you mean at"),

@@ -103,7 +103,7 @@ def test_what_is_wrong_is_told_where_it_is_said(package):
     with simulator:
         with pytest.raises(UsageError, match=r"has no variable 'mess'"):
             simulator.run(parameters={"plant.mess": 1.0}, **OPTIONS)
-        with pytest.raises(UsageError, match="no multiple of the step"):
+        with pytest.raises(UsageError, match="expected a multiple of step = 0.001 s"):
             simulator.run(stop=0.0015, step=1e-3)
         assert len(simulator.run(**OPTIONS)) == 51
     with pytest.raises(UsageError, match="made in a block"):

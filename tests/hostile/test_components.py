@@ -14,8 +14,7 @@ import pytest
 from vdfmu.engine.check import run as check_run
 from vdfmu.engine.check.findings import Findings
 from vdfmu.engine.check.inspect import inspect_file
-from vdfmu.engine.cosim.component import _boxes, on_message
-from vdfmu.engine.cosim.messages import MessageBox
+from vdfmu.engine.cosim.messages import MessageBox, boxes, on_message
 from vdfmu.files import pack_zip
 from vdfmu.fmu import build_fmus
 from vdfmu.model import Robot
@@ -188,7 +187,7 @@ def test_what_a_terminal_acts_on_is_written_out():
 
 def test_messages_of_components_are_bounded_and_shown(monkeypatch):
     box = MessageBox(lambda message: None, limit=100)
-    monkeypatch.setitem(_boxes, 7, ("a", box))
+    monkeypatch.setitem(boxes, 7, ("a", box))
     for _ in range(1000):
         on_message(7, 3, b"error\x1b", b"\x1b[31m" + bytes(100) + b"x" * 100_000)
         assert len(box.pending) < 200

@@ -223,7 +223,7 @@ def test_many_settings_leave_room_for_the_panels(made, tmp_path: Path):
     results, scenario = made.results(2), made.scenario(TWO)
     results.summary = {"settings": {f"plant.inertia[{i},1,1]": "0.123456789" for i in range(1, 105)}}
     assert "and 100 more." in caption(plots.draw_torques(results, scenario))
-    assert len(plots.tracking_figures(results, scenario, tmp_path)) == 2
+    assert len(plots.run_figures(results, scenario, tmp_path)) == 2
 
 
 # --- that they can be read -------------------------------------------------------------------------------
@@ -306,7 +306,7 @@ def test_thinning_goes_round_what_is_not_a_number():
 
 def test_an_unfinished_run_can_be_drawn(made, tmp_path: Path):
     results, scenario = made.results(2, points=1), made.scenario(TWO)
-    for path in plots.tracking_figures(results, scenario, tmp_path):
+    for path in plots.run_figures(results, scenario, tmp_path):
         assert path.stat().st_size > 10_000
 
 
@@ -337,9 +337,9 @@ def test_shipped_scenarios_say_which_table(name, tables):
 
 @pytest.mark.parametrize("types", [MIXED, SIX], ids=len)
 def test_files_are_png_of_plausible_size(made, tmp_path: Path, types):
-    paths = plots.tracking_figures(made.results(len(types)), made.scenario(types), tmp_path)
-    paths += plots.two_joint_figures(made.results(len(types)), made.scenario(types), tmp_path)
-    paths += plots.contrast_figures(made.contrast(types), tmp_path)
+    paths = plots.run_figures(made.results(len(types)), made.scenario(types), tmp_path)
+    paths += plots.run_figures(made.results(len(types)), made.scenario(types, "Table 5"), tmp_path)
+    paths += plots.run_figures(made.contrast(types), made.scenario(types), tmp_path)
     assert len({path.name for path in paths}) == 6
     for path in paths:
         png = path.read_bytes()
@@ -350,12 +350,12 @@ def test_files_are_png_of_plausible_size(made, tmp_path: Path, types):
 
 def test_the_same_data_give_the_same_bytes(made, tmp_path: Path):
     results, scenario = made.results(3), made.scenario(MIXED)
-    first = [path.read_bytes() for path in plots.tracking_figures(results, scenario, tmp_path)]
+    first = [path.read_bytes() for path in plots.run_figures(results, scenario, tmp_path)]
     before = dict(matplotlib.rcParams)
     with matplotlib.rc_context(
         {"font.size": 20.0, "lines.linewidth": 9.0, "savefig.dpi": 40, "axes.grid": False}
     ):
-        second = [path.read_bytes() for path in plots.tracking_figures(results, scenario, tmp_path)]
+        second = [path.read_bytes() for path in plots.run_figures(results, scenario, tmp_path)]
     assert first == second
     assert dict(matplotlib.rcParams) == before
     for png in first:
@@ -365,7 +365,7 @@ def test_the_same_data_give_the_same_bytes(made, tmp_path: Path):
 def test_a_file_in_the_way_is_reported(made, tmp_path: Path):
     (tmp_path / "taken").write_text("")
     with pytest.raises(VdfmuError, match=r"cannot write .*torques\.png"):
-        plots.tracking_figures(made.results(1), made.scenario(ONE), tmp_path / "taken")
+        plots.run_figures(made.results(1), made.scenario(ONE), tmp_path / "taken")
 
 
 def test_pyplot_is_not_needed():

@@ -8,8 +8,8 @@ import zipfile
 import pytest
 
 from vdfmu.engine.check.inspect import check_file
-from vdfmu.engine.ssp import Experiment, load_ssp
-from vdfmu.engine.ssp.experiment import FOREIGN, read_experiment
+from vdfmu.engine.ssp import load_ssp
+from vdfmu.engine.ssp.experiment import FOREIGN, Experiment, read_experiment
 from vdfmu.errors import SspError
 from vdfmu.scenario import load_scenario
 from vdfmu.ssp.description import SystemDescription

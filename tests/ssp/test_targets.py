@@ -8,7 +8,8 @@ import pytest
 from vdfmu.errors import StorageError
 from vdfmu.files import pack_zip, read_member, replacing
 from vdfmu.scenario import load_scenario
-from vdfmu.ssp.write import write_osp, write_ssp
+from vdfmu.ssp.osp import write_osp
+from vdfmu.ssp.write import write_ssp
 
 
 @pytest.fixture(scope="module")

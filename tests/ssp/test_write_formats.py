@@ -20,10 +20,11 @@ from vdfmu.scenario.values import system_values
 from vdfmu.ssp.description import SystemDescription
 from vdfmu.ssp.documentation import system_page
 from vdfmu.ssp.drawing import draw_system
+from vdfmu.ssp.osp import write_osp
 from vdfmu.ssp.parameter_files import mapping_file, parameter_file
 from vdfmu.ssp.structure_file import structure_file
 from vdfmu.ssp.versions import fmi_of_format
-from vdfmu.ssp.write import write_osp, write_ssp
+from vdfmu.ssp.write import write_ssp
 from vdfmu.ssp.xml import to_bytes
 from vdfmu.unit.interface import Interface
 from vdfmu.units import shipped_units

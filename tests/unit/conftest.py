@@ -9,7 +9,8 @@ import vdfmu
 from vdfmu.scenario.parts import build_parts
 from vdfmu.scenario.values import system_values
 from vdfmu.ssp.description import SystemDescription
-from vdfmu.ssp.write import write_osp, write_ssp
+from vdfmu.ssp.osp import write_osp
+from vdfmu.ssp.write import write_ssp
 from vdfmu.units import find_unit
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples" / "units"

@@ -6,17 +6,13 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 from scipy.linalg import expm
 
+from vdfmu.arrays import Floats
 from vdfmu.errors import UsageError
 from vdfmu.study.wired import System
 from vdfmu.unit.evaluate import Evaluation, Traced
 from vdfmu.unit.trace import argument_name
-
-__all__ = ["Linear", "feedback", "held", "linearize"]
-
-Floats = npt.NDArray[np.float64]
 
 
 class Linear(NamedTuple):

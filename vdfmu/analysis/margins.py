@@ -17,6 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from vdfmu.analysis.linear import Linear, feedback, held, linearize
+from vdfmu.arrays import Floats
 from vdfmu.errors import UsageError
 from vdfmu.model.parameters import section
 from vdfmu.scenario import Scenario
@@ -24,9 +25,6 @@ from vdfmu.scenario.values import system_values
 from vdfmu.ssp.description import SystemDescription
 from vdfmu.study.wired import System
 
-__all__ = ["ArmLoops", "Loop", "Margins", "stability_margins"]
-
-Floats = npt.NDArray[np.float64]
 Complex = npt.NDArray[np.complex128]
 
 _DESIRED = {
@@ -48,47 +46,36 @@ _SLOWEST = 1e-4
 
 
 class Margins(NamedTuple):
-    """Margins of each joint's loop, (n,) each.
-
-    Attributes
-    ----------
-    modulus : smallest distance of the loop to -1, min |1 + L|
-    gain : smallest factor above 1 of the loop's gain that destabilises it
-    phase : smallest lag [rad] that does
-    delay : smallest further delay [s] that does
-    radius : float
-        Largest absolute eigenvalue of the closed loop; unless it is below 1, or what the growth allows, modulus, phase
-        and delay are 0.
-    """
+    """Margins of each joint's loop, (n,) each."""
 
     modulus: Floats
+    """Smallest distance of the loop to -1, min |1 + L|."""
     gain: Floats
+    """Smallest factor above 1 of the loop's gain that destabilises it."""
     phase: Floats
+    """Smallest lag [rad] that does."""
     delay: Floats
+    """Smallest further delay [s] that does."""
     radius: float
+    """Largest absolute eigenvalue of the closed loop; unless it is below 1, or what the growth allows, modulus, phase
+    and delay are 0."""
 
 
 @dataclass(frozen=True)
 class Loop:
-    """The loop at one time.
-
-    Attributes
-    ----------
-    t : float [s]
-    plant : Linear
-        Continuous, with the motor torques as inputs.
-    K : (n, 4 n)
-        Feedback: deviation of the motor torques by those of the plant's states.
-    step : float [s]
-    growth : float [1/s]
-        Rate up to which what grows counts as stable: margins are those on the circle ``|z| = exp(growth step)``.
-    """
+    """The loop at one time."""
 
     t: float
+    """In s."""
     plant: Linear
+    """Continuous, with the motor torques as inputs."""
     K: Floats
+    """Feedback (n, 4 n): deviation of the motor torques by those of the plant's states."""
     step: float
+    """In s."""
     growth: float = 0.0
+    """Rate [1/s] up to which what grows counts as stable: margins are those on the circle ``|z| = exp(growth
+    step)``."""
 
     @cached_property
     def sampled(self) -> Linear:

@@ -7,14 +7,12 @@ from ctypes import c_int64, c_void_p
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from vdfmu.arrays import Floats
 from vdfmu.batch.program import Program
 from vdfmu.engine.cosim.results import Results, Signal
 from vdfmu.fmu.native.loaded import load_library
 from vdfmu.text import matching
-
-__all__ = ["Engine"]
 
 _ALIGNED = 64
 """Bytes at multiples of which the memory begins."""
@@ -103,7 +101,7 @@ class Engine:
         return True
 
 
-def _aligned(rows: int, columns: int) -> npt.NDArray[np.float64]:
+def _aligned(rows: int, columns: int) -> Floats:
     """Return an array whose memory begins where a vector may."""
     bytes_ = np.zeros(rows * columns * 8 + _ALIGNED, dtype=np.uint8)
     offset = -bytes_.ctypes.data % _ALIGNED

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 import numpy as np
-import numpy.typing as npt
 
+from vdfmu.arrays import Floats
 from vdfmu.batch.program import Program
 from vdfmu.batch.source import lane_sources
 from vdfmu.engine.cosim.exchange import largest_step
@@ -19,8 +19,6 @@ from vdfmu.study.reference import REFERENCE_OF
 from vdfmu.study.wired import System
 from vdfmu.unit.evaluate import Traced
 from vdfmu.unit.interface import Interface
-
-__all__ = ["FLAGS", "LEVELS", "make_program"]
 
 _WIDE = ("-mavx2", "-mfma", "-mavx512f", "-mavx512dq", "-mavx512vl", "-mprefer-vector-width=512")
 LEVELS = ((4, ()), (4, ("-mavx2", "-mfma")), (8, _WIDE))
@@ -108,6 +106,6 @@ def _variables(system: System) -> tuple[dict[str, tuple[int, float, float]], dic
     return parameters, signals
 
 
-def _courses(courses: list[Course], points: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+def _courses(courses: list[Course], points: Floats) -> Floats:
     values = [[course.at(t)[0] for course in courses] for t in points.tolist()] if courses else []
     return np.array(values, dtype=np.float64).reshape(len(points), len(courses))

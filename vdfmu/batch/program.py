@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-__all__ = ["LANES", "Program"]
+from vdfmu.arrays import Floats
 
 LANES = 8
 """Most lanes that a processor has."""
@@ -16,33 +16,25 @@ LANES = 8
 
 @dataclass(frozen=True)
 class Program:
-    """The compiled communication steps of a system.
-
-    Attributes
-    ----------
-    libraries : tuple of bytes
-        As of :data:`vdfmu.batch.make.LEVELS`, as many as the platform has.
-    memory : (m,) array
-        Values before the start.
-    parameters : dict of str to (place, least, largest)
-        What a point may set, ``component.variable``, and its limits.
-    signals : dict of str to (place, unit)
-        What can be recorded.
-    optional : list of list of int
-        Places that a call sets which runs where one of them is recorded.
-    fed : (k,) places of inputs from outside
-    course : (n, k) their values over the steps
-    points, sizes : (n,) begin and length of the communication steps [s]
-    time : (n + 1,) of the rows [s]
-    """
+    """The compiled communication steps of a system."""
 
     libraries: tuple[bytes, ...]
-    memory: npt.NDArray[np.float64]
+    """As of :data:`vdfmu.batch.make.LEVELS`, as many as the platform has."""
+    memory: Floats
+    """Values before the start, (m,)."""
     parameters: Mapping[str, tuple[int, float, float]]
+    """What a point may set, ``component.variable``: place, least and largest value."""
     signals: Mapping[str, tuple[int, str]]
+    """What can be recorded: place and unit."""
     optional: list[list[int]]
+    """Places that a call sets which runs where one of them is recorded."""
     fed: npt.NDArray[np.int64]
-    course: npt.NDArray[np.float64]
-    points: npt.NDArray[np.float64]
-    sizes: npt.NDArray[np.float64]
-    time: npt.NDArray[np.float64]
+    """Places of the inputs from outside, (k,)."""
+    course: Floats
+    """Their values in the steps, (n, k)."""
+    points: Floats
+    """Begin of each step [s], (n,)."""
+    sizes: Floats
+    """Length of each step [s], (n,)."""
+    time: Floats
+    """Of the rows [s], (n + 1,)."""

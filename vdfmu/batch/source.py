@@ -17,8 +17,6 @@ from vdfmu.study.wired import Evaluate, System
 from vdfmu.unit.evaluate import Evaluation, Traced
 from vdfmu.unit.program import Call
 
-__all__ = ["lane_sources"]
-
 _DIVISION = re.compile(r" / (w\d+);")
 """End of a line of C that divides: as a product, so that a compiler finds reciprocals that it has."""
 
@@ -103,7 +101,10 @@ class _LaneCode(Code):
             [
                 head("The order of a step of the units of a system, and what they calculate, in lanes."),
                 '#include "lanes.h"\n',
-                *(_DIVISION.sub(r" * (1.0 / \1);", kernel_source(function)) for function in self.called.values()),
+                *(
+                    _DIVISION.sub(r" * (1.0 / \1);", kernel_source(function))
+                    for function in self.called.values()
+                ),
                 f"enum {{ {', '.join(f'{name} = {size}' for name, size in sizes.items())} }};",
                 "static const real still[MOST_INPUTS]; /* rates of the inputs */\n",
                 '#include "advance.h"\n',

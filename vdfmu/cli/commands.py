@@ -17,8 +17,6 @@ from vdfmu.cli.terminal import console, fail
 from vdfmu.errors import ModelError, SspError, UsageError, VdfmuError
 from vdfmu.once import one_job
 
-__all__ = ["app", "command"]
-
 app = typer.Typer(
     no_args_is_help=True,
     add_completion=False,

@@ -143,8 +143,9 @@ def ssp(
     """
     chosen = load(scenario, robot)
     from vdfmu.scenario.parts import build_parts
+    from vdfmu.ssp.osp import write_osp
     from vdfmu.ssp.versions import fmi_of_format
-    from vdfmu.ssp.write import write_osp, write_ssp
+    from vdfmu.ssp.write import write_ssp
     from vdfmu.temporary import temporary_folder
 
     fmi_version = fmi_of_format(form, backend)

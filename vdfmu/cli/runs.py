@@ -209,41 +209,15 @@ def simulate(
 
     Start, stop, step and master that are not given are those of the package's default experiment and its annotations.
     """
-    from vdfmu.engine.folder import SYSTEM_OUTPUTS
-    from vdfmu.engine.simulate import default_folder, run_system
-    from vdfmu.engine.ssp.limits import package_limit
-    from vdfmu.report import tables
-
     draw = None
     if plot:
         from vdfmu.report.signals import signals_figure as draw
-    with Bars() as bars, package_limit(unpack_limit):
-        results = run_system(
-            package,
-            variant=variant,
-            start=start,
-            stop=stop,
-            step=step,
-            master=master,
-            adaptive=adaptive,
-            tolerance=tolerance,
-            settings=parse_settings(settings),
-            inputs=inputs,
-            input_hold=input_hold,
-            record=record or None,
-            ignore_unmatched=ignore_unmatched,
-            isolate=isolate,
-            time_limit=time_limit,
-            memory_limit=memory_limit,
-            out=out,
-            overwrite=overwrite,
-            formats=formats.split(","),
-            progress=bars.update,
-            log=bars.log,
-            draw=draw,
-        )
-    console.print(tables.run_panel(results.summary))
-    _say_written(out if out is not None else default_folder(package), SYSTEM_OUTPUTS)
+    _run_package(
+        package, out, unpack_limit, settings, record, formats, variant=variant, start=start, stop=stop, step=step,
+        master=master, adaptive=adaptive, tolerance=tolerance, inputs=inputs, input_hold=input_hold,
+        ignore_unmatched=ignore_unmatched, isolate=isolate, time_limit=time_limit, memory_limit=memory_limit,
+        overwrite=overwrite, draw=draw,
+    )  # fmt: skip
 
 
 def federate(
@@ -300,36 +274,40 @@ def federate(
     Each steps its components with what the others had at the start of the step, as --master jacobi does in one process.
     """
     from vdfmu.engine.federation import Federation
+    from vdfmu.engine.simulate import default_folder
+
+    if out is None and only is not None:
+        folder = default_folder(package)
+        out = folder.with_name(f"{folder.name}_{only}")
+    _run_package(
+        package, out, unpack_limit, settings, record, formats, variant=variant, start=start, stop=stop, step=step,
+        tolerance=tolerance, inputs=inputs, input_hold=input_hold, ignore_unmatched=ignore_unmatched,
+        time_limit=time_limit, overwrite=overwrite, federation=Federation(split, only, broker, core),
+    )  # fmt: skip
+
+
+def _run_package(
+    package: Path,
+    out: Path | None,
+    unpack_limit: int | None,
+    settings: list[str] | None,
+    record: list[str] | None,
+    formats: str,
+    **options: Any,
+) -> None:
+    """Run a package with what a command line says, and print what the run was."""
     from vdfmu.engine.folder import SYSTEM_OUTPUTS
     from vdfmu.engine.simulate import default_folder, run_system
     from vdfmu.engine.ssp.limits import package_limit
     from vdfmu.report import tables
 
-    folder = default_folder(package)
-    folder = out or (folder if only is None else folder.with_name(f"{folder.name}_{only}"))
     with Bars() as bars, package_limit(unpack_limit):
         results = run_system(
-            package,
-            variant=variant,
-            start=start,
-            stop=stop,
-            step=step,
-            tolerance=tolerance,
-            settings=parse_settings(settings),
-            inputs=inputs,
-            input_hold=input_hold,
-            record=record or None,
-            ignore_unmatched=ignore_unmatched,
-            time_limit=time_limit,
-            federation=Federation(split, only, broker, core),
-            out=folder,
-            overwrite=overwrite,
-            formats=formats.split(","),
-            progress=bars.update,
-            log=bars.log,
-        )
+            package, settings=parse_settings(settings), record=record or None, out=out, formats=formats.split(","),
+            progress=bars.update, log=bars.log, **options,
+        )  # fmt: skip
     console.print(tables.run_panel(results.summary))
-    _say_written(folder, SYSTEM_OUTPUTS)
+    _say_written(out or default_folder(package), SYSTEM_OUTPUTS)
 
 
 def _say_written(folder: Path, outputs: Sequence[str]) -> None:

@@ -28,8 +28,6 @@ from vdfmu.cli.terminal import (
     say_notes,
 )
 
-__all__ = ["app"]
-
 _SHOWN = 5
 """Failed points that are listed."""
 

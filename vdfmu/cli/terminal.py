@@ -23,11 +23,6 @@ if TYPE_CHECKING:
     from vdfmu.engine.cosim import LogMessage
     from vdfmu.scenario import Scenario
 
-__all__ = [
-    "BackendOption", "Bars", "RobotOption", "ScenarioArgument", "SetOption", "UnpackOption", "building",
-    "console", "errors", "fail", "load", "parse_settings", "say", "say_notes",
-]  # fmt: skip
-
 
 class _Terminal(Console):
     """The one place through which text goes to the terminal: what it would act on is shown, but for rich's own."""

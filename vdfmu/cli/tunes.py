@@ -20,8 +20,6 @@ from vdfmu.cli.terminal import (
     say_notes,
 )
 
-__all__ = ["tune"]
-
 
 def tune(
     scenario: ScenarioArgument,

@@ -16,16 +16,6 @@ from vdfmu.engine.json_text import to_json
 from vdfmu.errors import CosimError, UsageError, VdfmuError
 from vdfmu.interrupt import InterruptGuard
 
-__all__ = [
-    "DRAWN",
-    "SYSTEM_OUTPUTS",
-    "keep",
-    "known_formats",
-    "replacing_results",
-    "write_summary",
-    "written",
-]
-
 SYSTEM_OUTPUTS = ("results.csv", "results.parquet", "signals.png", "summary.json")
 """Files that a run of a package writes, and replaces in the folder of an earlier one; no package is among them."""
 DRAWN = 20_000

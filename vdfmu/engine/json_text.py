@@ -9,8 +9,6 @@ from typing import Any, cast
 
 import numpy as np
 
-__all__ = ["to_json"]
-
 
 def to_json(summary: Mapping[str, Any]) -> str:
     """Return a summary as JSON, which has no NaN and no infinity: they become the texts "nan", "inf" and "-inf"."""

@@ -5,8 +5,6 @@ from __future__ import annotations
 import re
 from typing import Any, NamedTuple
 
-__all__ = ["RULES", "Finding", "Place", "Rule", "found", "place_of", "reworded", "rules_table", "within"]
-
 Place = tuple[str, int]
 """XML file, with the package before it, and line; empty and 0 where there is none."""
 
@@ -21,20 +19,13 @@ class Rule(NamedTuple):
 
 
 class Finding(str):
-    """A sentence on what breaks a rule, with its place; a text like any other, so errors carry it.
-
-    Attributes
-    ----------
-    rule : Rule
-    file : str
-        The XML file in which it lies, with the package before it; empty where it is in none.
-    line : int
-        Of that file; 0 where it is in none.
-    """
+    """A sentence on what breaks a rule, with its place; a text like any other, so errors carry it."""
 
     rule: Rule
     file: str
+    """The XML file in which it lies, with the package before it; empty where it is in none."""
     line: int
+    """Of that file; 0 where it is in none."""
 
     def __new__(cls, text: str, rule: Rule, file: str = "", line: int = 0) -> Finding:
         """Make a finding of a text."""

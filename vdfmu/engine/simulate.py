@@ -17,8 +17,6 @@ from vdfmu.engine.ssp.read import DEFAULT, load_ssp
 from vdfmu.errors import CosimError, UsageError, VdfmuError
 from vdfmu.progress import Progress
 
-__all__ = ["default_folder", "run_system"]
-
 
 def default_folder(package: str | os.PathLike[str]) -> Path:
     """Return ``results/NAME_ssp``."""

@@ -14,8 +14,6 @@ from vdfmu.equations.harmonic_drive import (
 )
 from vdfmu.scalar.generic import clip, sgn
 
-__all__ = ["Estimates", "estimate_torque", "torque_estimates", "torque_of_deformation"]
-
 _PASSES = 16
 
 

@@ -28,19 +28,6 @@ from vdfmu.equations.spatial import cross_motion, joint_axis
 from vdfmu.equations.trajectory import Desired
 from vdfmu.scalar.jet import derivative, jets
 
-__all__ = [
-    "Feedforward",
-    "Gains",
-    "RequiredMotion",
-    "desired_drive_motion",
-    "drive_torques",
-    "feedforward_inverse",
-    "feedforward_vdc",
-    "required_forces",
-    "required_motion",
-    "required_net_forces",
-]
-
 
 class Feedforward(NamedTuple):
     """Motor torque, and what springs and rotors do along the desired motion, each (n,).

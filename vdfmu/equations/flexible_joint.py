@@ -21,20 +21,6 @@ from vdfmu.equations.rigid_body import coriolis_force, net_force
 from vdfmu.equations.spatial import force_transform, joint_axis
 from vdfmu.scalar.generic import zeros
 
-__all__ = [
-    "axial_torques",
-    "rotor_acceleration",
-    "rotor_body",
-    "rotor_force",
-    "rotor_forces",
-    "rotor_position",
-    "rotor_torque",
-    "rotor_transform",
-    "rotor_velocities",
-    "rotor_velocity",
-    "spring_rate",
-]
-
 _z_tau = joint_axis("revolute")
 
 

@@ -15,8 +15,6 @@ from vdfmu.equations.spatial import cross_motion, force_transform, joint_axis, t
 from vdfmu.scalar.elimination import factorize, solve
 from vdfmu.scalar.generic import zeros
 
-__all__ = ["Rotors", "forward_dynamics", "forward_dynamics_by_mapping"]
-
 
 class Rotors(NamedTuple):
     """Rotors: speed kappa_dot (n,) [rad/s] divided by ell, torque tau_k (n,) [N m, motor-side] about the axis."""

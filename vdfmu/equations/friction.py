@@ -6,8 +6,6 @@ from typing import Any
 
 import numpy as np
 
-__all__ = ["coulomb_friction", "joint_friction", "stribeck_friction"]
-
 
 def stribeck_friction(robot: Any, velocity: Any) -> Any:
     """Coulomb, Stribeck and viscous friction xi, Eq. (54): (n,) [N m or N], link-side.

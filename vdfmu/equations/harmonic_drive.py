@@ -8,16 +8,6 @@ import numpy as np
 
 from vdfmu.scalar.generic import sgn
 
-__all__ = [
-    "deformation",
-    "deformation_derivative",
-    "kinematic_error",
-    "kinematic_error_slope",
-    "spring_energy",
-    "wave_generator_deformation",
-    "wave_generator_position",
-]
-
 
 def wave_generator_position(theta_c: Any, theta_f: Any, ell: Any) -> Any:
     """Position of the wave generator, ``theta_w = (ell + 1) theta_c - ell theta_f``, Eq. (1).

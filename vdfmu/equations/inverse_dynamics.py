@@ -16,18 +16,6 @@ from vdfmu.equations.kinematics import joint_transforms, tool_transform
 from vdfmu.equations.rigid_body import link_body, net_force
 from vdfmu.equations.spatial import cross_motion, joint_axis
 
-__all__ = [
-    "Cut",
-    "Motion",
-    "whole",
-    "gravity_in_links",
-    "inverse_dynamics",
-    "joint_torques",
-    "link_forces",
-    "link_motion",
-]
-
-
 # pass 1, base to end effector: velocities, accelerations and gravity
 
 

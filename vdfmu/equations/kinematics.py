@@ -8,8 +8,6 @@ import numpy as np
 
 from vdfmu.equations.spatial import force_transform, rotation_z
 
-__all__ = ["end_effector_pose", "joint_placements", "joint_rotation", "joint_transforms", "tool_transform"]
-
 
 def joint_rotation(robot: Any, i: int, q_i: Any) -> np.ndarray:
     """Rotation of {B_i} in {T_i}, the upper left block of Eq. (34)-(36).

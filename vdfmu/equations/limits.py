@@ -6,8 +6,6 @@ from typing import Any
 
 from vdfmu.scalar.generic import clip
 
-__all__ = ["motor_torque", "stop_energy", "stop_torque"]
-
 
 def _positive(x: Any) -> Any:
     """Return x where it is positive, else 0: exact."""

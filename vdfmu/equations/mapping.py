@@ -12,14 +12,6 @@ from vdfmu.equations.rigid_body import mass_matrix as body_mass_matrix
 from vdfmu.equations.spatial import joint_axis
 from vdfmu.scalar.generic import zeros
 
-__all__ = [
-    "extended_jacobian",
-    "jacobian",
-    "joint_space_jacobian",
-    "joint_space_mass_matrix",
-    "velocity_mapping",
-]
-
 
 def velocity_mapping(robot: Any, q: np.ndarray) -> np.ndarray:
     """Return the mapping J_ba from joint velocities to ``V_b = [V_O, V_B1, .., V_Bn]``, Eq. (40)-(41).

@@ -14,8 +14,6 @@ import numpy as np
 from vdfmu.equations.rigid_body import link_body
 from vdfmu.scalar.generic import zeros
 
-__all__ = ["newton_euler"]
-
 _AXIS = np.array([0.0, 0.0, 1.0])
 
 

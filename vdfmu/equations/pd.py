@@ -6,8 +6,6 @@ from typing import Any, NamedTuple
 
 from vdfmu.scalar.generic import clip
 
-__all__ = ["Command", "pd_control"]
-
 
 class Command(NamedTuple):
     """Motor torque `tau` (n,) [N m, motor-side] and feedback torque `tau_e` (n,) [N m or N, link-side]."""

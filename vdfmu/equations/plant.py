@@ -29,16 +29,6 @@ from vdfmu.equations.kinematics import end_effector_pose, joint_placements
 from vdfmu.equations.limits import motor_torque, stop_energy, stop_torque
 from vdfmu.equations.rigid_body import link_body, mass_matrix
 
-__all__ = [
-    "Outputs",
-    "State",
-    "balance",
-    "equilibrium_torque",
-    "plant_derivative",
-    "plant_outputs",
-    "split_state",
-]
-
 
 class State(NamedTuple):
     """State of the plant, each (n,): link positions, link and rotor velocities, link-side spring torques."""

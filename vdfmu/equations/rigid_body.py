@@ -9,8 +9,6 @@ import numpy as np
 from vdfmu.equations.spatial import skew
 from vdfmu.scalar.generic import zeros
 
-__all__ = ["coriolis_force", "coriolis_matrix", "gravity_force", "link_body", "mass_matrix", "net_force"]
-
 
 def link_body(robot: Any, i: int) -> tuple[Any, np.ndarray, np.ndarray]:
     """Return mass [kg], centre of mass (3,) [m] and inertia (3, 3) [kg m2] of link `i`, from 0, in {B_i}.

@@ -8,16 +8,6 @@ import numpy as np
 
 from vdfmu.scalar.generic import zeros
 
-__all__ = [
-    "cross_motion",
-    "force_transform",
-    "homogeneous_transform",
-    "joint_axis",
-    "rotation_z",
-    "skew",
-    "transform_mass_matrix",
-]
-
 _AXES = {
     "revolute": np.array([0.0, 0.0, 0.0, 0.0, 0.0, 1.0]),
     "prismatic": np.array([0.0, 0.0, 1.0, 0.0, 0.0, 0.0]),

@@ -8,8 +8,6 @@ import numpy as np
 
 from vdfmu.scalar.generic import piecewise_hold
 
-__all__ = ["Desired", "desired_motion"]
-
 
 class Desired(NamedTuple):
     """Desired joint positions and four time derivatives, each (n,)."""

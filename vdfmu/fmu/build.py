@@ -18,8 +18,6 @@ from vdfmu.once import one_job
 from vdfmu.unit.base import Unit, unit_name
 from vdfmu.units import find_unit, shipped_units
 
-__all__ = ["build_fmus", "build_notes", "choose_backend"]
-
 _MOST_JOINTS = 64
 _SLOW_JOINTS = 9
 """Joints from which on a first build is announced."""

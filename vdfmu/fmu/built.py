@@ -7,8 +7,6 @@ from pathlib import Path
 
 from vdfmu.kernel.cache import cache_folder, load, store
 
-__all__ = ["is_built", "keep_record"]
-
 
 def keep_record(path: Path, guid: str) -> None:
     """Note in the user's cache that an FMU of these bytes was built here, and its GUID or instantiation token."""

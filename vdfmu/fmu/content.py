@@ -22,8 +22,6 @@ from vdfmu.unit.interface import Interface
 from vdfmu.unit.load import load_units
 from vdfmu.units import shipped_units
 
-__all__ = ["BACKENDS", "CONTENT_FILE", "FMI_VERSIONS", "Content", "installed_digest"]
-
 CONTENT_FILE = "vdfmu.json"
 _UNIT_FILE = "unit.py"
 """Source of a unit that is not one of the package, in a Python FMU."""
@@ -60,30 +58,21 @@ def _tool(backend: str) -> str:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Content:
-    """Content of one FMU.
-
-    Attributes
-    ----------
-    unit : type of Unit
-    robot : Robot or None
-    start_values : mapping of str to float
-        Start values that differ from those of the declaration.
-    backend : "python" or "native"
-    fmi_version : "2.0" or "3.0"
-    version, digest : str
-        Version of vdfmu that built the FMU, and :func:`installed_digest` there; empty: those of here.
-    tool : str
-        Name and version of what made the FMU's libraries; empty: that of here.
-    """
+    """Content of one FMU."""
 
     unit: type[Unit]
     robot: Robot | None
     start_values: Mapping[str, float]
+    """Start values that differ from those of the declaration."""
     backend: str = "python"
+    """``python`` or ``native``."""
     fmi_version: str = "2.0"
     version: str = __version__
+    """Version of vdfmu that built the FMU."""
     digest: str = ""
+    """:func:`installed_digest` there; empty: that of here."""
     tool: str = ""
+    """Name and version of what made the FMU's libraries; empty: that of here."""
 
     def __post_init__(self) -> None:
         if not self.digest:

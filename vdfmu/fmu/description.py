@@ -11,14 +11,6 @@ from vdfmu.measure import measure
 from vdfmu.unit.interface import Interface
 from vdfmu.unit.variable import Variable
 
-__all__ = [
-    "DEFAULT_EXPERIMENT",
-    "LOG_CATEGORIES",
-    "document",
-    "model_description",
-    "number",
-]
-
 DEFAULT_EXPERIMENT = {"startTime": "0", "stopTime": "10", "stepSize": "0.001"}
 LOG_CATEGORIES = {
     "logEvents": "Start of the simulation.",

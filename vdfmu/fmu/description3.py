@@ -16,8 +16,6 @@ from vdfmu.fmu.description import (
 )
 from vdfmu.unit.interface import Array, Interface
 
-__all__ = ["FMI_3_TYPES", "build_description", "model_description_3"]
-
 FMI_3_TYPES = {"Real": "Float64", "Integer": "Int32", "Boolean": "Boolean"}
 """Type of FMI 2.0 to that of FMI 3.0 and SSP 2.0."""
 

@@ -11,8 +11,6 @@ from vdfmu.fmu.page import page, table
 from vdfmu.unit.interface import Array, Interface
 from vdfmu.unit.variable import Variable
 
-__all__ = ["documentation_files"]
-
 _KIND = {
     "input": "input",
     "output": "output",

@@ -1,11 +1,9 @@
-"""The frame of a documentation/index.html, of an FMU or a package: one page that needs no other file and no network."""
+"""The frame of a page, of an FMU, a package or a parameter study, that needs no other file and no network."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from html import escape
-
-__all__ = ["page", "table"]
 
 _STYLE = """
 body { font: 16px/1.5 system-ui, sans-serif; color: #1f2328; margin: 2rem auto; padding: 0 1rem; }
@@ -18,6 +16,7 @@ code, pre { background: #f3f4f6; border-radius: 3px; } code { padding: 0 .25em; 
 pre { padding: .6rem .8rem; overflow-x: auto; font: 14px/1.45 ui-monospace, monospace; }
 summary { cursor: pointer; font-weight: 600; margin: .4rem 0; }
 .wide { overflow-x: auto; }
+img { max-width: 100%; display: block; margin: 1rem 0; }
 """
 
 

@@ -15,8 +15,6 @@ from vdfmu.fmu.description import document
 from vdfmu.unit.declaration import Terminal
 from vdfmu.unit.interface import Interface
 
-__all__ = ["icon_files", "terminals_and_icons"]
-
 FOLDER = "terminalsAndIcons"
 
 # Corners of a terminal (x1, y1, x2, y2); the unit fills -100 .. 100.

@@ -15,8 +15,6 @@ import casadi as ca
 
 from vdfmu.errors import KernelError
 
-__all__ = ["EXPRESSIONS", "c_constant", "c_function", "c_prototype", "c_texts", "is_long"]
-
 EXPRESSIONS = {
     ca.OP_ASSIGN: "{0}",
     ca.OP_NEG: "-{0}",

@@ -11,8 +11,6 @@ import casadi as ca
 from vdfmu.errors import KernelError
 from vdfmu.kernel.c_code import EXPRESSIONS, c_constant, c_prototype
 
-__all__ = ["c_table"]
-
 _FIELD = 19
 """Bits of the target and of each operand in a word; the operation has the seven lowest."""
 

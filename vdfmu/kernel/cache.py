@@ -24,8 +24,6 @@ from platformdirs import user_cache_path
 from vdfmu.errors import UsageError
 from vdfmu.interrupt import InterruptGuard
 
-__all__ = ["COMPILER", "Entry", "cache_folder", "clear", "entries", "limit", "load", "store", "trusted"]
-
 _LINE = 65
 """Length of the digest and its end of line, which come before the content."""
 _HEAD = re.compile(rb"[0-9a-f]{64}\n")

@@ -7,8 +7,6 @@ from itertools import accumulate
 
 import casadi as ca
 
-__all__ = ["DIRECTIONS", "forward", "reverse"]
-
 
 def forward(function: ca.Function) -> ca.Function:
     """Return the product of the Jacobian of `function` with a direction, ``<name>_forward``.

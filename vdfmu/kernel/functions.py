@@ -12,6 +12,7 @@ import casadi as ca
 import numpy as np
 import numpy.typing as npt
 
+from vdfmu.arrays import Floats
 from vdfmu.errors import KernelError
 from vdfmu.interrupt import listening
 from vdfmu.kernel.cache import cache_folder, load, store
@@ -19,8 +20,6 @@ from vdfmu.kernel.derivatives import DIRECTIONS
 from vdfmu.kernel.structure import structure_key, values
 from vdfmu.kernel.trace import FUNCTIONS, trace
 from vdfmu.model import Robot
-
-__all__ = ["Functions", "Kernel", "KernelFunction"]
 
 
 class KernelFunction:
@@ -43,9 +42,7 @@ class KernelFunction:
         Float arrays, (m,). A rotation is laid out row by row, a Jacobian, which is CasADi's, column by column.
     """
 
-    def __init__(
-        self, function: ca.Function, buffers: Mapping[str, npt.NDArray[np.float64]] | None = None
-    ) -> None:
+    def __init__(self, function: ca.Function, buffers: Mapping[str, Floats] | None = None) -> None:
         self.function = function
         given = buffers or {}
         self.args = {name: _buffer(given, name, function.numel_in(name)) for name in function.name_in()}
@@ -57,9 +54,7 @@ class KernelFunction:
         for i, array in enumerate(self.results.values()):
             self._buffer.set_res(i, memoryview(array.data))  # pyright: ignore[reportCallIssue]
 
-    def __call__(
-        self, *arguments: npt.ArrayLike
-    ) -> npt.NDArray[np.float64] | tuple[npt.NDArray[np.float64], ...]:
+    def __call__(self, *arguments: npt.ArrayLike) -> Floats | tuple[Floats, ...]:
         """Run on `arguments`, in the order of `args`; return a copy of each result."""
         if len(arguments) != len(self.args):
             raise KernelError(
@@ -78,7 +73,7 @@ class KernelFunction:
         return results[0] if len(results) == 1 else results
 
 
-def _buffer(given: Mapping[str, npt.NDArray[np.float64]], name: str, size: int) -> npt.NDArray[np.float64]:
+def _buffer(given: Mapping[str, Floats], name: str, size: int) -> Floats:
     array = given.get(name)
     if array is None:
         return np.zeros(size)
@@ -147,7 +142,7 @@ class Functions:
         base, direction = derivative
         return DIRECTIONS[direction](self.casadi_function(base))
 
-    def function(self, name: str, /, **buffers: npt.NDArray[np.float64]) -> KernelFunction:
+    def function(self, name: str, /, **buffers: Floats) -> KernelFunction:
         """Return a function with buffers of its own, so that two users of it do not meet.
 
         Parameters
@@ -184,9 +179,7 @@ class Kernel(Functions):
         """Trace one of :meth:`names`."""
         return trace(name, self.robot)
 
-    def rows(
-        self, name: str, arguments: Sequence[npt.ArrayLike], sizes: Sequence[int]
-    ) -> npt.NDArray[np.float64]:
+    def rows(self, name: str, arguments: Sequence[npt.ArrayLike], sizes: Sequence[int]) -> Floats:
         """Call a function of one result for arrays (m,) or batches (k, m), with this robot's parameters."""
         prepared = getattr(self._prepared, name, None)
         if prepared is None:
@@ -207,8 +200,8 @@ class Kernel(Functions):
         self,
         name: str,
         prepared: _Prepared,
-        arrays: Sequence[npt.NDArray[np.float64]],
-        out: npt.NDArray[np.float64],
+        arrays: Sequence[Floats],
+        out: Floats,
     ) -> None:
         """Calculate a batch: the rows of `out` from those of `arrays`, of which each may be a single one."""
         wide = [np.broadcast_to(a, (len(out), a.shape[-1])) for a in arrays]
@@ -228,7 +221,7 @@ class _Prepared:
     result : array
     """
 
-    def __init__(self, function: ca.Function, sizes: Sequence[int], p: npt.NDArray[np.float64]) -> None:
+    def __init__(self, function: ca.Function, sizes: Sequence[int], p: Floats) -> None:
         self._all = np.zeros(sum(sizes))
         parts = np.split(self._all, np.cumsum(sizes)[:-1])
         self.buffers = dict(zip(function.name_in(), parts, strict=False))
@@ -248,13 +241,13 @@ class _Prepared:
             return False
         return math.isfinite(self._all.dot(self._all))
 
-    def calculated(self) -> npt.NDArray[np.float64]:
+    def calculated(self) -> Floats:
         """Return the result for what the buffers hold."""
         self._function.run()
         return self.result.copy()
 
 
-def _checked(function: str, name: str, value: npt.ArrayLike, size: int) -> npt.NDArray[np.float64]:
+def _checked(function: str, name: str, value: npt.ArrayLike, size: int) -> Floats:
     try:
         array = np.asarray(value, dtype=float)
     except (TypeError, ValueError) as error:

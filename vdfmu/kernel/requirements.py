@@ -17,29 +17,20 @@ from vdfmu.model import Robot
 from vdfmu.model.check import CONTRACTION_LIMIT, INERTIA_TOLERANCE
 from vdfmu.scalar.generic import minimum
 
-__all__ = ["Requirement", "margins", "requirements"]
-
 # A margin holds from 0 on. Where equality must fail this is taken off: it changes no number but zero.
 _STRICT = 1e-300
 
 
 @dataclass(frozen=True)
 class Requirement:
-    """One condition.
-
-    Attributes
-    ----------
-    expected : str
-        The condition as text.
-    parameters : tuple of Parameter
-        What it is about.
-    margin : callable
-        Returns the margin of a robot, given the first of the parameters.
-    """
+    """One condition."""
 
     expected: str
+    """The condition as text."""
     parameters: tuple[Parameter, ...]
+    """What it is about."""
     margin: Callable[[Any, Parameter], Any]
+    """Returns the margin of a robot, given the first of the parameters."""
 
 
 def requirements(robot: Robot) -> list[Requirement]:
@@ -90,17 +81,13 @@ def _kinematic_error(robot: Any, first: Parameter) -> Any:
     return CONTRACTION_LIMIT - 2.0 * robot.ell[i] * robot.theta_err_amplitude[i] - _STRICT
 
 
-def _matrix(robot: Any, first: Parameter) -> Any:
-    return getattr(robot, first.field)[first.index[:-2]]
-
-
 def _definite(robot: Any, first: Parameter) -> Any:
-    return _smallest_minor(_matrix(robot, first))
+    return _smallest_minor(getattr(robot, first.field)[first.index[:-2]])
 
 
 def _triangle(robot: Any, first: Parameter) -> Any:
     """Margin of ``tr(I)/2 E - I``, the second moments of mass, being semidefinite."""
-    inertia = _matrix(robot, first)
+    inertia = getattr(robot, first.field)[first.index[:-2]]
     half_trace = 0.5 * (inertia[0, 0] + inertia[1, 1] + inertia[2, 2])
     # check_inertia allows INERTIA_TOLERANCE times the largest moment, which is about half the trace where it counts
     return _smallest_minor(half_trace * (1.0 + 0.5 * INERTIA_TOLERANCE) * np.eye(3) - inertia)

@@ -17,8 +17,6 @@ import numpy.typing as npt
 from vdfmu.scalar.elimination import factorize, pattern, solve
 from vdfmu.scalar.symbol import from_sx, to_sx
 
-__all__ = ["ORDER", "Stages", "rodas_step", "stage_equations"]
-
 ORDER = 4
 GAMMA = 0.25
 # Coefficients in the transformed variables u_i of the book: a_ij of the stage values, c_ij of the stage
@@ -44,21 +42,17 @@ C = (
 
 
 class Stages(NamedTuple):
-    """The equations of the stages of ``R(x, y, t) = 0`` with ``y = x_dot``, factorized.
-
-    Attributes
-    ----------
-    factors : (l, 1) elements of the factors, of E and of R_t that are not constant, each once
-    solve : function of them, of `right` (m, 1), of `slope` of the carried rows and of the factor of R_t [s], to the
-        increment. The right-hand side of the stage is ``right + (E - explicit) slope``, with R_t
-    explicit : (m, 1) 1 for rows ``f(x, t) - y``, whose y is never needed, else 0
-    carried : rows of which y is carried from stage to stage; none of a plain right-hand side
-    """
+    """The equations of the stages of ``R(x, y, t) = 0`` with ``y = x_dot``, factorized."""
 
     factors: ca.SX
+    """Elements (l, 1) of the factors, of E and of R_t that are not constant, each once."""
     solve: ca.Function
+    """Function of them, of `right` (m, 1), of `slope` of the carried rows and of the factor of R_t [s], to the
+    increment. The right-hand side of the stage is ``right + (E - explicit) slope``, with R_t."""
     explicit: ca.DM
+    """(m, 1): 1 for rows ``f(x, t) - y``, whose y is never needed, else 0."""
     carried: list[int]
+    """Rows of which y is carried from stage to stage; none of a plain right-hand side."""
 
 
 def stage_equations(

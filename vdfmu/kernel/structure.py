@@ -22,17 +22,6 @@ from vdfmu.model import Robot
 from vdfmu.model.parameters import PARAMETERS
 from vdfmu.scalar.symbol import Symbol
 
-__all__ = [
-    "SOURCES",
-    "Parameter",
-    "parameters",
-    "set_parameters",
-    "source_digest",
-    "structure_key",
-    "symbolic_robot",
-    "values",
-]
-
 SOURCES = ("model", "scalar", "equations", "kernel")
 """Packages that decide what a traced function computes."""
 

@@ -18,8 +18,6 @@ from vdfmu.kernel.structure import symbolic_robot
 from vdfmu.model import Robot
 from vdfmu.scalar.symbol import from_sx, to_sx
 
-__all__ = ["FUNCTIONS", "trace", "traced_function"]
-
 
 def _pose(robot: Any, q: Any) -> Any:
     """Position and rotation of {O} in {I}, in one vector."""

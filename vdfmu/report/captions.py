@@ -6,14 +6,12 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from vdfmu.arrays import Floats
 from vdfmu.engine.cosim.results import Results
 from vdfmu.model import Robot
 from vdfmu.scenario import Scenario
 from vdfmu.scenario.values import group_value
-
-__all__ = ["contrast_caption", "paper_table", "run_caption"]
 
 _SHOWN = 4
 """Settings that a caption shows; more would leave no room for the panels."""
@@ -60,7 +58,7 @@ def run_caption(results: Results, scenario: Scenario, figures: Mapping[int, int]
     return "\n".join(lines)
 
 
-def contrast_caption(robot: Robot, time: NDArray[np.float64], scenario: Scenario | None, figure: int) -> str:
+def contrast_caption(robot: Robot, time: Floats, scenario: Scenario | None, figure: int) -> str:
     """Return which study a picture shows: scenario, robot, points, step."""
     name = "" if scenario is None else f"scenario {scenario.name}, "
     points = len(time)

@@ -5,36 +5,28 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
+from vdfmu.arrays import Floats
 from vdfmu.engine.cosim.results import Results, Signal
 from vdfmu.measure import unit_of
 from vdfmu.model import Robot
-
-__all__ = ["LOW_GRAVITY", "Contrast"]
-
-Floats = npt.NDArray[np.float64]
 
 LOW_GRAVITY = 9.80 / 9.81
 """Share of the robot's gravity in the third variant: for 9.81 m/s2 it is 9.80."""
 
 
 class Contrast(NamedTuple):
-    """Joint torques of the rigid arm along the motion, link-side, each (m, n) [N m or N].
-
-    Attributes
-    ----------
-    time : (m,) [s]
-    tau_vd : by virtual decomposition, Eq. (44)-(47)
-    tau_ne : by the Newton-Euler recursion
-    tau_low_g : by the Newton-Euler recursion with 9.80/9.81 of the robot's gravity
-    """
+    """Joint torques of the rigid arm along the motion, link-side, each (m, n) [N m or N]."""
 
     robot: Robot
     time: Floats
+    """(m,) [s]."""
     tau_vd: Floats
+    """By virtual decomposition, Eq. (44)-(47)."""
     tau_ne: Floats
+    """By the Newton-Euler recursion."""
     tau_low_g: Floats
+    """By the Newton-Euler recursion with 9.80/9.81 of the robot's gravity."""
 
     @property
     def gravities(self) -> tuple[float, float]:

@@ -8,8 +8,6 @@ from typing import NamedTuple
 
 from vdfmu.model import Robot
 
-__all__ = ["UNITS", "Group", "Unit", "group_joints", "panel_letter"]
-
 
 class Unit(NamedTuple):
     """How the values of one type of joint are shown: units, and the factor from rad or m."""

@@ -1,14 +1,13 @@
 """The pictures of a run: the paper's figures 7, 8, 10, 11, 13 and 14 from our data, torques link-side.
 
-Every picture has a function that returns the matplotlib figure (``draw_...``) and is written by one of
-:func:`contrast_figures`, :func:`tracking_figures`, :func:`two_joint_figures`. Angles are in deg, torques in
-N.m; a prismatic joint has mm and N. Joints of different units never share an axis.
+Every picture has a function that returns the matplotlib figure (``draw_...``); :func:`run_figures` writes them. Angles
+are in deg, torques in N.m; a prismatic joint has mm and N. Joints of different units never share an axis.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +17,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
+from vdfmu.arrays import Floats
 from vdfmu.engine.cosim.results import Results
 from vdfmu.model import Robot
 from vdfmu.report import style
@@ -26,79 +26,10 @@ from vdfmu.report.contrast import Contrast
 from vdfmu.report.joints import UNITS, Group, group_joints, panel_letter
 from vdfmu.scenario import Scenario
 
-__all__ = [
-    "contrast_figures",
-    "draw_contrast_differences",
-    "draw_contrast_torques",
-    "draw_errors",
-    "draw_moving_positions",
-    "draw_moving_torques",
-    "draw_torques",
-    "run_figures",
-    "tracking_figures",
-    "two_joint_figures",
-]
-
-Floats = NDArray[np.float64]
-
 _BACK: dict[str, Any] = {"color": style.COLORS[5], "linewidth": 3.2}
 _ON_TOP: dict[str, Any] = {"color": "#000000", "linewidth": 1.1, "linestyle": (0, (5, 3))}
 _TORQUES = (r"control $\ell\,\tau$", r"feedforward $\ell\,\tau_m$")
 _DARK, _MIDDLE, _LIGHT = "#444444", "#888888", "#CCCCCC"
-
-
-# --- what is written -------------------------------------------------------------------------------------
-
-
-def contrast_figures(contrast: Contrast, folder: Path | str, scenario: Scenario | None = None) -> list[Path]:
-    """Write figure_7.png (torques) and figure_8.png (differences) of Section IV-A.
-
-    Parameters
-    ----------
-    contrast : Contrast
-    folder : path
-        Is made if it is missing.
-    scenario : Scenario, optional
-        For the caption and for Table 3, which figure_8 shows beside ours.
-    """
-    folder = Path(folder)
-    return [
-        style.save(draw_contrast_torques(contrast, scenario), folder / "figure_7.png"),
-        style.save(draw_contrast_differences(contrast, scenario), folder / "figure_8.png"),
-    ]
-
-
-def tracking_figures(results: Results, scenario: Scenario, folder: Path | str) -> list[Path]:
-    """Write the torques, one panel a joint, and the errors of all joints.
-
-    The names are those of the paper's figures when `scenario.paper` compares with Table 4: figure_10.png and
-    figure_11.png. Otherwise they are torques.png and errors.png.
-    """
-    folder = Path(folder)
-    ours = ("figure_10.png", "figure_11.png") if paper_table(scenario) == 4 else ("torques.png", "errors.png")
-    return [
-        style.save(draw_torques(results, scenario), folder / ours[0]),
-        style.save(draw_errors(results, scenario), folder / ours[1]),
-    ]
-
-
-def two_joint_figures(results: Results, scenario: Scenario, folder: Path | str) -> list[Path]:
-    """Write figure_13.png (positions) and figure_14.png (torques) of the joints that move, Section IV-C."""
-    folder = Path(folder)
-    return [
-        style.save(draw_moving_positions(results, scenario), folder / "figure_13.png"),
-        style.save(draw_moving_torques(results, scenario), folder / "figure_14.png"),
-    ]
-
-
-def run_figures(results: Results, scenario: Scenario, folder: Path | str) -> list[Path]:
-    """Write the pictures of a co-simulation.
-
-    Which ones follows from ``scenario.paper["source"]``: `two_joint_figures` for Table 5, `tracking_figures`
-    for Table 4 and for a scenario that compares with nothing.
-    """
-    draw = two_joint_figures if paper_table(scenario) == 5 else tracking_figures
-    return draw(results, scenario, folder)
 
 
 # --- figures ---------------------------------------------------------------------------------------------
@@ -249,6 +180,28 @@ def draw_moving_torques(results: Results, scenario: Scenario) -> Figure:
     style.label_time(lower, len(groups))
     style.legend_beside(lower[-1], style.joint_handles(moving))
     return _lettered(figure)
+
+
+# --- what is written -------------------------------------------------------------------------------------
+
+
+FIGURES: dict[int, dict[str, Callable[..., Figure]]] = {
+    3: {"figure_7": draw_contrast_torques, "figure_8": draw_contrast_differences},
+    4: {"figure_10": draw_torques, "figure_11": draw_errors},
+    5: {"figure_13": draw_moving_positions, "figure_14": draw_moving_torques},
+    0: {"torques": draw_torques, "errors": draw_errors},
+}
+"""Table of the paper that a scenario compares with, to the names of its pictures and what draws them."""
+
+
+def run_figures(shown: Results | Contrast, scenario: Scenario, folder: Path | str) -> list[Path]:
+    """Write the pictures of a run: which ones, `FIGURES` says, by the table in ``scenario.paper["source"]``.
+
+    The folder is made if it is missing.
+    """
+    table = 3 if not isinstance(shown, Results) else {4: 4, 5: 5}.get(paper_table(scenario), 0)
+    wanted = FIGURES[table].items()
+    return [style.save(draw(shown, scenario), Path(folder, f"{name}.png")) for name, draw in wanted]
 
 
 # --- panels ----------------------------------------------------------------------------------------------

@@ -9,36 +9,18 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
-__all__ = [
-    "Sheet",
-    "contrast_sheet",
-    "estimation_sheet",
-    "facts",
-    "reference_sheet",
-    "sheets",
-    "tracking_sheet",
-]
-
 Summary = Mapping[str, Any]
 
 
 class Sheet(NamedTuple):
-    """A table as text.
-
-    Parameters
-    ----------
-    title : str
-    columns : tuple of str
-        Headings; a line break parts them where space is short.
-    rows : list of tuple of str
-    notes : list of str
-        Sentences below the table.
-    """
+    """A table as text."""
 
     title: str
     columns: tuple[str, ...]
+    """Headings; a line break parts them where space is short."""
     rows: list[tuple[str, ...]]
     notes: list[str]
+    """Sentences below the table."""
 
 
 _TRACKING = (

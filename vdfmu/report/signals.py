@@ -16,8 +16,6 @@ from numpy.typing import NDArray
 from vdfmu.engine.cosim.results import Results
 from vdfmu.report import style
 
-__all__ = ["draw_signals", "signals_figure"]
-
 PANELS = 12
 """Panels of a picture; more would be too small to read."""
 _CURVES, _CURVES_ALONE = 8, 28

@@ -22,11 +22,10 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import ScalarFormatter
-from numpy.typing import NDArray
 
+from vdfmu.arrays import Floats
 from vdfmu.files import write_whole
 
-Floats = NDArray[np.float64]
 P = ParamSpec("P")
 
 DPI = 150

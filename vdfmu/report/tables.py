@@ -15,8 +15,6 @@ from rich.text import Text
 
 from vdfmu.report.sheets import Sheet, facts
 
-__all__ = ["run_panel", "sheet_table"]
-
 Summary = Mapping[str, Any]
 
 

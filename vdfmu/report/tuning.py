@@ -12,8 +12,6 @@ from matplotlib.ticker import MaxNLocator
 
 from vdfmu.report import style
 
-__all__ = ["draw_tuning"]
-
 _BEFORE, _AFTER = "#888888", style.COLORS[0]
 _PANELS = {
     "error": ("RMS error", "", "rad or m"),

@@ -13,8 +13,6 @@ from typing import Any
 
 import numpy as np
 
-__all__ = ["factorize", "pattern", "solve"]
-
 
 def _is_zero(x: Any) -> bool:
     known = getattr(x, "is_zero", None)

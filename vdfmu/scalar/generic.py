@@ -11,8 +11,6 @@ from typing import Any
 
 import numpy as np
 
-__all__ = ["clip", "interpolate", "maximum", "minimum", "piecewise_hold", "sgn", "where", "zeros"]
-
 
 def sgn(x: Any) -> Any:
     """Sign of every element, -1 or 1; that of the zero at zero, so that sgn(x) * f(|x|) keeps its slope."""

@@ -13,8 +13,6 @@ import numpy as np
 
 from vdfmu.scalar.generic import sgn
 
-__all__ = ["Jet", "derivative", "jets"]
-
 
 class Jet:
     """Value and first two time derivatives of a scalar, with arithmetic by the product and chain rules."""

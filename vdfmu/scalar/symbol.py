@@ -7,15 +7,14 @@ products that turn into SX matrices. A `Symbol` cannot: it refuses ``float()`` u
 
 from __future__ import annotations
 
+import operator
+from collections.abc import Callable
 from typing import Any
 
 import casadi as ca
 import numpy as np
 
 from vdfmu.errors import KernelError
-
-__all__ = ["Symbol", "SymbolArray", "from_sx", "to_sx"]
-
 
 _binary = ca.SX.binary
 """Operation of two scalars; CasADi's operators take seven times as long to find the types of theirs."""
@@ -39,6 +38,16 @@ def _remainder(a: Any, b: Any) -> Any:
 
 def _quotient(a: Any, b: Any) -> Any:
     return _rint((a - _remainder(a, b)) / b)
+
+
+def _method(function: Callable[[ca.SX], ca.SX]) -> Callable[[Symbol], Symbol]:
+    """Return the method of a function of one scalar; numpy calls it by its name."""
+    return lambda symbol: Symbol(function(symbol.sx))
+
+
+def _operator(function: Callable[[ca.SX, ca.SX], ca.SX]) -> Callable[[Symbol, Any], Any]:
+    """Return the method of an operator."""
+    return lambda a, b: NotImplemented if _foreign(b) else Symbol(function(a.sx, _sx(b)))
 
 
 class Symbol:
@@ -80,9 +89,6 @@ class Symbol:
     def __neg__(self) -> Symbol:
         return Symbol(-self.sx)
 
-    def __abs__(self) -> Symbol:
-        return Symbol(ca.fabs(self.sx))
-
     def __add__(self, other: Any) -> Any:
         return NotImplemented if _foreign(other) else Symbol(_binary(ca.OP_ADD, self.sx, _sx(other)))
 
@@ -96,6 +102,7 @@ class Symbol:
         return NotImplemented if _foreign(other) else Symbol(_binary(ca.OP_DIV, self.sx, _sx(other)))
 
     __radd__, __rmul__ = __add__, __mul__
+    __abs__, __floor__, __ceil__, __invert__ = map(_method, (ca.fabs, ca.floor, ca.ceil, ca.logic_not))
 
     def __rsub__(self, other: Any) -> Any:
         return NotImplemented if _foreign(other) else Symbol(_binary(ca.OP_SUB, _sx(other), self.sx))
@@ -103,120 +110,33 @@ class Symbol:
     def __rtruediv__(self, other: Any) -> Any:
         return NotImplemented if _foreign(other) else Symbol(_binary(ca.OP_DIV, _sx(other), self.sx))
 
-    def __pow__(self, exponent: Any) -> Symbol:
-        return NotImplemented if _foreign(exponent) else Symbol(self.sx ** _sx(exponent))
-
-    def __lt__(self, other: Any) -> Any:
-        return NotImplemented if _foreign(other) else Symbol(self.sx < _sx(other))
-
-    def __le__(self, other: Any) -> Any:
-        return NotImplemented if _foreign(other) else Symbol(self.sx <= _sx(other))
-
-    def __gt__(self, other: Any) -> Any:
-        return NotImplemented if _foreign(other) else Symbol(self.sx > _sx(other))
-
-    def __ge__(self, other: Any) -> Any:
-        return NotImplemented if _foreign(other) else Symbol(self.sx >= _sx(other))
-
-    def __and__(self, other: Any) -> Any:
-        return NotImplemented if _foreign(other) else Symbol(ca.logic_and(self.sx, _sx(other)))
-
-    def __or__(self, other: Any) -> Any:
-        return NotImplemented if _foreign(other) else Symbol(ca.logic_or(self.sx, _sx(other)))
-
+    __pow__, __floordiv__, __mod__ = map(_operator, (operator.pow, _quotient, _remainder))
+    __lt__, __le__, __gt__, __ge__ = map(_operator, (operator.lt, operator.le, operator.gt, operator.ge))
+    __and__, __or__ = map(_operator, (ca.logic_and, ca.logic_or))
     __rand__, __ror__ = __and__, __or__
-
-    def __invert__(self) -> Symbol:
-        return Symbol(ca.logic_not(self.sx))
 
     def __rpow__(self, base: Any) -> Symbol:
         return Symbol(_sx(base) ** self.sx)
 
-    def __floordiv__(self, other: Any) -> Any:
-        return NotImplemented if _foreign(other) else Symbol(_quotient(self.sx, _sx(other)))
-
     def __rfloordiv__(self, other: Any) -> Any:
         return NotImplemented if _foreign(other) else Symbol(_quotient(_sx(other), self.sx))
 
-    def __mod__(self, other: Any) -> Any:
-        return NotImplemented if _foreign(other) else Symbol(_remainder(self.sx, _sx(other)))
-
     def __rmod__(self, other: Any) -> Any:
         return NotImplemented if _foreign(other) else Symbol(_remainder(_sx(other), self.sx))
-
-    def __floor__(self) -> Symbol:
-        return Symbol(ca.floor(self.sx))
-
-    def __ceil__(self) -> Symbol:
-        return Symbol(ca.ceil(self.sx))
 
     def where(self, a: Any, b: Any) -> Symbol:
         """Return `a` where the symbol is not 0, else `b`."""
         return Symbol(ca.if_else(self.sx, _sx(a), _sx(b)))
 
-    def sin(self) -> Symbol:
-        """Sine."""
-        return Symbol(ca.sin(self.sx))
-
-    def cos(self) -> Symbol:
-        """Cosine."""
-        return Symbol(ca.cos(self.sx))
-
-    def tan(self) -> Symbol:
-        """Tangent."""
-        return Symbol(ca.tan(self.sx))
-
-    def exp(self) -> Symbol:
-        """Exponential."""
-        return Symbol(ca.exp(self.sx))
-
-    def expm1(self) -> Symbol:
-        """Exponential minus 1."""
-        return Symbol(ca.expm1(self.sx))
-
-    def log1p(self) -> Symbol:
-        """Logarithm of 1 plus the argument."""
-        return Symbol(ca.log1p(self.sx))
-
-    def tanh(self) -> Symbol:
-        """Hyperbolic tangent."""
-        return Symbol(ca.tanh(self.sx))
-
-    def arctan(self) -> Symbol:
-        """Inverse tangent."""
-        return Symbol(ca.atan(self.sx))
+    sin, cos, tan = map(_method, (ca.sin, ca.cos, ca.tan))
+    arcsin, arccos, arctan = map(_method, (ca.asin, ca.acos, ca.atan))
+    sinh, cosh, tanh = map(_method, (ca.sinh, ca.cosh, ca.tanh))
+    exp, expm1, log, log1p = map(_method, (ca.exp, ca.expm1, ca.log, ca.log1p))
+    sqrt, rint = map(_method, (ca.sqrt, _rint))
 
     def arctan2(self, x: Any) -> Symbol:
         """Angle of the point (x, self)."""
         return Symbol(ca.atan2(self.sx, _sx(x)))
-
-    def arcsin(self) -> Symbol:
-        """Inverse sine."""
-        return Symbol(ca.asin(self.sx))
-
-    def arccos(self) -> Symbol:
-        """Inverse cosine."""
-        return Symbol(ca.acos(self.sx))
-
-    def sinh(self) -> Symbol:
-        """Hyperbolic sine."""
-        return Symbol(ca.sinh(self.sx))
-
-    def cosh(self) -> Symbol:
-        """Hyperbolic cosine."""
-        return Symbol(ca.cosh(self.sx))
-
-    def log(self) -> Symbol:
-        """Natural logarithm."""
-        return Symbol(ca.log(self.sx))
-
-    def rint(self) -> Symbol:
-        """Nearest integer, the even one of two."""
-        return Symbol(_rint(self.sx))
-
-    def sqrt(self) -> Symbol:
-        """Square root."""
-        return Symbol(ca.sqrt(self.sx))
 
     def sgn(self) -> Symbol:
         """Sign, that of the zero at zero."""

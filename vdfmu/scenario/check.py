@@ -4,16 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from vdfmu.engine.algorithms import MOST_STEPS
+from vdfmu.engine.algorithms import count_steps
+from vdfmu.errors import UsageError
 from vdfmu.model.read import Problems
 from vdfmu.scenario.parts import tables_of
 from vdfmu.scenario.scenario import Scenario
 from vdfmu.scenario.values import section_values
-
-__all__ = ["check_step", "model_notes"]
-
-# stop/step is one rounded division, wrong by about 1e-16 of itself.
-STEP_TOLERANCE = 1e-9
 
 
 def model_notes(scenario: Scenario) -> list[str]:
@@ -60,22 +56,8 @@ _WIDE_ANGLE = 4.0 * np.pi
 
 def check_step(problems: Problems, stop: float, step: float) -> None:
     """Note a stop time that is not a whole number of communication steps."""
-    if not (stop > 0 and step > 0):
-        return
-    steps = stop / step
-    if steps > MOST_STEPS:
-        problems.add(
-            "stop",
-            f"at most {MOST_STEPS:g} steps of {step:g} s",
-            f"{stop:g} s",
-            "Give an earlier end or a longer step.",
-        )
-        return
-    whole = max(1, round(steps))
-    if abs(steps - whole) > STEP_TOLERANCE * whole:
-        problems.add(
-            "stop",
-            f"a multiple of step = {step:g} s",
-            f"{stop:g} s",
-            f"The nearest is {whole * step:.12g} s.",
-        )
+    if stop > 0 and step > 0:
+        try:
+            count_steps(step, stop)
+        except UsageError as error:
+            problems.lines.append(f"{problems.where}: {error}")

@@ -14,8 +14,6 @@ from vdfmu.engine.cosim.variables import element_names, start_values, type_of
 from vdfmu.errors import UsageError
 from vdfmu.unit.variable import Variable
 
-__all__ = ["ForeignInterface"]
-
 _INDEXED = re.compile(r"(.+)\[(\d+(?:,\d+)*)\]")
 _TYPES = ("Real", "Integer", "Boolean")
 

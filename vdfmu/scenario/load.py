@@ -15,8 +15,6 @@ from vdfmu.scenario.scenario import Scenario
 from vdfmu.scenario.scenario_file import read_scenario
 from vdfmu.scenario.system_file import SystemFile, read_system_file
 
-__all__ = ["load_scenario", "load_system", "scenario_names"]
-
 
 def scenario_names() -> list[str]:
     """Return the names of the scenarios that travel with the package."""

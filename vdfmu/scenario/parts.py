@@ -24,16 +24,6 @@ from vdfmu.unit.interface import Interface
 from vdfmu.unit.variable import Variable
 from vdfmu.units import find_unit
 
-__all__ = [
-    "Variables",
-    "build_parts",
-    "cached_fmus",
-    "check_connections",
-    "end_signals",
-    "tables_of",
-    "units_of",
-]
-
 Variables = Interface | ForeignInterface
 """The variables of a component."""
 

@@ -12,8 +12,6 @@ from vdfmu.scenario.parts import tables_of
 from vdfmu.scenario.scenario import Scenario
 from vdfmu.scenario.values import section_values
 
-__all__ = ["with_units"]
-
 
 def with_units(scenario: Scenario, units: Mapping[str, Any]) -> Scenario:
     """Return the scenario with other units for some components, without the connections and values that these lack.

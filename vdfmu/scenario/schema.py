@@ -19,8 +19,6 @@ from vdfmu.scenario.scenario_file import PAPER_LISTS
 from vdfmu.unit.base import Unit
 from vdfmu.unit.declaration import Choice, Declared, Input, Parameter, Switch
 
-__all__ = ["robot_schema", "scenario_schema", "system_schema"]
-
 Schema = dict[str, Any]
 _TEXT: Schema = {"type": "string"}
 _SIGNAL: Schema = {"type": "string", "pattern": r"^[^.]+\.[^.]+$"}

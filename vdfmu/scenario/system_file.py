@@ -10,27 +10,19 @@ from typing import Any, cast
 
 from vdfmu.model.read import Problems, Table, nearest, shown
 
-__all__ = ["Box", "Part", "SystemFile", "read_system_file"]
-
 _KEYS = ("extends", "name", "description", "units", "shared", "connections")
 Box = tuple[float, float, float, float]
 
 
 @dataclass(frozen=True)
 class Part:
-    """A component of a system.
-
-    Attributes
-    ----------
-    unit : str or type
-        Name of a unit of the package, ``file.py`` or ``file.py:Name`` of one's own, a class, or ``file.fmu`` of any
-        tool.
-    box : (x1, y1, x2, y2) or None
-        Corners in a diagram [mm], lower left and upper right; None: a place is found.
-    """
+    """A component of a system."""
 
     unit: Any
+    """Name of a unit of the package, ``file.py`` or ``file.py:Name`` of one's own, a class, or ``file.fmu`` of any
+    tool."""
     box: Box | None = None
+    """Corners in a diagram [mm], lower left and upper right; None: a place is found."""
 
     @property
     def fmu(self) -> Path | None:
@@ -41,29 +33,19 @@ class Part:
 
 @dataclass(frozen=True)
 class SystemFile:
-    """A system as its file has it.
-
-    Attributes
-    ----------
-    name, description : str
-    path : Path
-    parts : dict of str to Part
-        Components by name.
-    connections : dict of str to list of str
-        ``component.output`` to what it feeds, groups of signals: one connection for every index that both have.
-    shared : dict of str to dict of str to str
-        Values that components share under names of their own: name of the parameter set, to component to group.
-    dropped : tuple of str
-        Connections, ``output -> input``, that were left out for units in place of those of the file.
-    """
+    """A system as its file has it."""
 
     name: str
     description: str
     path: Path
     parts: Mapping[str, Part]
+    """Components by name."""
     connections: Mapping[str, list[str]]
+    """``component.output`` to what it feeds, groups of signals: one connection for every index that both have."""
     shared: Mapping[str, Mapping[str, str]]
+    """Values that components share under names of their own: name of the parameter set, to component to group."""
     dropped: tuple[str, ...] = ()
+    """Connections, ``output -> input``, that were left out for units in place of those of the file."""
 
     @cached_property
     def fed(self) -> frozenset[str]:

@@ -21,10 +21,6 @@ from vdfmu.unit.base import Unit
 from vdfmu.unit.interface import Interface
 from vdfmu.unit.variable import NO_LIMIT, Variable
 
-__all__ = [
-    "group_value", "is_free", "override", "robot_parameters", "section_values", "start_values", "system_values",
-]  # fmt: skip
-
 Values = dict[str, Any]
 
 

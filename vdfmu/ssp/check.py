@@ -15,8 +15,6 @@ from vdfmu.ssp.description import SystemDescription
 from vdfmu.unit.interface import Interface
 from vdfmu.unit.load import load_units
 
-__all__ = ["check_source"]
-
 Checked = tuple[str, list[str], list[str]]
 
 

@@ -19,31 +19,21 @@ from vdfmu.scenario.values import system_values
 from vdfmu.unit.interface import Interface, general_description
 from vdfmu.unit.variable import Variable
 
-__all__ = ["Binding", "Link", "ParameterSet", "Signal", "SystemDescription", "positions"]
-
 Values = Mapping[str, Mapping[str, Any]]
 
 
 @dataclass(frozen=True)
 class Signal:
-    """What a tool sees as one variable: a scalar, or an array of FMI 3.
-
-    Attributes
-    ----------
-    name : str
-        As the FMU has it.
-    variables : tuple of Variable
-        Its elements, row by row.
-    shape : tuple of int
-        Empty for a scalar.
-    type : str
-        As the format names it.
-    """
+    """What a tool sees as one variable: a scalar, or an array of FMI 3."""
 
     name: str
+    """As the FMU has it."""
     variables: tuple[Variable, ...]
+    """Its elements, row by row."""
     shape: tuple[int, ...]
+    """Empty for a scalar."""
     type: str
+    """As the format names it."""
 
     @property
     def group(self) -> str:
@@ -87,18 +77,12 @@ class ParameterSet:
 
 @dataclass(frozen=True)
 class Binding:
-    """A parameter set that a unit takes.
-
-    Attributes
-    ----------
-    file : str
-        Name of the set's file.
-    mapping : tuple of pair of str
-        Name in the set and name in the unit; empty where they are the same.
-    """
+    """A parameter set that a unit takes."""
 
     file: str
+    """Name of the set's file."""
     mapping: tuple[tuple[str, str], ...] = ()
+    """Name in the set and name in the unit; empty where they are the same."""
 
 
 class SystemDescription:

@@ -12,8 +12,6 @@ from vdfmu.ssp.description import Signal, SystemDescription
 from vdfmu.ssp.drawing import draw_system
 from vdfmu.ssp.xml import value_text
 
-__all__ = ["system_page"]
-
 
 def system_page(
     description: SystemDescription, ssd: Any, icons: Mapping[str, bytes], fmi_version: str

@@ -10,8 +10,6 @@ from typing import Any
 
 from vdfmu.engine.ssp.parse import NAMESPACES
 
-__all__ = ["draw_system"]
-
 _COLOURS = ("#1f4e79", "#d9730d", "#2e7d4f", "#8e3b8c")
 _ICON = 10.0
 """Size of an icon [mm]."""

@@ -6,8 +6,6 @@ from collections.abc import Mapping
 
 from vdfmu.ssp.description import SystemDescription
 
-__all__ = ["route"]
-
 _LANE = 5.0
 """Distance of two lanes [mm]."""
 _MARGIN = 12.0

@@ -11,12 +11,11 @@ from lxml import etree  # pyright: ignore[reportAttributeAccessIssue]  # lxml sh
 
 from vdfmu.errors import StorageError
 from vdfmu.files import replacing, storing
+from vdfmu.fmu.description import number
 from vdfmu.scenario import Scenario
 from vdfmu.ssp.description import SystemDescription
 from vdfmu.ssp.versions import require_fmi
-from vdfmu.ssp.xml import number, to_bytes, value_text
-
-__all__ = ["osp_structure", "write_osp"]
+from vdfmu.ssp.xml import to_bytes, value_text
 
 _NAMESPACE = "http://opensimulationplatform.com/MSMI/OSPSystemStructure"
 

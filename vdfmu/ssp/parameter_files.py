@@ -8,8 +8,6 @@ from typing import Any
 from vdfmu.ssp.description import ParameterSet
 from vdfmu.ssp.xml import META, add, add_units, root, value_text
 
-__all__ = ["mapping_file", "parameter_file"]
-
 
 def parameter_file(parameters: ParameterSet, version: str) -> Any:
     """Root element of an SSV: values in the units of their variables."""

@@ -10,8 +10,6 @@ from vdfmu.ssp.description import Signal, SystemDescription, positions
 from vdfmu.ssp.geometry import route
 from vdfmu.ssp.xml import META, add, add_foreign, add_units, root
 
-__all__ = ["mapping_name", "structure_file"]
-
 _SIDES = {"input": 0.0, "output": 1.0}
 
 

@@ -11,8 +11,6 @@ from vdfmu.errors import StorageError, UsageError
 from vdfmu.files import read_member
 from vdfmu.fmu.native import native_available
 
-__all__ = ["FMI_OF_SSP", "FORMATS", "fmi_of_format", "require_fmi", "require_version"]
-
 FMI_OF_SSP = {"1.0": "2.0", "2.0": "3.0"}
 """Version of SSP to the version of FMI of the units in it."""
 FORMATS = (*FMI_OF_SSP, "osp")

@@ -14,13 +14,10 @@ from vdfmu.files import pack_zip, regular_target, storing
 from vdfmu.scenario import Scenario
 from vdfmu.ssp.description import SystemDescription
 from vdfmu.ssp.documentation import system_page
-from vdfmu.ssp.osp import write_osp
 from vdfmu.ssp.parameter_files import mapping_file, parameter_file
 from vdfmu.ssp.structure_file import mapping_name, structure_file
 from vdfmu.ssp.versions import require_fmi, require_version
 from vdfmu.ssp.xml import to_bytes
-
-__all__ = ["write_osp", "write_ssp"]
 
 
 def write_ssp(

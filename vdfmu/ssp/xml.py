@@ -12,8 +12,6 @@ from vdfmu.engine.ssp.parse import NAMESPACES
 from vdfmu.fmu.description import number
 from vdfmu.measure import measure
 
-__all__ = ["META", "add", "add_foreign", "add_units", "number", "root", "to_bytes", "value_text"]
-
 META = {
     "license": "MIT",
     "generationTool": f"vdfmu {__version__}",

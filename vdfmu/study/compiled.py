@@ -18,8 +18,6 @@ from vdfmu.unit.evaluate import Traced
 from vdfmu.unit.program import Call
 from vdfmu.unit.trace import argument_name
 
-__all__ = ["Code", "runs", "sources"]
-
 
 def runs(
     system: System, lists: Mapping[str, Sequence[Action]], files: Mapping[str, bytes] | None

@@ -3,18 +3,14 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
+from vdfmu.arrays import Floats
 from vdfmu.equations.trajectory import desired_motion
 from vdfmu.kernel import Kernel
 from vdfmu.model import Robot
 from vdfmu.report.contrast import LOW_GRAVITY, Contrast
 from vdfmu.scenario import Scenario
 from vdfmu.scenario.values import group_value
-
-__all__ = ["contrast"]
-
-Floats = npt.NDArray[np.float64]
 
 
 def contrast(scenario: Scenario) -> Contrast:

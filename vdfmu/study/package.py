@@ -16,8 +16,6 @@ from vdfmu.ssp.versions import FMI_OF_SSP
 from vdfmu.ssp.write import write_ssp
 from vdfmu.temporary import temporary_folder
 
-__all__ = ["write_reference"]
-
 ROWS = 1001
 """Of a table of results at most: some 2 MB for six joints."""
 ALGORITHMS = ("jacobi", "gauss-seidel")

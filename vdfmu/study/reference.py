@@ -23,6 +23,7 @@ import numpy as np
 import numpy.typing as npt
 import scipy
 
+from vdfmu.arrays import Floats
 from vdfmu.errors import UsageError
 from vdfmu.kernel.cache import cache_folder, load, store
 from vdfmu.kernel.structure import source_digest
@@ -30,10 +31,6 @@ from vdfmu.ssp.description import SystemDescription
 from vdfmu.study.compiled import runs, sources
 from vdfmu.study.solution import Continuous, Sampled
 from vdfmu.study.wired import System
-
-__all__ = ["BLOCK", "REFERENCE_OF", "Reference", "reference", "reference_blocks"]
-
-Floats = npt.NDArray[np.float64]
 
 REFERENCE_OF = {"gauss-seidel": "sampled", "jacobi": "sampled-delayed"}
 """Master algorithm to the reference that it must match."""

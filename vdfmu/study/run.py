@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from vdfmu import __version__
-from vdfmu.engine.algorithms import ALGORITHMS
+from vdfmu.engine.algorithms import ALGORITHMS, count_steps
 from vdfmu.engine.cosim import Interrupted, LogMessage, Results, simulate
 from vdfmu.engine.cosim.inputs import Inputs, read_inputs
 from vdfmu.engine.cosim.simulator import check_coupling
@@ -21,11 +21,10 @@ from vdfmu.engine.folder import DRAWN, SYSTEM_OUTPUTS, keep, known_formats, repl
 from vdfmu.errors import CosimError, UsageError
 from vdfmu.fmu.build import build_notes, choose_backend
 from vdfmu.model import Robot, load_robot
-from vdfmu.model.read import Problems
 from vdfmu.once import one_job
 from vdfmu.progress import Progress, showing
 from vdfmu.scenario import Scenario, load_scenario
-from vdfmu.scenario.check import check_step, model_notes
+from vdfmu.scenario.check import model_notes
 from vdfmu.scenario.parts import cached_fmus
 from vdfmu.scenario.replace import with_units
 from vdfmu.scenario.values import system_values
@@ -44,8 +43,6 @@ from vdfmu.study.summary import (
     tracking_errors,
 )
 from vdfmu.temporary import temporary_folder
-
-__all__ = ["RUN_OUTPUTS", "prepare", "run"]
 
 RUN_OUTPUTS = (
     *SYSTEM_OUTPUTS,
@@ -102,7 +99,7 @@ def prepare(
             f"master: expected {', '.join(ALGORITHMS[:-1])} or {ALGORITHMS[-1]}, got {scenario.master!r}."
         )
     check_coupling(scenario.master, scenario.adaptive)
-    check_options(scenario.stop, scenario.step)
+    count_steps(scenario.step, scenario.stop)
     return scenario
 
 
@@ -270,14 +267,14 @@ def _simulate(scenario: Scenario, package: Path, **options: Any) -> Results:
 
 
 def _run_contrast(scenario: Scenario, folder: Path, formats: Sequence[str]) -> Results:
-    from vdfmu.report.plots import contrast_figures
+    from vdfmu.report.plots import run_figures
 
     study = contrast(scenario)
     results = study.results()
     results.summary = _head(scenario) | study.summary(dict(scenario.paper))
     for form in formats:
         results.write(folder / f"results.{form}")
-    contrast_figures(study, folder, scenario)
+    run_figures(study, scenario, folder)
     write_summary(results.summary, folder)
     return results
 
@@ -360,14 +357,3 @@ def _head(scenario: Scenario) -> dict[str, Any]:
         "tolerance": scenario.tolerance,
         "inputs": [table.where for table in scenario.inputs],
     }
-
-
-def check_options(stop: float, step: float) -> None:
-    """Raise if `stop` and `step` are no positive times, or the stop no multiple of the step."""
-    for name, value in (("step", step), ("stop", stop)):
-        if not 0.0 < value < math.inf:
-            raise UsageError(f"{name}: expected a positive finite time, got {value:g} s.")
-    problems = Problems("options")
-    check_step(problems, stop, step)
-    if problems.lines:
-        raise UsageError(" ".join(problems.lines))

@@ -15,16 +15,12 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from vdfmu.arrays import Floats
 from vdfmu.errors import VdfmuError
 from vdfmu.interrupt import InterruptGuard
 from vdfmu.study.wired import Action, Carry, Clock, Evaluate, Places, Run, System
 from vdfmu.unit.motion import samples
-
-__all__ = ["Continuous", "Sampled"]
-
-Floats = npt.NDArray[np.float64]
 
 _SHORT: dict[str, Any] = {"rtol": 1e-9, "atol": 1e-11}
 """Tolerances on the way from one communication point to the next: 2e-13 rad in the tracking and the two-joint run."""

@@ -12,11 +12,6 @@ from vdfmu.measure import unit_of
 from vdfmu.model import Robot
 from vdfmu.study.reference import BLOCK, REFERENCE_OF, Reference
 
-__all__ = [
-    "compare", "compared", "estimation_errors", "has_signals", "implied_gains", "power_bond", "sampling_warnings",
-    "tracking_errors",
-]  # fmt: skip
-
 _SAMPLING_LIMIT = 0.5
 _COMPARED = ("plant.q", "controller.tau", "feedforward.tau_m")
 _ESTIMATES = ("tau_f_hat", "tau_s_hat")

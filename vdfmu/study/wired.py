@@ -18,9 +18,6 @@ from vdfmu.ssp.description import SystemDescription
 from vdfmu.unit.evaluate import Evaluation, evaluation
 from vdfmu.unit.interface import Interface
 
-__all__ = ["Action", "Carry", "Clock", "Evaluate", "Run", "System"]
-
-Floats = npt.NDArray[np.float64]
 Places = npt.NDArray[np.intp]
 Dependencies = Callable[[Interface, int], list[int]]
 Run = Callable[[float], None]

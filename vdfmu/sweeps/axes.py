@@ -13,8 +13,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from vdfmu.errors import UsageError
 
-__all__ = ["Axis", "is_option", "read_axes"]
-
 _FORMS = {
     "lin": "lin(FROM, TO) or, with the number of values in a grid, lin(FROM, TO, N)",
     "log": "log(FROM, TO) or, with the number of values in a grid, log(FROM, TO, N)",
@@ -37,28 +35,20 @@ def is_option(target: str) -> bool:
 
 @dataclass(frozen=True)
 class Axis:
-    """One thing that varies, and how.
-
-    Attributes
-    ----------
-    target : str
-        ``component.parameter``, with or without an index, ``robot.parameter``, or what a run takes as an option:
-        ``robot``, ``master``, ``step``, ``stop``, ``unit:COMPONENT``.
-    form : str
-        ``values``, or the name of a distribution: ``lin`` and ``log`` spread evenly, ``normal`` and ``lognormal``.
-    numbers : tuple of float
-        Parameters of the distribution.
-    values : tuple
-        Those that it takes, numbers or words; of ``lin`` and ``log`` those of a grid; empty if there is no such number.
-    factor : bool
-        Whether a value multiplies that of the scenario, element by element.
-    """
+    """One thing that varies, and how."""
 
     target: str
+    """``component.parameter``, with or without an index, ``robot.parameter``, or what a run takes as an option:
+    ``robot``, ``master``, ``step``, ``stop``, ``unit:COMPONENT``."""
     form: str
+    """``values``, or the name of a distribution: ``lin`` and ``log`` spread evenly, ``normal`` and ``lognormal``."""
     numbers: tuple[float, ...] = ()
+    """Parameters of the distribution."""
     values: tuple[Any, ...] = ()
+    """Those that it takes, numbers or words; of ``lin`` and ``log`` those of a grid; empty if there is no such
+    number."""
     factor: bool = False
+    """Whether a value multiplies that of the scenario, element by element."""
 
     def at(self, share: ArrayLike) -> NDArray[Any]:
         """Values at shares of the distribution (its quantiles), each between 0 and 1; of a list the one there."""

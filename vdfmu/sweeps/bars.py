@@ -14,8 +14,6 @@ from vdfmu.sweeps.indices import CONFIDENCE, indices
 from vdfmu.sweeps.looks import COLOUR_MAP, HIGH, LOW, new_figure
 from vdfmu.sweeps.sides import View, groups
 
-__all__ = ["draw_indices", "draw_tornado"]
-
 _BARS = 20
 """Axes at most, those of most influence."""
 

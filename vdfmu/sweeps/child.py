@@ -12,8 +12,6 @@ from typing import Any, BinaryIO
 from vdfmu.process import private_pipes
 from vdfmu.temporary import temporary_folder
 
-__all__ = ["SIZE"]
-
 SIZE = struct.Struct("<Q")
 """Length of the pickled message that follows."""
 

@@ -10,8 +10,6 @@ from numpy.typing import NDArray
 
 from vdfmu.sweeps.job import Row, Task
 
-__all__ = ["LARGEST", "Chunks"]
-
 LARGEST = 50
 """Points in a chunk at most."""
 _SECONDS = 10.0

@@ -14,8 +14,6 @@ from vdfmu.sweeps.chunks import Chunks
 from vdfmu.sweeps.job import Row, Task
 from vdfmu.sweeps.worker import Worker
 
-__all__ = ["run_there"]
-
 _PATIENCE = 300.0
 """Time [s] that a scheduler, or all of its workers, may be gone."""
 _ASKED = 0.5

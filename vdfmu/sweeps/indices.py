@@ -7,42 +7,33 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from vdfmu.arrays import Floats
 from vdfmu.errors import UsageError
 
 if TYPE_CHECKING:
     from vdfmu.sweeps.table import Sweep
 
-__all__ = ["CONFIDENCE", "Indices", "indices", "morris_indices", "sobol_indices"]
-
 CONFIDENCE = 0.95
 """Probability with which a true index lies within its half-width, by bootstrap."""
 _RESAMPLES = 500
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
 class Indices:
-    """Indices of sensitivity of a measure, with the half-widths of their confidence intervals.
-
-    Attributes
-    ----------
-    kind : {"sobol", "morris"}
-    axes : tuple of str
-    values : dict of str to array
-        Of Sobol ``first`` and ``total``, (d,), the share of the measure's variance that an axis makes alone, and with
-        all its interactions, and ``second``, (d, d), that of pairs, NaN but above the diagonal. Of Morris ``mu_star``,
-        the mean absolute change of the measure over the whole range of an axis, ``mu``, that with its sign, and
-        ``sigma``, its deviation, (d,): of an axis without curvature and interaction 0.
-    widths : dict of str to array
-        Half-widths, of the same shapes; there is none of ``mu`` and ``sigma``.
-    """
+    """Indices of sensitivity of a measure, with the half-widths of their confidence intervals."""
 
     kind: str
+    """``sobol`` or ``morris``."""
     axes: tuple[str, ...]
     values: dict[str, Floats]
+    """Of Sobol ``first`` and ``total``, (d,), the share of the measure's variance that an axis makes alone, and with
+    all its interactions, and ``second``, (d, d), that of pairs, NaN but above the diagonal. Of Morris ``mu_star``, the
+    mean absolute change of the measure over the whole range of an axis, ``mu``, that with its sign, and ``sigma``, its
+    deviation, (d,): of an axis without curvature and interaction 0."""
     widths: dict[str, Floats]
+    """Half-widths, of the same shapes; there is none of ``mu`` and ``sigma``."""
 
     def rows(self) -> list[tuple[str, dict[str, str]]]:
         """Return a line for each axis, then for each pair: name, and by index its value ± half-width as text."""

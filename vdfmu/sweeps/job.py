@@ -22,8 +22,6 @@ from vdfmu.text import error_text, matching
 if TYPE_CHECKING:
     from vdfmu.batch.engine import Engine
 
-__all__ = ["Binding", "Bench", "Job", "Row", "Task", "WiredSystem"]
-
 Row = dict[str, Any]
 """``point``, ``failed`` (why, or None), ``failed_at`` [s], ``wall_s``, measures and signals, by column; of some points
 of the batch engine ``to_fmu[rad]`` and so on, the largest difference of a signal of that unit to the run of the FMUs.
@@ -34,21 +32,14 @@ _ALIVE = 8
 
 @dataclass(frozen=True)
 class Binding:
-    """What the value of an axis sets in a system.
-
-    Attributes
-    ----------
-    names : tuple of str
-        Variables, ``component.variable``.
-    nominal : tuple of float
-        Their values, where the axis has factors; else empty.
-    words : mapping
-        Value of the axis to value of the variables, for what is no number.
-    """
+    """What the value of an axis sets in a system."""
 
     names: tuple[str, ...]
+    """Variables, ``component.variable``."""
     nominal: tuple[float, ...] = ()
+    """Their values, where the axis has factors; else empty."""
     words: Mapping[Any, Any] | None = None
+    """Value of the axis to value of the variables, for what is no number."""
 
     def values(self, value: Any) -> dict[str, Any]:
         """Values by ``component.variable``."""
@@ -82,25 +73,16 @@ class WiredSystem:
 
 @dataclass(frozen=True)
 class Job:
-    """All that a worker needs to know; it is sent to each once.
-
-    Attributes
-    ----------
-    systems : tuple of WiredSystem
-    measures : tuple of Measure
-    record : tuple of str
-        Patterns of the signals that a run records.
-    keep : tuple of str
-        Of those, the patterns of signals that are kept.
-    compared : tuple of int
-        Points that the FMUs run too, where a program runs them in lanes.
-    """
+    """All that a worker needs to know; it is sent to each once."""
 
     systems: tuple[WiredSystem, ...]
     measures: tuple[Measure, ...]
     record: tuple[str, ...]
+    """Patterns of the signals that a run records."""
     keep: tuple[str, ...]
+    """Of those, the patterns of signals that are kept."""
     compared: tuple[int, ...] = ()
+    """Points that the FMUs run too, where a program runs them in lanes."""
 
     @property
     def together(self) -> list[int]:

@@ -25,8 +25,6 @@ from vdfmu.interrupt import InterruptGuard
 from vdfmu.sweeps.job import Row
 from vdfmu.sweeps.points import Points
 
-__all__ = ["LEDGER", "TABLE", "Ledger"]
-
 TABLE = "sweep.parquet"
 """All points, once they are done."""
 LEDGER = "sweep.json"

@@ -11,8 +11,6 @@ from vdfmu.sweeps.chunks import Chunks
 from vdfmu.sweeps.job import Row
 from vdfmu.sweeps.worker import Worker
 
-__all__ = ["processors", "run_here"]
-
 _TICK = 0.2
 """Interval [s] at which Ctrl-C is looked for."""
 

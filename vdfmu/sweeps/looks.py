@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from pathlib import Path
 from typing import Any
 
@@ -13,22 +12,11 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.colors import LogNorm, Normalize
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from matplotlib.ticker import LogLocator, NullLocator
 from numpy.typing import NDArray
 
 from vdfmu.report import style
 from vdfmu.sweeps.sides import Side, View
-
-__all__ = [
-    "COLOUR_MAP",
-    "FAILED",
-    "HIGH",
-    "LOW",
-    "at_bottom",
-    "colours_of",
-    "dress",
-    "legend_of",
-    "new_figure",
-]
 
 COLOUR_MAP = "viridis"
 LOW, HIGH, FAILED = style.COLORS[0], style.COLORS[4], style.COLORS[1]
@@ -64,18 +52,10 @@ def dress(axes: Axes, side: Side, which: str, label: bool = True) -> None:
         getattr(axes, f"set_{which}scale")("log")
         low, high = float(np.nanmin(side.values)), float(np.nanmax(side.values))
         if high < 100.0 * low:  # decades alone would leave one label, or none
-            _plain_ticks(getattr(axes, f"{which}axis"), low, high)
-
-
-def _plain_ticks(axis: Any, low: float, high: float) -> None:
-    """Label a logarithmic axis of few decades at 1, 2, 5."""
-    from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
-
-    decades = range(math.floor(math.log10(low)) - 1, math.ceil(math.log10(high)) + 1)
-    places = [m * 10.0**k for k in decades for m in (1.0, 2.0, 5.0)]
-    axis.set_major_locator(FixedLocator([p for p in places if 0.8 * low <= p <= 1.25 * high]))
-    axis.set_minor_locator(NullLocator())
-    axis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:g}"))
+            axis: Any = getattr(axes, f"{which}axis")
+            axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+            axis.set_minor_locator(NullLocator())
+            axis.set_major_formatter("{x:g}")
 
 
 def legend_of(shown: View) -> list[Line2D]:

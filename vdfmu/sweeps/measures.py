@@ -17,8 +17,6 @@ from numpy.typing import NDArray
 from vdfmu.engine.cosim.results import Results
 from vdfmu.errors import UsageError
 
-__all__ = ["Measure", "measured", "read_measures", "unit_of"]
-
 Array = NDArray[Any]
 
 
@@ -70,24 +68,16 @@ _OPERATORS: dict[type, Callable[..., Any]] = {
 
 @dataclass(frozen=True)
 class Measure:
-    """A named expression, or a function of the results.
-
-    Attributes
-    ----------
-    name : str
-        Of its column; one with several elements has ``name[1]``, ``name[2]`` and so on.
-    text : str
-        The expression; of a function its name.
-    signals : tuple of str
-        Those that it needs, ``plant.q[1]``, or all elements, ``plant.q``; a function needs all that there are, ``*``.
-    function : callable, optional
-        Called with the `Results`; returns a number, or several.
-    """
+    """A named expression, or a function of the results."""
 
     name: str
+    """Of its column; one with several elements has ``name[1]``, ``name[2]`` and so on."""
     text: str
+    """The expression; of a function its name."""
     signals: tuple[str, ...]
+    """Those that it needs, ``plant.q[1]``, or all elements, ``plant.q``; a function needs all that there are, ``*``."""
     function: Callable[[Results], Any] | None = None
+    """Called with the `Results`; returns a number, or several."""
 
     def of(self, results: Results) -> dict[str, float]:
         """Return its value, or values, by column.

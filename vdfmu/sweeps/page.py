@@ -3,34 +3,24 @@
 from __future__ import annotations
 
 import base64
-import re
 import shlex
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
+from contextlib import suppress
 from html import escape
 from pathlib import Path
 
 import numpy as np
 
-from vdfmu.errors import UsageError, VdfmuError
-from vdfmu.files import replacing
+from vdfmu.errors import UsageError
+from vdfmu.files import write_whole
+from vdfmu.fmu.page import page, table
 from vdfmu.sweeps.indices import indices
 from vdfmu.sweeps.plots import plot
 from vdfmu.sweeps.table import Sweep
 from vdfmu.temporary import temporary_folder
 
-__all__ = ["write_page"]
-
 _SHOWN = 20
 """Failed points that are listed."""
-_STYLE = """
-body { font: 15px/1.45 "DejaVu Sans", sans-serif; max-width: 60rem; margin: 2rem auto; padding: 0 1rem; color: #222; }
-table { border-collapse: collapse; margin: 0.6rem 0 1.4rem; }
-td, th { padding: 0.2rem 0.9rem 0.2rem 0; text-align: left; border-bottom: 1px solid #ddd; vertical-align: top; }
-td.number { text-align: right; font-variant-numeric: tabular-nums; }
-img { max-width: 100%; display: block; margin: 1rem 0; }
-code { background: #f3f3f3; padding: 0.15rem 0.3rem; }
-h2 { margin-top: 2.2rem; border-bottom: 2px solid #0072b2; }
-"""
 
 
 def write_page(study: Sweep, path: Path | None = None) -> Path:
@@ -44,7 +34,7 @@ def write_page(study: Sweep, path: Path | None = None) -> Path:
 
     Raises
     ------
-    VdfmuError
+    UsageError, VdfmuError
         If the file cannot be written.
     """
     path = study.folder / "report.html" if path is None else path
@@ -66,8 +56,7 @@ def write_page(study: Sweep, path: Path | None = None) -> Path:
         ("vdfmu", facts["vdfmu"]),
     ]
     parts = [
-        f"<h1>{escape(str(facts['scenario']))}: parameter study</h1>",
-        _table((), [[name, _short(str(text))] for name, text in about]),
+        _table(("", ""), [[name, _short(str(text))] for name, text in about]),
         "<h2>Measures</h2>",
         _table(("measure", "smallest", "median", "largest", "at point"), study.ranges()),
     ]
@@ -85,16 +74,9 @@ def write_page(study: Sweep, path: Path | None = None) -> Path:
             _table(("point", "why"), rows),
             f"<p>and {more} more</p>" if more else "",
         ]
-    content = (
-        f'<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8"><title>{escape(str(facts["scenario"]))}</title>'
-        f"<style>{_STYLE}</style></head>\n<body>\n" + "\n".join(parts) + "\n</body></html>\n"
-    )
-    try:
+    with suppress(OSError):  # of which the writing then says more
         path.parent.mkdir(parents=True, exist_ok=True)
-        with replacing(path) as file:
-            file.write(content.encode())
-    except OSError as error:
-        raise VdfmuError(f"cannot write {path}: {error.strerror or error}") from None
+    write_whole(path, [page(str(facts["scenario"]), "Parameter study", "\n".join(parts), 60)])
     return path
 
 
@@ -127,22 +109,14 @@ def _of_measure(study: Sweep, name: str) -> Iterable[str]:
                 yield f'<img alt="{escape(file.stem)}" src="data:image/png;base64,{picture}">'
         if study.facts["sample"] in ("saltelli", "morris"):
             found = indices(study, name)
-            heads = list(found.values)
-            yield _table(
-                ("axis", *heads), [[axis, *(row.get(h, "") for h in heads)] for axis, row in found.rows()]
-            )
+            rows = [[axis, *(row.get(name, "") for name in found.values)] for axis, row in found.rows()]
+            yield _table(("axis", *found.values), rows)
     except UsageError as error:
         yield f"<p>{escape(str(error))}</p>"
 
 
-def _table(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    head = "".join(f"<th>{escape(one)}</th>" for one in heads)
-    lines = ["".join(f"<td{_kind(one) if heads else ''}>{escape(one)}</td>" for one in row) for row in rows]
-    return f"<table><tr>{head}</tr>\n" + "\n".join(f"<tr>{line}</tr>" for line in lines) + "\n</table>"
-
-
-def _kind(text: str) -> str:
-    return ' class="number"' if re.fullmatch(r"-?[\d.]+(e[+-]?\d+)?( ± .*)?", text) else ""
+def _table(heads: tuple[str, ...], rows: Iterable[list[str]]) -> str:
+    return table(heads, ([escape(one) for one in row] for row in rows), ("",) * len(heads))
 
 
 def _unit(unit: str) -> str:

@@ -26,8 +26,6 @@ from vdfmu.sweeps.points import Points, draw
 from vdfmu.temporary import temporary_folder
 from vdfmu.text import close_to, matching
 
-__all__ = ["TRACKING", "Plan", "binding", "make_plan", "name_of"]
-
 ENGINES = ("fmu", "batch")
 """What runs points: the FMUs of a system, or a program of it."""
 _FEW = 2 * LANES
@@ -43,22 +41,14 @@ TRACKING = {
 
 @dataclass(frozen=True)
 class Plan:
-    """A parameter study, ready to run.
-
-    Attributes
-    ----------
-    points : Points
-    chosen : (n,) array of int
-        Number of each point's system.
-    job : Job
-    facts : dict
-        What it is, for the ledger; the same for the same study.
-    """
+    """A parameter study, ready to run."""
 
     points: Points
     chosen: Any
+    """(n,): Number of each point's system."""
     job: Job
     facts: dict[str, Any]
+    """What it is, for the ledger; the same for the same study."""
 
     def __len__(self) -> int:
         return len(self.chosen)
@@ -114,7 +104,8 @@ def make_plan(
             f"{', '.join(axis.target for axis in switches)}: expected at most {_MOST_SYSTEMS} different systems, got "
             f"{len(combinations)}; each is a package of its own."
         )
-    wire = _of_package if _is_package(scenario) else _of_scenario
+    is_package = isinstance(scenario, (str, os.PathLike)) and Path(scenario).suffix.lower() == ".ssp"
+    wire = _of_package if is_package else _of_scenario
     if engine is None:
         engine = "" if count >= _FEW and backend != "python" else "fmu"
     systems: list[WiredSystem] = []
@@ -190,10 +181,6 @@ def name_of(scenario: Any) -> str:
 
 def _digest(*parts: bytes) -> str:
     return hashlib.sha256(b"\0".join(parts)).hexdigest()[:16]
-
-
-def _is_package(scenario: Any) -> bool:
-    return isinstance(scenario, (str, os.PathLike)) and Path(scenario).suffix.lower() == ".ssp"
 
 
 def _unit_of_axis(axis: Axis, system: WiredSystem, units: Mapping[str, str]) -> str:

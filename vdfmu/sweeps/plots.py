@@ -20,8 +20,6 @@ from vdfmu.sweeps.looks import FAILED, LOW, at_bottom, colours_of, dress, legend
 from vdfmu.sweeps.sides import View, view
 from vdfmu.sweeps.table import Sweep
 
-__all__ = ["KINDS", "plot"]
-
 _SCATTERED, _PARALLEL = 5, 9
 """Axes at most, those of most influence, in a matrix and side by side."""
 _LINES = 1000

@@ -11,10 +11,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vdfmu.arrays import Floats
 from vdfmu.errors import UsageError
 from vdfmu.sweeps.axes import Axis, read_axes
-
-__all__ = ["LEVELS", "MOST_POINTS", "SAMPLES", "Points", "draw", "shares", "unit_problem"]
 
 SAMPLES = ("grid", "lhs", "sobol", "random", "saltelli", "morris")
 """Ways to draw points; the last two for indices of sensitivity."""
@@ -85,7 +84,7 @@ def _grid(axes: Sequence[Axis], n: int | None) -> Points:
     return {axis.target: np.array(axis.values)[i] for axis, i in zip(axes, index, strict=True)}
 
 
-def shares(d: int, sample: str, n: int, seed: int) -> NDArray[np.float64]:
+def shares(d: int, sample: str, n: int, seed: int) -> Floats:
     """Return points in the unit cube, one a row: of each axis the shares of its distribution, see `Axis.at`."""
     from scipy.stats import qmc
 

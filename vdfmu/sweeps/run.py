@@ -20,8 +20,6 @@ from vdfmu.sweeps.local import processors, run_here
 from vdfmu.sweeps.plan import make_plan, name_of
 from vdfmu.sweeps.table import Sweep
 
-__all__ = ["sweep"]
-
 
 @one_job()
 def sweep(

@@ -8,13 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from vdfmu.arrays import Floats
 from vdfmu.errors import UsageError
 from vdfmu.sweeps.axes import read_axes
 from vdfmu.sweeps.table import Sweep
 
-__all__ = ["Side", "View", "groups", "view"]
-
-Floats = NDArray[np.float64]
 _DECADES = 1.5
 """Those over which a measure must go to be drawn on a logarithmic scale."""
 _FIFTHS = 5
@@ -22,24 +20,16 @@ _FIFTHS = 5
 
 @dataclass(frozen=True)
 class Side:
-    """A column as a figure has it.
-
-    Attributes
-    ----------
-    name, unit : str
-    values : (n,) array
-        Of words, their places in `words`.
-    log : bool
-        Whether its scale is logarithmic.
-    words : tuple of str
-        Where its values are no numbers.
-    """
+    """A column as a figure has it."""
 
     name: str
     unit: str
     values: Floats
+    """(n,): Of words, their places in `words`."""
     log: bool = False
+    """Whether its scale is logarithmic."""
     words: tuple[str, ...] = ()
+    """Where its values are no numbers."""
 
     @property
     def label(self) -> str:
@@ -70,28 +60,18 @@ class Side:
 
 @dataclass(frozen=True)
 class View:
-    """A measure over the axes that vary, those of most influence first.
-
-    Attributes
-    ----------
-    study : Sweep
-    measure : str or None
-        As it was asked for.
-    sides : list of Side
-    value : Side
-        The measure.
-    failed : (n,) array of bool
-        Points without a value.
-    text : str
-        Its expression.
-    """
+    """A measure over the axes that vary, those of most influence first."""
 
     study: Sweep
     measure: str | None
+    """As it was asked for."""
     sides: list[Side]
     value: Side
+    """The measure."""
     failed: NDArray[np.bool_]
+    """(n,): Points without a value."""
     text: str
+    """Its expression."""
 
 
 def view(study: Sweep, measure: str | None = None) -> View:

@@ -11,13 +11,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vdfmu.arrays import Floats
 from vdfmu.engine.cosim.parquet import needed
 from vdfmu.errors import UsageError
 from vdfmu.sweeps.axes import is_option
 from vdfmu.sweeps.ledger import LEDGER, TABLE
 from vdfmu.text import close_to
-
-__all__ = ["Sweep"]
 
 
 class Sweep:
@@ -127,7 +126,7 @@ class Sweep:
             raise UsageError(f"by: expected {', '.join(self.measures)}, got {name!r}.")
         return columns
 
-    def values(self, by: str | None = None) -> NDArray[np.float64]:
+    def values(self, by: str | None = None) -> Floats:
         """Return a column, or of a measure the largest of its elements, at each point, (n,); NaN where it failed."""
         table = self.table(self.elements(by))
         return np.max([column.to_numpy().astype(float) for column in table.columns], axis=0)

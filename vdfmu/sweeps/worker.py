@@ -19,8 +19,6 @@ from vdfmu.sweeps.child import SIZE
 from vdfmu.sweeps.job import Row, Task
 from vdfmu.text import shown
 
-__all__ = ["TIME_LIMIT", "Worker"]
-
 TIME_LIMIT = 600.0
 """Time [s] that a point has."""
 _START = 120.0

@@ -12,19 +12,15 @@ from types import TracebackType
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from vdfmu.analysis.margins import Margins
+from vdfmu.arrays import Floats
 from vdfmu.interrupt import InterruptGuard
 from vdfmu.sweeps.job import Row
 from vdfmu.sweeps.ledger import Ledger
 from vdfmu.sweeps.table import Sweep
 from vdfmu.sweeps.worker import Worker
 from vdfmu.tuning.problem import Problem
-
-__all__ = ["Evaluations", "Score", "SpentError"]
-
-Floats = npt.NDArray[np.float64]
 
 _STEEP = 100.0
 """Excess for each unit of the spectral radius beyond 1, where margins are 0."""
@@ -38,31 +34,21 @@ class SpentError(Exception):
 
 @dataclass(frozen=True)
 class Score:
-    """What values are worth.
-
-    Attributes
-    ----------
-    values : (d,) array
-    number : int or None
-        Of the evaluation; None where the margin was missed and nothing was run.
-    cost : (k,) array
-        Elements of the cost over all robots; infinite where a run failed.
-    failed : int
-        Runs that failed.
-    excess : (m,) array
-        How far each constraint is missed, of the order of 1; positive where it is.
-    margins : Margins or None
-    measures : dict of str to float
-        Largest of each other measure over all robots.
-    """
+    """What values are worth."""
 
     values: Floats
+    """(d,)."""
     number: int | None
+    """Of the evaluation; None where the margin was missed and nothing was run."""
     cost: Floats
+    """(k,): Elements of the cost over all robots; infinite where a run failed."""
     failed: int
+    """Runs that failed."""
     excess: Floats
+    """(m,): How far each constraint is missed, of the order of 1; positive where it is."""
     margins: Margins | None
     measures: dict[str, float]
+    """Largest of each other measure over all robots."""
 
     @property
     def feasible(self) -> bool:

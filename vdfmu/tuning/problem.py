@@ -11,18 +11,14 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from vdfmu.analysis.margins import ArmLoops, Margins
+from vdfmu.arrays import Floats
 from vdfmu.errors import UsageError
 from vdfmu.scenario.values import override, system_values
 from vdfmu.study.run import prepare
 from vdfmu.sweeps.axes import Axis, read_axes
 from vdfmu.sweeps.plan import TRACKING, Plan, make_plan
-
-__all__ = ["Problem", "make_problem"]
-
-Floats = npt.NDArray[np.float64]
 
 _RANGE = "*log(0.1, 10)"
 """Of a number that varies, unless another is given."""
@@ -31,32 +27,21 @@ _LIMIT = re.compile(r"(.+?)\s*(<=|>=|<|>)\s*([^<>=]+)")
 
 @dataclass(frozen=True)
 class Problem:
-    """What is tuned.
-
-    Attributes
-    ----------
-    axes : tuple of Axis
-        One for each number that varies, ``lin`` or ``log``, of values.
-    start : (d,) array
-        Values of the scenario.
-    limits : dict of str to (str, float)
-        Measure whose largest value over all robots must not be positive, to its text and the size of its right side.
-    over : "mean" or "worst"
-        What counts of the costs of the robots.
-    plan : Plan
-        Of the sweep, whose points are the robots.
-    loops : ArmLoops or None
-    margin : (n,) array
-        Required modulus margin of each joint, with one sample of delay; empty without.
-    """
+    """What is tuned."""
 
     axes: tuple[Axis, ...]
+    """One for each number that varies, ``lin`` or ``log``, of values."""
     start: Floats
+    """(d,): Values of the scenario."""
     limits: dict[str, tuple[str, float]]
+    """Measure whose largest value over all robots must not be positive, to its text and the size of its right side."""
     over: str
+    """``mean`` or ``worst``: what counts of the costs of the robots."""
     plan: Plan
+    """Of the sweep, whose points are the robots."""
     loops: ArmLoops | None
     margin: Floats
+    """(n,): Required modulus margin of each joint, with one sample of delay; empty without."""
 
     @property
     def names(self) -> list[str]:

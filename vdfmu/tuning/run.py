@@ -24,33 +24,25 @@ from vdfmu.tuning.evaluate import Evaluations, Score
 from vdfmu.tuning.problem import make_problem
 from vdfmu.tuning.search import METHODS, objective, search
 
-__all__ = ["Tuned", "tune"]
-
 
 @dataclass(frozen=True)
 class Tuned:
-    """What a search found.
-
-    Attributes
-    ----------
-    folder : Path
-        It has ``tuned.toml``, sections for a scenario; ``tune.json``, the comparison; ``sweep.parquet``, all runs; and
-        ``tuning.png``.
-    settings : dict
-        The values, as `vdfmu.run` takes them.
-    before, after : Score
-        Of the scenario's values and of the best.
-    evaluations, failed, missed : int
-        Values that were run; runs that failed; values that were not run, since they miss the margin.
-    """
+    """What a search found."""
 
     folder: Path
+    """It has ``tuned.toml``, sections for a scenario; ``tune.json``, the comparison; ``sweep.parquet``, all runs; and
+    ``tuning.png``."""
     settings: dict[str, Any]
+    """The values, as `vdfmu.run` takes them."""
     before: Score
+    """Of the scenario's values."""
     after: Score
+    """Of the best."""
     evaluations: int
+    """Values that were run."""
     failed: int
     missed: int
+    """Values that were not run, since they miss the margin."""
     notes: list[str] = field(default_factory=list)
 
     def table(self) -> list[tuple[str, float, float]]:

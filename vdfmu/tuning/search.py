@@ -8,13 +8,9 @@ from contextlib import suppress
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from vdfmu.arrays import Floats
 from vdfmu.tuning.evaluate import Evaluations, Score, SpentError
-
-__all__ = ["METHODS", "objective", "search"]
-
-Floats = npt.NDArray[np.float64]
 
 METHODS = ("both", "global", "local")
 """Differential evolution with a half of the budget, then COBYQA; or one of them."""

@@ -9,8 +9,6 @@ import numpy as np
 from vdfmu.equations.trajectory import Desired, desired_motion
 from vdfmu.unit import JOINTS, Input, Parameter
 
-__all__ = ["DESIRED", "gain", "small_motion", "wave_wrench", "wrench"]
-
 DESIRED = {
     "q_d": ("position", JOINTS, "desired position"),
     "q_d_dot": ("velocity", JOINTS, "desired velocity"),

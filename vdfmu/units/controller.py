@@ -9,8 +9,6 @@ from vdfmu.unit import JOINTS, Choice, Input, Output, RobotParameters, Terminal,
 from vdfmu.unit.variable import NO_LIMIT
 from vdfmu.units._signals import DESIRED, gain, small_motion
 
-__all__ = ["PDController"]
-
 
 class PDController(Unit):
     """Proportional-derivative controller, Eq. (58).

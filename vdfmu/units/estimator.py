@@ -9,8 +9,6 @@ from vdfmu.model.parameters import SPRING_KEYS
 from vdfmu.unit import JOINTS, Input, Output, Parameter, RobotParameters, Terminal, Unit
 from vdfmu.units._signals import small_motion
 
-__all__ = ["TorqueEstimator"]
-
 
 class TorqueEstimator(Unit):
     """Joint torque from the positions of link and rotor, Eq. (2)-(3).

@@ -9,8 +9,6 @@ from vdfmu.equations.trajectory import Desired
 from vdfmu.unit import JOINTS, Choice, Input, Output, RobotParameters, Terminal, Unit
 from vdfmu.units._signals import DESIRED, gain, small_motion, wave_wrench, wrench
 
-__all__ = ["Feedforward"]
-
 
 class Feedforward(Unit):
     """Feedforward torque by virtual decomposition, Eq. (12)-(28) and (48)-(53).

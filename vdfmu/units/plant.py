@@ -22,8 +22,6 @@ from vdfmu.unit import (
 )
 from vdfmu.units._signals import wave_wrench, wrench
 
-__all__ = ["Plant"]
-
 
 class Plant(Unit):
     """Serial manipulator with flexible harmonic-drive joints, Eq. (4)-(11), (29)-(47), (54)-(56).

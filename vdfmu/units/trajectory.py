@@ -6,8 +6,6 @@ from vdfmu.equations.trajectory import desired_motion
 from vdfmu.unit import JOINTS, Output, Parameter, Terminal, Unit
 from vdfmu.units._signals import DESIRED
 
-__all__ = ["Trajectory"]
-
 
 class Trajectory(Unit):
     """Desired joint trajectory with four time derivatives, Eq. (57).

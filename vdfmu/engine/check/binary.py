@@ -7,8 +7,6 @@ import struct
 
 import fmpy
 
-__all__ = ["ENDINGS", "architecture_fault", "library_fault"]
-
 _MAGIC = {
     ".so": (b"\x7fELF",),
     ".dll": (b"MZ",),

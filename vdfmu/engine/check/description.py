@@ -16,8 +16,6 @@ from lxml import etree  # pyright: ignore[reportAttributeAccessIssue]  # lxml sh
 
 from vdfmu.engine.rules import fmpy_found, found
 
-__all__ = ["DESCRIPTION", "description_faults", "schema_faults", "variables_of"]
-
 DESCRIPTION = "modelDescription.xml"
 _SCHEMAS = {
     "1": "fmi1/fmiModelDescription.xsd",

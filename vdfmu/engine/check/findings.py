@@ -7,29 +7,19 @@ from dataclasses import dataclass, field
 
 from vdfmu.engine.rules import Finding, reworded, within
 
-__all__ = ["Findings", "one_line"]
-
 
 @dataclass
 class Findings:
-    """Problems and notes of a file, or of a part of one.
-
-    Attributes
-    ----------
-    problems : list of Finding
-        What is wrong: one sentence or more each, with the place.
-    notes : list of Finding
-        Notes, not errors, such as what could not be checked and why.
-    compared : list of str
-        Files of reference results inside FMUs whose values were compared.
-    ran : bool
-        Whether code of the file was run.
-    """
+    """Problems and notes of a file, or of a part of one."""
 
     problems: list[str] = field(default_factory=list[str])
+    """What is wrong: one sentence or more each, with the place."""
     notes: list[str] = field(default_factory=list[str])
+    """Notes, not errors, such as what could not be checked and why."""
     compared: list[str] = field(default_factory=list[str])
+    """Files of reference results inside FMUs whose values were compared."""
     ran: bool = False
+    """Whether code of the file was run."""
 
     def add(self, other: Findings, where: str = "", file: str = "") -> None:
         """Take over what another check found, with its place before each sentence, and a file before that of each."""

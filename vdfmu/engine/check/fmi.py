@@ -11,8 +11,6 @@ from vdfmu.engine.check.description import DESCRIPTION, schema_faults, variables
 from vdfmu.engine.check.findings import Findings
 from vdfmu.engine.rules import found
 
-__all__ = ["BUILD", "TERMINALS", "build_faults", "terminal_faults", "variable_faults"]
-
 TERMINALS = "terminalsAndIcons/terminalsAndIcons.xml"
 BUILD = "sources/buildDescription.xml"
 _SHOWN = 5

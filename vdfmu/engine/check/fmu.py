@@ -20,8 +20,6 @@ from vdfmu.engine.ssp.archive import Archive
 from vdfmu.engine.ssp.parse import parse_xml
 from vdfmu.errors import SspError, StorageError
 
-__all__ = ["NOT_RUN", "check_unit", "read_unit", "store"]
-
 _VERSION = re.compile(r"[12]\.0|3\.0(\.\d+)?")
 """FMI 1.0 and 2.0 fix the text of fmiVersion; FMI 3.0 leaves a third number open."""
 NOT_RUN = found("RUN006", "not run: code of a file with problems is not run; mend them first")
@@ -209,7 +207,8 @@ def _binaries(unit: _Unit, description: Any, kinds: list[str], findings: Finding
     folders = sorted({n.split("/")[1] for n in names if n.startswith("binaries/") and n.count("/") >= 2})
     here = [p for p in (fmpy.platform, fmpy.platform_tuple) if p in folders]
     if not here:
-        sources = "; it has sources, which must be compiled first" if _has_sources(names) else ""
+        has_sources = any(n.startswith("sources/") and n.endswith((".c", ".cpp", ".cc")) for n in names)
+        sources = "; it has sources, which must be compiled first" if has_sources else ""
         text = f"no binary for this platform, {fmpy.platform}; there are: {', '.join(folders) or 'none'}{sources}"
         findings.problems.append(found("FMI017", text))
         return
@@ -226,7 +225,3 @@ def _binaries(unit: _Unit, description: Any, kinds: list[str], findings: Finding
         findings.problems += [
             found("FMI018", unit.misbuilt[name]) for name in here_too if name in unit.misbuilt
         ]
-
-
-def _has_sources(names: list[str]) -> bool:
-    return any(n.startswith("sources/") and n.endswith((".c", ".cpp", ".cc")) for n in names)

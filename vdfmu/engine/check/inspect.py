@@ -6,7 +6,7 @@ import html
 import os
 import posixpath
 import re
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 from urllib.parse import unquote
@@ -23,47 +23,25 @@ from vdfmu.errors import SspError, StorageError, UsageError
 from vdfmu.files import pack_zip
 from vdfmu.temporary import temporary_folder
 
-__all__ = ["FORMAT", "Report", "check_file", "inspect_file"]
-
 FORMAT = 1
 """Version of the structure of `Report`; it changes when a key changes its meaning or goes."""
 _ENDINGS = ".fmu, .ssp, .ssd, or an OspSystemStructure.xml"
 
 
 @dataclass
-class Report:
-    """What the check of a file found; `vdfmu check --json` prints these keys.
+class Report(Findings):
+    """What the check of a file found; `vdfmu check --json` prints these keys."""
 
-    Attributes
-    ----------
-    format : int
-        `FORMAT`.
-    file : str
-        The path as it was given.
-    kind : str
-        ``FMU``, ``SSP``, ``SSD`` or ``OSP``.
-    standard : str or None
-        Such as ``FMI 3.0``; None where the file does not get that far.
-    ran : bool
-        Whether code of the units was run.
-    compared : list of str
-        Files of reference results whose values were compared.
-    problems, notes : list of Finding
-        Texts, each with its rule and place.
-    """
-
-    file: str
-    kind: str
+    file: str = ""
+    """The path as it was given."""
+    kind: str = ""
+    """``FMU``, ``SSP``, ``SSD`` or ``OSP``."""
     standard: str | None = None
-    ran: bool = False
-    compared: list[str] = field(default_factory=list[str])
-    problems: list[str] = field(default_factory=list[str])
-    notes: list[str] = field(default_factory=list[str])
-    format: int = FORMAT
+    """Such as ``FMI 3.0``; None where the file does not get that far."""
 
     def to_dict(self) -> dict[str, Any]:
         """Return the report for JSON; ``findings`` are problems and notes with rule and place."""
-        values = dict(vars(self))
+        head = {name: getattr(self, name) for name in ("file", "kind", "standard", "ran", "compared")}
         findings = [
             {
                 "rule": text.rule.number, "severity": severity, "file": text.file or None, "line": text.line or None,
@@ -73,7 +51,8 @@ class Report:
             for text in texts
             if isinstance(text, Finding)
         ]  # fmt: skip
-        return {"format": values.pop("format"), **values, "findings": findings}
+        texts = {"problems": self.problems, "notes": self.notes}
+        return {"format": FORMAT, **head, **texts, "findings": findings}
 
 
 def check_file(path: str | os.PathLike[str], run: bool = True) -> list[str]:
@@ -148,7 +127,7 @@ def _report(path: Path, kind: str, findings: Findings, standard: str | None) -> 
     problems, notes = (
         list(dict.fromkeys(map(one_line, texts))) for texts in (findings.problems, findings.notes)
     )
-    return Report(str(path), kind, standard, findings.ran, findings.compared, problems, notes)
+    return Report(problems, notes, findings.compared, findings.ran, str(path), kind, standard)
 
 
 def _require(path: Path, suffix: str) -> None:

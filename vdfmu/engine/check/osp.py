@@ -14,8 +14,6 @@ from vdfmu.engine.rules import found
 from vdfmu.engine.ssp.parse import parse_xml
 from vdfmu.errors import SspError
 
-__all__ = ["NAMESPACE", "check_osp"]
-
 NAMESPACE = "http://opensimulationplatform.com/MSMI/OSPSystemStructure"
 _NS = {"osp": NAMESPACE}
 _ALGORITHMS = ("fixedStep", "ecco")

@@ -20,8 +20,6 @@ from vdfmu.engine.ssp.read import DEFAULT, read_system, variants
 from vdfmu.engine.ssp.structure import System
 from vdfmu.errors import SspError
 
-__all__ = ["check_package"]
-
 
 def check_package(path: Path, folder: Path, run: bool) -> tuple[Findings, str | None]:
     """Check every SSD of a package, and run the default one.

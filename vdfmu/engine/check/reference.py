@@ -14,15 +14,13 @@ from urllib.parse import unquote
 
 import fmpy
 import numpy as np
-import numpy.typing as npt
 from fmpy.fmi3 import FMU3Slave
 
+from vdfmu.arrays import Floats
 from vdfmu.engine.check.findings import Findings
 from vdfmu.engine.rules import found
 from vdfmu.engine.ssp.parse import parse_xml
 from vdfmu.errors import SspError
-
-__all__ = ["compare"]
 
 FOLDER = "extra/org.fmi-standard.fmi-ls-ref/"
 MANIFEST = f"{FOLDER}fmi-ls-manifest.xml"
@@ -31,8 +29,6 @@ AGREEMENT = 1e-3
 
 _MANY = 20_000
 """Steps that a comparison may take in any case: seconds for a compiled unit, less than the time limit for others."""
-
-Floats = npt.NDArray[np.float64]
 _INTEGERS = tuple(f"{u}Int{n}" for u in ("", "U") for n in (8, 16, 32, 64))
 _NUMBERS = {"Float64", "Float32", "Real", "Integer", "Boolean", "Enumeration", *_INTEGERS}
 """Types that a cell of the table can hold."""

@@ -30,8 +30,6 @@ from vdfmu.interrupt import listening
 from vdfmu.process import Listener, end_group
 from vdfmu.temporary import temporary_folder
 
-__all__ = ["master_of", "run_apart"]
-
 STEPS = 10
 SECONDS = 60.0
 """Time that the short run may take, with the start of Python and the preparation of the unit."""

@@ -9,8 +9,6 @@ from vdfmu import __version__
 from vdfmu.engine.check.inspect import Report
 from vdfmu.engine.rules import RULES, Finding, Rule
 
-__all__ = ["to_sarif"]
-
 _LEVELS = {"problem": "error", "note": "note"}
 _URI = "https://raw.githubusercontent.com/oasis-tcs/sarif-spec/main/sarif-2.1/schema/sarif-schema-2.1.0.json"
 

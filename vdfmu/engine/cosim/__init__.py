@@ -2,7 +2,6 @@
 
 from vdfmu.engine.algorithms import ALGORITHMS
 from vdfmu.engine.cosim.check import check_system
-from vdfmu.engine.cosim.checked import Checked
 from vdfmu.engine.cosim.master import simulate
 from vdfmu.engine.cosim.messages import LogMessage
 from vdfmu.engine.cosim.results import Results, Signal
@@ -10,13 +9,5 @@ from vdfmu.engine.cosim.run import Interrupted
 from vdfmu.engine.cosim.simulator import Simulator
 
 __all__ = [
-    "ALGORITHMS",
-    "Checked",
-    "Interrupted",
-    "LogMessage",
-    "Results",
-    "Signal",
-    "Simulator",
-    "check_system",
-    "simulate",
-]
+    "ALGORITHMS", "Interrupted", "LogMessage", "Results", "Signal", "Simulator", "check_system", "simulate",
+]  # fmt: skip

@@ -9,8 +9,6 @@ from vdfmu.engine.cosim.description import Description
 from vdfmu.engine.cosim.link import Link
 from vdfmu.engine.cosim.schedule import Schedule
 
-__all__ = ["check_abilities"]
-
 
 def check_abilities(
     descriptions: Mapping[str, Description],

@@ -11,8 +11,6 @@ from numpy.typing import NDArray
 
 from vdfmu.engine.cosim.variables import Value, Variable
 
-__all__ = ["DTYPES", "KINDS", "Call", "Heap", "Transfer"]
-
 Call = tuple[Any, Any, Any, Any, Any, str]
 """An FMI function, its last four arguments, and its name for messages."""
 DTYPES: dict[str, Any] = {

@@ -8,13 +8,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vdfmu.arrays import Floats
 from vdfmu.engine.cosim.access import DTYPES, Call, Heap
 from vdfmu.engine.cosim.checked import Checked
 from vdfmu.engine.cosim.component import Slave
 from vdfmu.engine.cosim.link import Link, Port
 from vdfmu.engine.cosim.variables import Variable
-
-__all__ = ["Bank"]
 
 
 class Bank:
@@ -24,7 +23,7 @@ class Bank:
     for its inputs. In an input window the fresh inputs (see `Schedule`) come first.
     """
 
-    def __init__(self, kind: str, checked: Checked, words: NDArray[np.float64]) -> None:
+    def __init__(self, kind: str, checked: Checked, words: Floats) -> None:
         self.kind = kind
         fresh = checked.schedule.fresh
         links = {link.end: link for link in checked.links if link.stepped}

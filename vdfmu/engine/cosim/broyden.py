@@ -6,11 +6,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-__all__ = ["Broyden"]
-
-Floats = NDArray[np.float64]
+from vdfmu.arrays import Floats
 
 _LEAST, _EACH = 30, 3
 """Repetitions at least, and for each unknown: a linear loop needs two, but for rounding errors (Gay 1979)."""
@@ -23,16 +20,11 @@ _KEPT = 1e-3
 
 @dataclass
 class Broyden:
-    """Solver of one fixed point problem after the other, which keeps what it has learnt.
-
-    Attributes
-    ----------
-    inverse : array (n, n) or None
-        Inverse of the derivative of the residual by the guess, as far as the method knows it. None: minus the
-        identity, which is right without coupling.
-    """
+    """Solver of one fixed point problem after the other, which keeps what it has learnt."""
 
     inverse: Floats | None = None
+    """(n, n): Inverse of the derivative of the residual by the guess, as far as the method knows it. None: minus the
+    identity, which is right without coupling."""
 
     def solve(
         self,

@@ -13,44 +13,29 @@ from vdfmu.engine.cosim.schedule import Schedule
 from vdfmu.engine.cosim.variables import Variable
 from vdfmu.engine.ssp.structure import System
 
-__all__ = ["Checked"]
-
 
 @dataclass(frozen=True)
 class Checked:
-    """A system that can be run.
-
-    Attributes
-    ----------
-    descriptions : mapping of str to Description
-        By component name, in the order of the SSD.
-    links : tuple of Link
-        With those from the signals of `feed`.
-    algorithm : str
-        The master algorithm that `schedule` is for.
-    schedule : Schedule
-    starts : mapping of str to list of (Variable, value)
-        What to set in each component before initialization, in the units of the FMU.
-    notes : tuple of str
-        Notes, not errors: inputs that nothing feeds, for example.
-    feed : Feed or None
-        Signals from outside.
-    clock_links : tuple of (Port, Port)
-        Connections of clocks.
-    multiples : mapping of str to int
-        Communication steps that a component's own step takes; empty where all step together.
-    """
+    """A system that can be run."""
 
     system: System
     descriptions: Mapping[str, Description]
+    """By component name, in the order of the SSD."""
     links: tuple[Link, ...]
+    """With those from the signals of `feed`."""
     algorithm: str
+    """The master algorithm that `schedule` is for."""
     schedule: Schedule
     starts: Mapping[str, Sequence[tuple[Variable, Value]]]
+    """What to set in each component before initialization, in the units of the FMU."""
     notes: tuple[str, ...]
+    """Notes, not errors: inputs that nothing feeds, for example."""
     feed: Feed | None = None
+    """Signals from outside."""
     clock_links: tuple[tuple[Port, Port], ...] = ()
+    """Connections of clocks."""
     multiples: Mapping[str, int] = field(default_factory=dict)
+    """Communication steps that a component's own step takes; empty where all step together."""
 
     @property
     def sources(self) -> Mapping[str, Description]:

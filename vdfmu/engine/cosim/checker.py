@@ -18,8 +18,6 @@ from vdfmu.engine.ssp.wiring import fits, show_shape
 from vdfmu.errors import SspError
 from vdfmu.text import close_to
 
-__all__ = ["Checker"]
-
 _PAIRS = {("output", "input"), ("calculatedParameter", "parameter"), ("calculatedParameter", "input")}
 
 

@@ -6,8 +6,6 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
-__all__ = ["Clock", "read_clock"]
-
 
 @dataclass(frozen=True)
 class Clock:

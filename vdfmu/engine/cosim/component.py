@@ -15,48 +15,25 @@ import fmpy
 import numpy as np
 from numpy.typing import NDArray
 
+from vdfmu.arrays import Floats
 from vdfmu.engine.cosim.access import DTYPES, Call, Heap, Transfer
 from vdfmu.engine.cosim.description import Description, library_name
 from vdfmu.engine.cosim.integrator import Integrator
-from vdfmu.engine.cosim.messages import LogMessage, MessageBox
+from vdfmu.engine.cosim.messages import STATUS, MessageBox, boxes
 from vdfmu.engine.cosim.variables import Value, Variable
 from vdfmu.errors import CosimError
-from vdfmu.text import shown
 
-__all__ = ["Slave", "Starts", "Watch"]
-
-STATUS = ("ok", "warning", "discard", "error", "fatal", "pending")
-Floats = NDArray[np.float64]
 Starts = Sequence[tuple[Variable, Value]]
 """Variables, and the values that they are set to."""
 Watch = Callable[[str, str, Any], Any]
 """Returns a function that notes component and call before it calls the given function."""
 _PASSED = ("ok", "warning", "discard", "pending")
 """Of a message in freeInstance, which has no status of its own: no failure."""
-_LENGTH = 10_000
-"""Bytes of a message that are kept."""
 _UPDATES = 1000
 """Updates of discrete states at one event at most."""
-_boxes: dict[int, tuple[str, MessageBox]] = {}
-"""Unit name and message box by the environment of the callbacks."""
 _tokens = itertools.count(1)
 _MAKING = threading.Lock()
 """Held while pythonfmu makes an instance: it changes ``sys.path`` and runs a script, for all threads."""
-
-
-def on_message(token: int | None, status: int, category: bytes, text: bytes) -> None:
-    """Receive a message of any unit of the process."""
-    message = shown(text[:_LENGTH].decode("utf-8", "replace")) if text else ""
-    if text and len(text) > _LENGTH:
-        message += f" ... ({len(text) - _LENGTH} bytes more)"
-    label = STATUS[status] if 0 <= status < len(STATUS) else str(status)
-    entry = _boxes.get(token or 0)
-    if entry is None:  # of an instance of fmpy's own, whose proxy knows one receiver only, now this one
-        print(f"[{label.upper()}] {message}")
-        return
-    name, box = entry
-    kind = shown(category[:_LENGTH].decode("utf-8", "replace")) if category else ""
-    box.add(LogMessage(name, box.time, label, kind, message))
 
 
 class Slave:
@@ -185,7 +162,7 @@ class Slave:
 
         return run, None, None, None, None, "setRealInputDerivatives"
 
-    def slopes(self, variables: Sequence[Variable], values: NDArray[np.float64]) -> Call:
+    def slopes(self, variables: Sequence[Variable], values: Floats) -> Call:
         """Return the call that gets the derivatives of real outputs by time into `values`, in place."""
         places = range(len(variables))
         return self.slope_call(
@@ -303,7 +280,7 @@ class Slave:
 
     def instantiate(self) -> None:
         """Create the instance."""
-        _boxes[self.token] = (self.name, self.box)
+        boxes[self.token] = (self.name, self.box)
         with _MAKING if self.python else nullcontext():
             component = self.make()
         if not component:
@@ -395,7 +372,7 @@ class Slave:
         finally:
             self.box.flush()
             if not self.dead:  # a dead instance keeps its callbacks: nothing may free what it may still use
-                _boxes.pop(self.token, None)
+                boxes.pop(self.token, None)
             else:
                 _unfreed.append(self)
         return failure

@@ -12,7 +12,8 @@ import numpy as np
 from fmpy import fmi2
 
 from vdfmu.engine.cosim.access import Call, Transfer
-from vdfmu.engine.cosim.component import Floats, Slave, Starts, on_message
+from vdfmu.engine.cosim.component import Floats, Slave, Starts
+from vdfmu.engine.cosim.messages import on_message
 from vdfmu.engine.cosim.variables import Variable
 from vdfmu.errors import CosimError
 
@@ -20,8 +21,6 @@ try:
     from fmpy.logging import addLoggerProxy
 except Exception:  # no proxy library for this platform: messages come without their arguments
     addLoggerProxy = None
-
-__all__ = ["Slave2"]
 
 _LAST_SUCCESSFUL_TIME, _TERMINATED = 2, 3
 """Of fmi2StatusKind."""

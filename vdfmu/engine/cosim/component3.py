@@ -12,11 +12,10 @@ from typing import Any
 import numpy as np
 
 from vdfmu.engine.cosim.access import Call, Transfer
-from vdfmu.engine.cosim.component import Slave, Starts, on_message
+from vdfmu.engine.cosim.component import Slave, Starts
+from vdfmu.engine.cosim.messages import on_message
 from vdfmu.engine.cosim.variables import Variable
 from vdfmu.errors import CosimError
-
-__all__ = ["Slave3"]
 
 _RECEIVER = CFUNCTYPE(None, c_void_p, c_int, c_char_p, c_char_p)(on_message)
 _UPDATE = CFUNCTYPE(None, c_void_p, c_double, c_bool, c_bool, c_bool, c_bool, c_void_p, c_void_p)

@@ -5,9 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-import numpy as np
-from numpy.typing import NDArray
-
+from vdfmu.arrays import Floats
 from vdfmu.engine.algorithms import CONTINUOUS
 from vdfmu.engine.cosim.checked import Checked
 from vdfmu.engine.cosim.component import Slave, Watch
@@ -20,8 +18,6 @@ from vdfmu.engine.cosim.messages import LogMessage, MessageBox
 from vdfmu.engine.cosim.multirate import MultirateStepper
 from vdfmu.errors import CosimError
 from vdfmu.interrupt import InterruptGuard
-
-__all__ = ["CONVERGENCE", "Components"]
 
 CONVERGENCE = 1e-8
 """Default relative change at which repetitions end."""
@@ -50,7 +46,7 @@ class Components:
         checked: Checked,
         folders: Mapping[str, Path],
         box: MessageBox,
-        words: NDArray[np.float64] | None = None,
+        words: Floats | None = None,
         watch: Watch | None = None,
     ) -> None:
         self.checked, self.folders, self.box = checked, folders, box

@@ -35,8 +35,6 @@ from vdfmu.errors import UsageError
 from vdfmu.files import pack_zip, storing
 from vdfmu.temporary import temporary_folder
 
-__all__ = ["write_container"]
-
 _NAME = "container"
 
 

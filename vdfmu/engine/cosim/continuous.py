@@ -13,16 +13,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vdfmu.arrays import Floats
 from vdfmu.engine.cosim.component import Slave
 from vdfmu.engine.cosim.coupled import Block, Coupled, Unit
 from vdfmu.engine.cosim.exchange import Exchange, largest_step
 from vdfmu.engine.cosim.interface import interface_inverse
 from vdfmu.engine.cosim.messages import MessageBox
 from vdfmu.errors import CosimError
-
-__all__ = ["ContinuousStepper"]
-
-Floats = NDArray[np.float64]
 
 _FIRST = 1e-5
 """First step of the error control, relative to the longest: it finds the slopes of the signals."""

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vdfmu.arrays import Floats
 from vdfmu.engine.cosim.access import Call
 from vdfmu.engine.cosim.bank import Bank
 from vdfmu.engine.cosim.broyden import Broyden
@@ -16,9 +17,6 @@ from vdfmu.engine.cosim.component import Slave
 from vdfmu.engine.cosim.exchange import Exchange
 from vdfmu.engine.cosim.link import SOURCE
 
-__all__ = ["Block", "Coupled", "Unit"]
-
-Floats = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
 

@@ -25,60 +25,42 @@ _CONTINUOUS_INPUT = {("input", None), ("input", "continuous")}
 
 @dataclass(frozen=True)
 class Description:
-    """An FMU, for co-simulation or for model exchange.
-
-    Attributes
-    ----------
-    version : str
-        Of FMI.
-    variables : mapping of str to Variable
-        Arrays by their elements.
-    shapes : mapping of str to tuple of int
-        Of the arrays.
-    step_dependencies, initial_dependencies : mapping of str to frozenset of str or None
-        For each output (and each other initial unknown) the names it depends on, in the steps and during
-        initialization. None where the FMU does not say, which means: on all.
-    saves_state : bool
-        Whether its state can be saved and restored, so that a step can be repeated.
-    interpolates_inputs : bool
-        Whether it takes derivatives of its real inputs, and lets them run linearly over a step.
-    updates_inputs : bool
-        Whether its real inputs can be set within a step of co-simulation, in its intermediate updates (FMI 3.0).
-    derives_outputs : bool
-        Whether it gives derivatives of its outputs by time.
-    derives_unknowns : bool
-        Whether it gives directional derivatives.
-    states : tuple of (int, int, int)
-        Value references of the continuous states and of their derivatives that it declares, and their lengths.
-    varies_steps : bool
-        Whether its steps may differ in length.
-    event_mode : bool
-        Whether its events of co-simulation can be handled by the master.
-    exchange : bool
-        Whether it is for model exchange: the master integrates it.
-    sizes : pair of int
-        Numbers of continuous states and of event indicators.
-    """
+    """An FMU, for co-simulation or for model exchange."""
 
     source: str
     identifier: str
     guid: str
     once_per_process: bool
     variables: Mapping[str, Variable]
+    """Arrays by their elements."""
     step_dependencies: Mapping[str, frozenset[str] | None]
+    """For each output the names it depends on in the steps. None where the FMU does not say, which means: on all."""
     initial_dependencies: Mapping[str, frozenset[str] | None]
+    """The same during initialization, for each initial unknown."""
     version: str = "2.0"
+    """Of FMI."""
     shapes: Mapping[str, tuple[int, ...]] = field(default_factory=dict)
+    """Of the arrays."""
     saves_state: bool = False
+    """Whether its state can be saved and restored, so that a step can be repeated."""
     interpolates_inputs: bool = False
+    """Whether it takes derivatives of its real inputs, and lets them run linearly over a step."""
     updates_inputs: bool = False
+    """Whether its real inputs can be set within a step of co-simulation, in its intermediate updates (FMI 3.0)."""
     derives_outputs: bool = False
+    """Whether it gives derivatives of its outputs by time."""
     derives_unknowns: bool = False
+    """Whether it gives directional derivatives."""
     states: tuple[tuple[int, int, int], ...] = ()
+    """Value references of the continuous states and of their derivatives that it declares, and their lengths."""
     varies_steps: bool = True
+    """Whether its steps may differ in length."""
     event_mode: bool = False
+    """Whether its events of co-simulation can be handled by the master."""
     exchange: bool = False
+    """Whether it is for model exchange: the master integrates it."""
     sizes: tuple[int, int] = (0, 0)
+    """Numbers of continuous states and of event indicators."""
 
     @property
     def names(self) -> list[str]:

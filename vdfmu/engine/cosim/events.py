@@ -22,8 +22,6 @@ from vdfmu.engine.cosim.exchange import Exchange, SampledStepper, largest_step
 from vdfmu.engine.cosim.variables import Variable
 from vdfmu.errors import CosimError
 
-__all__ = ["EventStepper", "Events"]
-
 _ROUNDS = 100
 """Events at one time, one after the other, at most."""
 _CLOSE = 1e-9

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vdfmu.arrays import Floats
 from vdfmu.engine.algorithms import CONTINUOUS
 from vdfmu.engine.cosim.access import KINDS, Call
 from vdfmu.engine.cosim.bank import Bank
@@ -68,7 +69,7 @@ class Exchange:
         checked: Checked,
         slaves: Mapping[str, Slave],
         box: MessageBox,
-        words: NDArray[np.float64] | None = None,
+        words: Floats | None = None,
     ) -> None:
         self.checked = checked
         self.slaves = slaves
@@ -117,14 +118,14 @@ class Exchange:
         values = np.array([self._value(link) for link in torn], np.float64)
         least = np.array([1.0 if link.discrete else link.sink.size for link in torn])
 
-        def repeat(guess: NDArray[np.float64]) -> NDArray[np.float64]:
+        def repeat(guess: Floats) -> Floats:
             for link, value in zip(torn, guess.tolist(), strict=True):
                 self._carry(link, value if link.sink.kind == "Real" else round(value))
             self._pass(initial.links, texts)
             values[:] = [self._value(link) for link in torn]
             return values
 
-        def size(residual: NDArray[np.float64]) -> NDArray[np.float64]:
+        def size(residual: Floats) -> Floats:
             sizes = np.abs(residual) / np.maximum(np.abs(values), least)
             return np.where(np.isnan(sizes), np.inf, sizes)
 

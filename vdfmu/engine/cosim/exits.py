@@ -13,8 +13,6 @@ from contextlib import contextmanager, suppress
 from vdfmu.engine.cosim.component import Slave
 from vdfmu.engine.cosim.messages import MessageBox
 
-__all__ = ["report_exits"]
-
 
 @contextmanager
 def report_exits(box: MessageBox, save: Callable[[], str]) -> Generator[None]:

@@ -18,8 +18,6 @@ from vdfmu.errors import UsageError
 from vdfmu.measure import coherent, measure
 from vdfmu.text import close_to
 
-__all__ = ["Fed", "Feed", "feed_inputs"]
-
 
 class Fed(NamedTuple):
     """Signals of one FMI type, and their names as outputs of the source."""

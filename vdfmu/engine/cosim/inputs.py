@@ -13,14 +13,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from vdfmu.arrays import Floats
 from vdfmu.engine.cosim.results import copies_beside, later
 from vdfmu.errors import UsageError
-
-__all__ = ["Course", "Inputs", "Table", "outside", "read_inputs"]
-
-Floats = NDArray[np.float64]
 
 _HEADING = re.compile(r"(.*?)(?:\s+\[(.+)\])?")
 """A name, and a unit of measurement in brackets behind a space."""
@@ -33,31 +29,22 @@ _MOST_PROBLEMS = 8
 
 @dataclass(frozen=True, eq=False)
 class Table:
-    """Signals of one file, or one array: what they are for, and their values at times.
-
-    Attributes
-    ----------
-    where : str
-        The file, or the name of the array, for messages.
-    names : tuple of str
-        ``component.variable`` of each column.
-    units : tuple of str
-        Unit of measurement of each; empty for that of the input.
-    t : (m,) [s], increasing
-    values : (m, n)
-    held : bool
-        Whether a value holds until the next row; else the way between two rows is a line.
-    chosen : bool
-        Whether every column must name an input; else, in a results file, those that do are taken.
-    """
+    """Signals of one file, or one array: what they are for, and their values at times."""
 
     where: str
+    """The file, or the name of the array, for messages."""
     names: tuple[str, ...]
+    """``component.variable`` of each column."""
     units: tuple[str, ...]
+    """Unit of measurement of each; empty for that of the input."""
     t: Floats
+    """(m,) [s], increasing."""
     values: Floats
+    """(m, n)."""
     held: bool
+    """Whether a value holds until the next row; else the way between two rows is a line."""
     chosen: bool = True
+    """Whether every column must name an input; else, in a results file, those that do are taken."""
 
 
 Inputs = (

@@ -13,15 +13,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vdfmu.arrays import Floats
 from vdfmu.engine.cosim.access import Call
 from vdfmu.errors import CosimError
 
 if TYPE_CHECKING:
     from vdfmu.engine.cosim.component import Slave
-
-__all__ = ["Integrator"]
-
-Floats = NDArray[np.float64]
 TOLERANCE = 1e-6
 """Relative, where none is asked for; absolute, times the nominal values of the states."""
 _STIFF = 200

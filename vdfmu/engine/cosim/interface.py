@@ -6,13 +6,9 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from vdfmu.arrays import Floats
 from vdfmu.engine.cosim.coupled import Block, Coupled, Unit
-
-__all__ = ["interface_inverse"]
-
-Floats = NDArray[np.float64]
 
 
 def interface_inverse(block: Block, coupled: Coupled, h: float) -> Floats | None:

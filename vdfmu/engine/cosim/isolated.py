@@ -24,8 +24,8 @@ from time import monotonic
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from vdfmu.arrays import Floats
 from vdfmu.engine.cosim.checked import Checked
 from vdfmu.engine.cosim.component2 import Slave2
 from vdfmu.engine.cosim.component3 import Slave3
@@ -33,8 +33,6 @@ from vdfmu.engine.cosim.exchange import Exchange, words_of
 from vdfmu.engine.cosim.messages import LogMessage, MessageBox
 from vdfmu.errors import CosimError, UsageError, VdfmuError
 from vdfmu.process import Listener, end_group, started
-
-__all__ = ["CALLS", "REPLY", "REQUEST", "Isolated", "Limits", "mapped"]
 
 REQUEST = struct.Struct("<Iddd")
 """Length of what follows, or 0 and time, step and stop of `advance`."""
@@ -282,7 +280,7 @@ def _has_ended(process: subprocess.Popen[bytes]) -> bool:
     return True
 
 
-def mapped(path: Path) -> NDArray[np.float64]:
+def mapped(path: Path) -> Floats:
     """Return the shared memory."""
     with open(path, "r+b") as file:
         return np.frombuffer(mmap.mmap(file.fileno(), 0), np.float64)

@@ -7,8 +7,6 @@ from dataclasses import dataclass
 from vdfmu.engine.cosim.conversion import Conversion
 from vdfmu.engine.cosim.variables import Variable
 
-__all__ = ["SOURCE", "Link", "Port"]
-
 Port = tuple[str, str]
 """Component and variable."""
 SOURCE = "(inputs)"

@@ -8,8 +8,11 @@ from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 
-__all__ = ["LogMessage", "MessageBox", "log_to_logging"]
+from vdfmu.text import shown
 
+STATUS = ("ok", "warning", "discard", "error", "fatal", "pending")
+_LENGTH = 10_000
+"""Bytes of a message that are kept."""
 _FAILURE = re.compile("error|fatal|discard", re.IGNORECASE)
 """In the category of a message that is worse than its status says."""
 _LEVEL = {"ok": logging.DEBUG, "note": logging.INFO, "warning": logging.WARNING}
@@ -17,22 +20,14 @@ _LEVEL = {"ok": logging.DEBUG, "note": logging.INFO, "warning": logging.WARNING}
 
 @dataclass(frozen=True)
 class LogMessage:
-    """A message of a unit, or (status ``note``) of the check before the run.
-
-    Attributes
-    ----------
-    unit : str
-        Component name; empty for notes.
-    time : float
-        Communication point at which it came [s].
-    status : str
-        ``ok``, ``warning``, ``discard``, ``error``, ``fatal``, ``pending`` or ``note``.
-    category, text : str
-    """
+    """A message of a unit, or (status ``note``) of the check before the run."""
 
     unit: str
+    """Component name; empty for notes."""
     time: float
+    """Communication point at which it came [s]."""
     status: str
+    """``ok``, ``warning``, ``discard``, ``error``, ``fatal``, ``pending`` or ``note``."""
     category: str
     text: str
 
@@ -88,3 +83,22 @@ class MessageBox:
         # a unit that names itself and the call: the error that quotes it does so already
         text = re.sub(rf"^{re.escape(unit)}: \w+( at t = \S+ s)? failed: ", "", text)
         return text or "the unit gave no reason"
+
+
+boxes: dict[int, tuple[str, MessageBox]] = {}
+"""Unit name and message box by the environment of the callbacks."""
+
+
+def on_message(token: int | None, status: int, category: bytes, text: bytes) -> None:
+    """Receive a message of any unit of the process."""
+    message = shown(text[:_LENGTH].decode("utf-8", "replace")) if text else ""
+    if text and len(text) > _LENGTH:
+        message += f" ... ({len(text) - _LENGTH} bytes more)"
+    label = STATUS[status] if 0 <= status < len(STATUS) else str(status)
+    entry = boxes.get(token or 0)
+    if entry is None:  # of an instance of fmpy's own, whose proxy knows one receiver only, now this one
+        print(f"[{label.upper()}] {message}")
+        return
+    name, box = entry
+    kind = shown(category[:_LENGTH].decode("utf-8", "replace")) if category else ""
+    box.add(LogMessage(name, box.time, label, kind, message))

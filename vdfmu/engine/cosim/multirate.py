@@ -12,8 +12,6 @@ from vdfmu.engine.cosim.component import Slave
 from vdfmu.engine.cosim.exchange import Exchange, SampledStepper, largest_step
 from vdfmu.errors import UsageError
 
-__all__ = ["MultirateStepper", "with_steps"]
-
 
 def with_steps(checked: Checked, step: float) -> Checked:
     """Return a checked system with the number of communication steps that each component's own step takes.

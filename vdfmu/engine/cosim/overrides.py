@@ -11,8 +11,6 @@ from vdfmu.engine.ssp.structure import spread
 from vdfmu.errors import UsageError
 from vdfmu.text import close_to
 
-__all__ = ["Starts", "overrides", "why_not"]
-
 Starts = dict[str, dict[str, tuple[Variable, Value]]]
 """Variables and their values by component and name."""
 

@@ -20,8 +20,6 @@ from vdfmu.engine.json_text import to_json
 from vdfmu.errors import UsageError
 from vdfmu.files import replacing
 
-__all__ = ["needed", "read_parquet", "write_parquet"]
-
 _GROUP = 2**16
 """Rows that are compressed at a time: what is held in memory of a long run."""
 _KEY = b"vdfmu"

@@ -11,9 +11,8 @@ from typing import Any, BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
+from vdfmu.arrays import Floats
 from vdfmu.engine.cosim.results import Signal, csv_head, csv_lines, no_rows
-
-__all__ = ["ROWS", "Recorder"]
 
 ROWS = 512
 """Rows that are kept in memory at most."""
@@ -55,7 +54,7 @@ class Recorder:
         signals: Sequence[Signal],
         data: Mapping[str, NDArray[Any]],
         put: Callable[[int], None],
-        times: Callable[[int, int], NDArray[np.float64]],
+        times: Callable[[int, int], Floats],
     ) -> None:
         self._path, self._data = path, data
         self._signals = [signal for signal in signals if not signal.of]
@@ -81,7 +80,7 @@ class Recorder:
             self._flush(self._times(self._first, k))
         self._put(k - self._first)
 
-    def finish(self, time: NDArray[np.float64]) -> dict[str, NDArray[Any]]:
+    def finish(self, time: Floats) -> dict[str, NDArray[Any]]:
         """Write the rows that are left, up to that of the last `time`; return all of them, by kind, from disk."""
         self._flush(time[self._first :])
         if self._csv is not None:
@@ -96,7 +95,7 @@ class Recorder:
                 self._files[kind].close()  # the map stays
         return found
 
-    def _flush(self, time: NDArray[np.float64]) -> None:
+    def _flush(self, time: Floats) -> None:
         began = clock.perf_counter()
         rows = slice(0, len(time))
         text = [] if self._csv is None else [self._csv]

@@ -16,6 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from vdfmu.arrays import Floats
 from vdfmu.errors import UsageError, VdfmuError
 from vdfmu.files import write_whole
 from vdfmu.text import close_to
@@ -65,7 +66,7 @@ class Results:
 
     def __init__(
         self,
-        time: NDArray[np.float64],
+        time: Floats,
         signals: Sequence[Signal],
         data: Mapping[str, NDArray[Any]],
         summary: dict[str, Any] | None = None,
@@ -351,9 +352,7 @@ def csv_head(signals: Sequence[Signal]) -> str:
     return head
 
 
-def csv_lines(
-    time: NDArray[np.float64], signals: Sequence[Signal], data: Mapping[str, NDArray[Any]], rows: slice
-) -> str:
+def csv_lines(time: Floats, signals: Sequence[Signal], data: Mapping[str, NDArray[Any]], rows: slice) -> str:
     """Return a line for each `time` and its row of `data`; numbers in their shortest form of the same bits."""
     if not len(time):
         return ""

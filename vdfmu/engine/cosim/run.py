@@ -12,8 +12,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from vdfmu.arrays import Floats
 from vdfmu.engine.cosim.checked import Checked
 from vdfmu.engine.cosim.components import Components, failure_message
 from vdfmu.engine.cosim.continuous import ContinuousStepper
@@ -31,8 +31,6 @@ from vdfmu.temporary import temporary_folder
 
 if TYPE_CHECKING:
     from vdfmu.engine.federation.federated import Federated
-
-__all__ = ["Interrupted", "Run"]
 
 
 class Interrupted(KeyboardInterrupt):
@@ -148,7 +146,7 @@ class Run:
         pending = box.pending
         done = -1  # the last complete row
 
-        def times(first: int, after: int) -> NDArray[np.float64]:
+        def times(first: int, after: int) -> Floats:
             return begin + step * np.arange(first, after, dtype=np.float64)
 
         def results() -> Results:

@@ -23,50 +23,33 @@ DEFAULT = "gauss-seidel"
 
 @dataclass(frozen=True)
 class Initial:
-    """How values are carried over in initialization mode.
-
-    Attributes
-    ----------
-    links : tuple of Link
-        Connections in their order.
-    torn : tuple of Link
-        Connections that close an algebraic loop: what they carry is guessed.
-    loops : tuple of str
-        The cycle of each, for messages.
-    """
+    """How values are carried over in initialization mode."""
 
     links: tuple[Link, ...]
+    """Connections in their order."""
     torn: tuple[Link, ...]
+    """Connections that close an algebraic loop: what they carry is guessed."""
     loops: tuple[str, ...]
+    """The cycle of each, for messages."""
 
 
 @dataclass(frozen=True)
 class Schedule:
-    """In which order things happen.
-
-    Attributes
-    ----------
-    initial : Initial
-    units : tuple of str
-        The components in the order of their doStep.
-    fresh : frozenset of (str, str)
-        Inputs that get the value their source computed in the same step. All others get the value that
-        their source had at the start of the step; with a `CONTINUOUS` algorithm all other discrete ones.
-    through : frozenset of (str, str)
-        Connected inputs that an output of their unit depends on directly which another unit reads, or which any does
-        if none is read.
-    direct : frozenset of (str, str)
-        Outputs that depend directly on a connected input.
-    blocks : tuple of tuple of str
-        The components again, those that depend on each other in one block; for `CONTINUOUS` algorithms.
-    """
+    """In which order things happen."""
 
     initial: Initial
     units: tuple[str, ...]
+    """The components in the order of their doStep."""
     fresh: frozenset[Port]
+    """Inputs that get the value their source computed in the same step. All others get the value that their source had
+    at the start of the step; with a `CONTINUOUS` algorithm all other discrete ones."""
     through: frozenset[Port] = frozenset()
+    """Connected inputs that an output of their unit depends on directly which another unit reads, or which any does if
+    none is read."""
     direct: frozenset[Port] = frozenset()
+    """Outputs that depend directly on a connected input."""
     blocks: tuple[tuple[str, ...], ...] = ()
+    """The components again, those that depend on each other in one block; for `CONTINUOUS` algorithms."""
 
 
 def choose_schedule(

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from vdfmu.engine.algorithms import ALGORITHMS, CONTINUOUS, MOST_STEPS
+from vdfmu.engine.algorithms import ALGORITHMS, CONTINUOUS, count_steps
 from vdfmu.engine.cosim.check import Value, check_system, with_parameters
 from vdfmu.engine.cosim.checked import Checked
 from vdfmu.engine.cosim.components import CONVERGENCE
@@ -27,8 +27,6 @@ from vdfmu.errors import UsageError
 
 if TYPE_CHECKING:
     from vdfmu.engine.federation import Federation
-
-__all__ = ["Simulator", "check_coupling"]
 
 
 class Simulator:
@@ -197,23 +195,7 @@ class Simulator:
             raise UsageError("no stop time: the system's default experiment has none, give stop")
         if step is None:
             raise UsageError("no communication step: the system's default experiment has none, give step")
-        for name, value in (("start", begin), ("stop", end), ("step", step)):
-            if not np.isfinite(value):
-                raise UsageError(f"{name} must be finite, got {value}")
-        if step <= 0.0:
-            raise UsageError(f"step must be positive, got {step} s")
-        if end <= begin:
-            raise UsageError(f"stop must be after start, got {begin} s to {end} s")
-        ratio = (end - begin) / step
-        if ratio > MOST_STEPS:
-            raise UsageError(f"expected at most {MOST_STEPS:g} steps of {step:g} s, got a stop of {end:g} s")
-        n = max(1, round(ratio))
-        if abs(ratio - n) > 1e-9 * ratio:
-            raise UsageError(
-                f"stop - start = {end - begin:.12g} s is no multiple of the step {step:.12g} s; "
-                f"the nearest stop is {begin + n * step:.12g} s"
-            )
-        return float(begin), float(end), float(step), n
+        return float(begin), float(end), float(step), count_steps(step, end, begin)
 
 
 def _sizes(checked: Checked) -> dict[str, Value]:

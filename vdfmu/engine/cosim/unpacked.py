@@ -10,8 +10,6 @@ from vdfmu.engine.cosim.checked import Checked
 from vdfmu.engine.ssp.archive import Archive
 from vdfmu.errors import VdfmuError
 
-__all__ = ["no_room", "unpack_units"]
-
 _OURS = {"resources/vdfmu.json", "extra/vdfmu/vdfmu.json"}
 """Members of which an FMU has one if this project built it; see `vdfmu.fmu.content`."""
 _UNIT = "resources/unit.py"

@@ -26,8 +26,6 @@ from vdfmu.engine.federation.plan import Plan, share
 from vdfmu.errors import CosimError, VdfmuError
 from vdfmu.process import end_group
 
-__all__ = ["Federated"]
-
 
 class _Federate(Isolated):
     """The process of a federate; `ended` is called with its name when it has ended before its time."""

@@ -24,8 +24,6 @@ from vdfmu.text import close_to
 if TYPE_CHECKING:
     from vdfmu.engine.federation.federated import Federated
 
-__all__ = ["CORES", "Federation", "Plan", "Sent", "federate", "share"]
-
 CORES = ("tcp_ss", "tcp", "zmq", "ipc")
 """Ways of HELICS to carry messages; ``tcp_ss`` needs one port, that of the broker; ``ipc``, shared memory, one machine.
 
@@ -41,27 +39,18 @@ class Sent(NamedTuple):
 
 
 class Plan(NamedTuple):
-    """The federates of a system.
-
-    Attributes
-    ----------
-    parts : mapping of str to tuple of str
-        The components of each federate, by its name, that of its first component.
-    here : tuple of str
-        Those to run here.
-    sent : mapping of str to Sent
-        What each sends; of the reals those that change in steps come first.
-    levels : mapping of (str, str) to int
-        How often a value passes from federate to federate before it reaches a variable in initialization mode.
-    core, broker
-        As of `Federation`.
-    """
+    """The federates of a system."""
 
     parts: Mapping[str, tuple[str, ...]]
+    """The components of each federate, by its name, that of its first component."""
     here: tuple[str, ...]
+    """Those to run here."""
     sent: Mapping[str, Sent]
+    """What each sends; of the reals those that change in steps come first."""
     levels: Mapping[Port, int]
+    """How often a value passes from federate to federate before it reaches a variable in initialization mode."""
     core: str
+    """As of `Federation`; so is the broker."""
     broker: str | None
 
     @property

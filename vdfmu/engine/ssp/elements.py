@@ -27,39 +27,26 @@ class Document(NamedTuple):
 
 @dataclass(frozen=True)
 class Scope:
-    """Where the names of one SSD are looked up.
-
-    Attributes
-    ----------
-    archive : Archive
-        The package that holds the SSD.
-    prefix : str
-        What leads from the outermost package to it, such as ``resources/arm.ssp!/``.
-    base : str
-        Folder of the SSD in the package; relative URIs start there.
-    document : str
-        Name of the SSD in its package.
-    label : str
-        The package in messages.
-    version : str
-        Of SSP: 1.0 or 2.0.
-    aliases : dict of str to str
-        Names of units that another SSD of the tree defines otherwise, and the names they have here instead.
-    units : dict of str to Unit
-        All unit definitions of the tree; shared by its scopes.
-    files : dict of str to Document
-        All files that were read, each once; shared.
-    """
+    """Where the names of one SSD are looked up."""
 
     archive: Archive
+    """The package that holds the SSD."""
     prefix: str
+    """What leads from the outermost package to it, such as ``resources/arm.ssp!/``."""
     base: str
+    """Folder of the SSD in the package; relative URIs start there."""
     document: str
+    """Name of the SSD in its package."""
     label: str
+    """The package in messages."""
     version: str = "1.0"
+    """Of SSP: 1.0 or 2.0."""
     aliases: dict[str, str] = field(default_factory=dict)
+    """Names of units that another SSD of the tree defines otherwise, and the names they have here instead."""
     units: dict[str, Unit] = field(default_factory=dict)
+    """All unit definitions of the tree; shared by its scopes."""
     files: dict[str, Document] = field(default_factory=dict)
+    """All files that were read, each once; shared."""
 
     def member(self, source: str, where: str, at: Any = ("", 0)) -> str:
         """Return the member that a URI of the SSD names; SspError when it leaves the package."""

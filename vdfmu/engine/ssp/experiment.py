@@ -10,8 +10,6 @@ from vdfmu.engine.algorithms import ALGORITHMS, CONTINUOUS
 from vdfmu.engine.rules import found
 from vdfmu.engine.ssp.parse import NAMESPACES
 
-__all__ = ["EXPERIMENT_TYPE", "FOREIGN", "OSP_TYPE", "Experiment", "read_experiment", "read_step"]
-
 EXPERIMENT_TYPE = "org.vdfmu.experiment"
 OSP_TYPE = "com.opensimulationplatform"
 FOREIGN = {
@@ -24,25 +22,17 @@ for an algorithm."""
 
 @dataclass(frozen=True)
 class Experiment:
-    """How a system is run unless told otherwise; None where its SSD does not say.
-
-    Attributes
-    ----------
-    start, stop : float or None
-        Simulated time [s].
-    step : float or None
-        Communication step [s], of an annotation of this project or of libcosim.
-    algorithm : str or None
-        Master algorithm, of an annotation of this project.
-    adaptive : float or None
-        Largest relative error of a coupled signal in a step, for `algorithm`.
-    """
+    """How a system is run unless told otherwise; None where its SSD does not say."""
 
     start: float | None = None
+    """Simulated time [s], as the stop."""
     stop: float | None = None
     step: float | None = None
+    """Communication step [s], of an annotation of this project or of libcosim."""
     algorithm: str | None = None
+    """Master algorithm, of an annotation of this project."""
     adaptive: float | None = None
+    """Largest relative error of a coupled signal in a step, for `algorithm`."""
 
 
 def read_experiment(root: Any, where: str) -> tuple[Experiment, list[str]]:

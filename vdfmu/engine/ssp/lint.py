@@ -9,8 +9,6 @@ from vdfmu.engine.rules import Finding, found
 from vdfmu.engine.ssp.elements import Document, read_units
 from vdfmu.engine.ssp.parse import NAMESPACES
 
-__all__ = ["file_faults"]
-
 _INLINE = {"ssv": "ParameterSet", "ssb": "SignalDictionary"}
 _USERS = {"ssd": "Connector", "ssv": "Parameter", "ssb": "DictionaryEntry"}
 """Elements that name units, by the kind of file."""

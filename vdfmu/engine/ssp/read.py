@@ -19,8 +19,6 @@ from vdfmu.engine.ssp.tree import TreeReader
 from vdfmu.engine.ssp.wiring import Wiring
 from vdfmu.errors import SspError
 
-__all__ = ["DEFAULT", "load_ssp", "read_system", "variants"]
-
 DEFAULT = "SystemStructure.ssd"
 """The SSD that a package must have."""
 

@@ -22,18 +22,11 @@ BASE_UNITS = ("kg", "m", "s", "A", "K", "mol", "cd", "rad")
 
 @dataclass(frozen=True)
 class Unit:
-    """A unit: ``value in base units = factor * value + offset``.
-
-    Attributes
-    ----------
-    name : str
-    exponents : tuple of int or None
-        Of `BASE_UNITS`; None where the unit has a name only.
-    factor, offset : float
-    """
+    """A unit: ``value in base units = factor * value + offset``."""
 
     name: str
     exponents: tuple[int, ...] | None = None
+    """Of `BASE_UNITS`; None where the unit has a name only."""
     factor: float = 1.0
     offset: float = 0.0
 
@@ -111,20 +104,12 @@ class Transformation:
 
 @dataclass(frozen=True)
 class Hop:
-    """One connection of the SSD on the way of a flattened connection.
-
-    Attributes
-    ----------
-    transformation : Transformation or None
-    suppress_unit_conversion : bool
-    unit, type : str or None
-        What the connector at the end of the hop declares.
-    place : Place
-    """
+    """One connection of the SSD on the way of a flattened connection."""
 
     transformation: Transformation | None = None
     suppress_unit_conversion: bool = False
     unit: str | None = None
+    """What the connector at the end of the hop declares; of the type the same."""
     type: str | None = None
     place: Place = field(default=("", 0), compare=False)
 
@@ -154,38 +139,25 @@ Value = float | int | bool | str
 
 @dataclass(frozen=True)
 class Parameter:
-    """A value that a parameter binding gives to a variable of a component.
-
-    Attributes
-    ----------
-    component, name : str
-    value : float, int, bool, str, or tuple of them
-    type : str
-        As the parameter set has it: ``Real``, ``Integer``, ``Boolean``, ``String``, ``Enumeration``, ``Float64`` ...
-    unit : Unit or None
-        The unit of the value.
-    hops : tuple of Hop
-        Mapping and connections the value passes; units are converted at each.
-    origin : str
-        The parameter set and the name in it, for messages.
-    place : Place
-    dimensions : Shape
-        Sizes of an array.
-    elsewhere : tuple of (str, str)
-        Other components with variables, or systems with connectors, that the same name of a system's parameter set
-        means, since dots may be part of names. It is enough that one of all exists.
-    """
+    """A value that a parameter binding gives to a variable of a component."""
 
     component: str
     name: str
     value: Value | tuple[Value, ...]
     type: str
+    """As the parameter set has it: ``Real``, ``Integer``, ``Boolean``, ``String``, ``Enumeration``, ``Float64`` ..."""
     unit: Unit | None
+    """The unit of the value."""
     hops: tuple[Hop, ...]
+    """Mapping and connections the value passes; units are converted at each."""
     origin: str
+    """The parameter set and the name in it, for messages."""
     place: Place = field(default=("", 0), compare=False)
     dimensions: Shape = ()
+    """Sizes of an array."""
     elsewhere: tuple[tuple[str, str], ...] = ()
+    """Other components with variables, or systems with connectors, that the same name of a system's parameter set
+    means, since dots may be part of names. It is enough that one of all exists."""
 
 
 @dataclass(frozen=True)
@@ -210,45 +182,30 @@ class Component:
 
 @dataclass(frozen=True)
 class System:
-    """A flattened system.
-
-    Attributes
-    ----------
-    path : Path
-        The package.
-    name : str
-    components : tuple of Component
-        In the order of the SSD.
-    connections : tuple of Connection
-        Component to component; nested systems and system connectors are resolved.
-    units : mapping of str to Unit
-        The unit definitions of the SSD.
-    experiment : Experiment
-        How it is run unless told otherwise.
-    problems : tuple of str
-        Faults of the wiring, and with `vdfmu.engine.ssp.read.read_system` those of the reading.
-        `vdfmu.engine.cosim.check` reports them together with those of the FMUs.
-    unmatched : tuple of Finding
-        Parameters of system-level bindings that name no element or connector.
-    notes : tuple of str
-        Notes, not errors: parameters without effect, components with one dotted name.
-    faults : tuple of str
-        Breaches of rules that do not keep it from being run.
-    version : str
-        Of SSP: 1.0 or 2.0.
-    """
+    """A flattened system."""
 
     path: Path
+    """The package."""
     name: str
     components: tuple[Component, ...]
+    """In the order of the SSD."""
     connections: tuple[Connection, ...]
+    """Component to component; nested systems and system connectors are resolved."""
     units: Mapping[str, Unit]
+    """The unit definitions of the SSD."""
     experiment: Experiment = field(default_factory=Experiment)
+    """How it is run unless told otherwise."""
     problems: tuple[str, ...] = ()
+    """Faults of the wiring, and with `vdfmu.engine.ssp.read.read_system` those of the reading.
+    `vdfmu.engine.cosim.check` reports them together with those of the FMUs."""
     unmatched: tuple[Finding, ...] = ()
+    """Parameters of system-level bindings that name no element or connector."""
     notes: tuple[str, ...] = ()
+    """Notes, not errors: parameters without effect, components with one dotted name."""
     faults: tuple[str, ...] = ()
+    """Breaches of rules that do not keep it from being run."""
     version: str = "1.0"
+    """Of SSP: 1.0 or 2.0."""
 
     def component(self, name: str) -> Component:
         """Return a component by its name."""

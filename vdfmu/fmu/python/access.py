@@ -8,15 +8,14 @@ from struct import Struct
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
-__all__ = ["Read", "Write", "reader", "writer"]
+from vdfmu.arrays import Floats
 
 Read = Callable[[], list[float]]
 Write = Callable[..., None]
 
 
-def reader(memory: npt.NDArray[np.float64], vrs: list[int]) -> Read:
+def reader(memory: Floats, vrs: list[int]) -> Read:
     """Return a function that reads the elements `vrs`."""
     if _consecutive(vrs):
         return memory[vrs[0] : vrs[0] + len(vrs)].tolist
@@ -24,7 +23,7 @@ def reader(memory: npt.NDArray[np.float64], vrs: list[int]) -> Read:
     return lambda: memory[index].tolist()
 
 
-def writer(memory: npt.NDArray[np.float64], vrs: list[int]) -> Write:
+def writer(memory: Floats, vrs: list[int]) -> Write:
     """Return a function that writes its arguments to the elements `vrs`."""
     if _consecutive(vrs):  # twice as fast as numpy, which looks at the type of each number
         return partial(Struct(f"{len(vrs)}d").pack_into, memory.data, vrs[0] * memory.itemsize)

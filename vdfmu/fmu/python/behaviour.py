@@ -6,8 +6,8 @@ import re
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from vdfmu.arrays import Floats
 from vdfmu.errors import FmuError, KernelError, ModelError, UnitError
 from vdfmu.kernel.structure import set_parameters
 from vdfmu.model import check_robot
@@ -15,10 +15,6 @@ from vdfmu.unit.evaluate import Traced, evaluation
 from vdfmu.unit.integrator import Integrator
 from vdfmu.unit.interface import Interface
 from vdfmu.unit.motion import Motion
-
-__all__ = ["Behaviour", "robot_problems"]
-
-Floats = npt.NDArray[np.float64]
 
 
 class Behaviour:

@@ -15,8 +15,6 @@ from vdfmu.fmu.documentation import documentation_files
 from vdfmu.interrupt import InterruptGuard
 from vdfmu.temporary import temporary_folder
 
-__all__ = ["build_python_fmu"]
-
 # pythonfmu puts a copy of itself into every FMU. A process that loads an FMU first would take that copy for
 # the package; it lacks the binaries that a later build needs. The slaves use the installed one.
 _LEFT_OUT = "resources/pythonfmu/"

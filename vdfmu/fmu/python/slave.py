@@ -27,8 +27,6 @@ from vdfmu.fmu.python.behaviour import Behaviour
 from vdfmu.fmu.python.wrapper import hold, hold_all_for_ever, hold_for_ever, loaded_from, plain, refusal
 from vdfmu.unit.variable import Variable
 
-__all__ = ["UnitSlave", "slave_class"]
-
 _PHASES = ("instantiated", "initialization", "step", "terminated")
 _WHEN = {
     "instantiated": "before enterInitializationMode",
@@ -54,6 +52,27 @@ def _call(name: str) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
         return guarded
 
     return decorate
+
+
+def _getter(kind: str, cast: Callable[[float], Any] | None = None) -> Callable[..., Any]:
+    """Return the method that gets the values of variables of a type."""
+
+    @_call(f"get{kind}")
+    def get(self: UnitSlave, vrs: list[int]) -> list[Any]:
+        values = self._get(kind, vrs)  # pyright: ignore[reportPrivateUsage]
+        return values if cast is None else [cast(value) for value in values]
+
+    return get
+
+
+def _setter(kind: str) -> Callable[..., Any]:
+    """Return the method that sets inputs or parameters of a type: all of a call, or none."""
+
+    @_call(f"set{kind}")
+    def put(self: UnitSlave, vrs: list[int], values: list[Any]) -> None:
+        self._set(kind, vrs, values)  # pyright: ignore[reportPrivateUsage]
+
+    return put
 
 
 def _words(error: BaseException) -> str:
@@ -200,41 +219,14 @@ class UnitSlave(Fmi2Slave):
 
     # ---------------------------------------------------------------- values
 
-    @_call("getReal")
-    def get_real(self, vrs: list[int]) -> list[float]:
-        """Values of real variables."""
-        return self._get("Real", vrs)
-
-    @_call("getInteger")
-    def get_integer(self, vrs: list[int]) -> list[int]:
-        """Values of integer variables."""
-        return [int(v) for v in self._get("Integer", vrs)]
-
-    @_call("getBoolean")
-    def get_boolean(self, vrs: list[int]) -> list[bool]:
-        """Values of boolean variables."""
-        return [bool(v) for v in self._get("Boolean", vrs)]
+    get_real, get_integer, get_boolean = _getter("Real"), _getter("Integer", int), _getter("Boolean", bool)
+    set_real, set_integer, set_boolean = map(_setter, ("Real", "Integer", "Boolean"))
 
     @_call("getString")
     def get_string(self, vrs: list[int]) -> list[str]:
         """Refuse: there are no string variables."""
         self._resolve("String", vrs)
         return []
-
-    @_call("setReal")
-    def set_real(self, vrs: list[int], values: list[float]) -> None:
-        """Set real inputs or parameters: all of a call, or none."""
-        self._set("Real", vrs, values)
-
-    @_call("setInteger")
-    def set_integer(self, vrs: list[int], values: list[int]) -> None:
-        """Set integer parameters."""
-        self._set("Integer", vrs, values)
-
-    @_call("setBoolean")
-    def set_boolean(self, vrs: list[int], values: list[bool]) -> None:
-        """Set boolean parameters."""
-        self._set("Boolean", vrs, values)
 
     @_call("setString")
     def set_string(self, vrs: list[int], values: list[str]) -> None:

@@ -29,17 +29,6 @@ from typing import Any
 
 from vdfmu.errors import FmuError
 
-__all__ = [
-    "RefusalError",
-    "hold",
-    "hold_all_for_ever",
-    "hold_for_ever",
-    "hold_globals",
-    "loaded_from",
-    "plain",
-    "refusal",
-]
-
 _logger = logging.getLogger("vdfmu.fmu")
 
 _SPARE = 8
