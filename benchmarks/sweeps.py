@@ -118,19 +118,6 @@ def _ours(
     )  # fmt: skip
 
 
-def _each(done: Callable[[], None]) -> Callable[[str, int, int], None]:
-    """Return the progress of a study that calls `done` for each point."""
-    known = 0
-
-    def progress(stage: str, k: int, total: int) -> None:
-        nonlocal known
-        for _ in range(k - known if stage == "points" else 0):
-            done()
-        known = k if stage == "points" else known
-
-    return progress
-
-
 def _processor_time() -> float:
     times = os.times()
     return times.user + times.system + times.children_user + times.children_system
