@@ -16,6 +16,8 @@ from vdfmu.text import matching
 
 _ALIGNED = 64
 """Bytes at multiples of which the memory begins."""
+_MOST = 2**30
+"""Most bytes of the rows of all lanes."""
 
 
 class Engine:
@@ -55,8 +57,11 @@ class Engine:
         Returns
         -------
         list of Results or None
-            None for a point that has no result, or that sets what its system refuses: an FMU says why.
+            None for a point that has no result, or that sets what its system refuses: an FMU says why. None for all
+            if their rows need more than `_MOST` bytes.
         """
+        if self.lanes * len(self._program.time) * len(self._signals) * 8 > _MOST:
+            return [None] * len(points)
         found: list[Results | None] = []
         for first in range(0, len(points), self.lanes):
             found += self._together(points[first : first + self.lanes])

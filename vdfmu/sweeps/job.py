@@ -123,7 +123,10 @@ class Bench:
             row = self._row(task, self._by_fmus if results is None else lambda _, found=results: found)
             row["wall_s"] += share
             if results is not None and task[0] in self._job.compared:
-                row |= _differences(results, self._by_fmus(task))
+                try:
+                    row |= _differences(results, self._by_fmus(task))
+                except VdfmuError as error:
+                    row["failed"] = f"the FMUs fail where the batch engine does not: {error_text(error)}"
             rows.append(row)
         return rows
 

@@ -29,7 +29,7 @@ from vdfmu.text import close_to, matching
 ENGINES = ("fmu", "batch")
 """What runs points: the FMUs of a system, or a program of it."""
 _FEW = 2 * LANES
-"""Points from which on a program is compiled without being asked for."""
+"""Points of a system from which on a program is compiled without being asked for."""
 _MOST_SYSTEMS = 200
 TRACKING = {
     "error": "rms(trajectory.q_d - plant.q)",
@@ -107,7 +107,7 @@ def make_plan(
     is_package = isinstance(scenario, (str, os.PathLike)) and Path(scenario).suffix.lower() == ".ssp"
     wire = _of_package if is_package else _of_scenario
     if engine is None:
-        engine = "" if count >= _FEW and backend != "python" else "fmu"
+        engine = "fmu" if count < _FEW * len(combinations) or backend == "python" else ""
     systems: list[WiredSystem] = []
     measures: list[Measure] = [] if measure is None else read_measures(measure)
     for number, combination in enumerate(combinations):

@@ -92,6 +92,7 @@ def make_problem(
     settings: Mapping[str, Any] | None = None,
     options: Mapping[str, Any] | None = None,
     backend: str | None = None,
+    engine: str = "fmu",
 ) -> Problem:
     """Read and check what is tuned; arguments as of :func:`vdfmu.tune`.
 
@@ -121,7 +122,7 @@ def make_problem(
     n = spread_n if spread_axes else 1
     plan = make_plan(
         scenario, over_all, sample="lhs", n=n, seed=seed, measure=measures, settings=settings, options=options,
-        backend=backend,
+        backend=backend, engine=engine,
     )  # fmt: skip
     facts = {**plan.facts, "tune": {"limits": list(limit), "over": over, "start": [a.start for a in axes]}}
     loops, required = None, np.zeros(0)
@@ -138,7 +139,7 @@ def make_problem(
         start,
         limits,
         over,
-        dataclasses.replace(plan, facts=facts),
+        dataclasses.replace(plan, facts=facts, job=dataclasses.replace(plan.job, compared=())),
         loops,
         required,
     )

@@ -92,6 +92,7 @@ def tune(
     inputs: Inputs = None,
     input_hold: bool | None = None,
     backend: str | None = None,
+    engine: str = "fmu",
     workers: int | None = None,
     time_limit: float | None = None,
     out: str | os.PathLike[str] | None = None,
@@ -133,6 +134,8 @@ def tune(
         Of the robots and of the search.
     settings, robot, units, step, stop, master, inputs, input_hold, backend
         As of :func:`vdfmu.run`.
+    engine : {"fmu", "batch"}
+        As of :func:`vdfmu.sweep`; ``batch`` runs the robots of several values side by side.
     workers : int, optional
         Processes; default one a processor.
     time_limit : float, optional
@@ -170,10 +173,10 @@ def tune(
     problem = make_problem(
         scenario, vary, cost, limit=limit, spread=spread, spread_n=spread_n, over=over, margin=margin,
         growth=growth, seed=seed,
-        settings=settings, options=options, backend=backend,
+        settings=settings, options=options, backend=backend, engine=engine,
     )  # fmt: skip
     plan = problem.plan
-    plan.facts["tune"] |= {"method": method, "budget": budget, "scipy": scipy.__version__}
+    plan.facts["tune"] |= {"engine": engine, "method": method, "budget": budget, "scipy": scipy.__version__}
     folder = Path("results") / f"tune_{plan.facts['scenario']}" if out is None else Path(out)
     report = progress or (lambda stage, done, total: None)
     with Ledger(folder, plan.facts, plan.key, {}, overwrite) as ledger:
