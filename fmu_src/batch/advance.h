@@ -28,7 +28,7 @@ INLINE mask advance(LaneStep *step, real *m, size_t time, size_t x, size_t n_x, 
         for (size_t i = 0; i < n_x; i++)
             m[x + i] = good ? x_new[i] : m[x + i];
         const real grown = now * fmin((real)GROW, bounded);
-        const real after_good = last & (now < *h) ? fmax(grown, *h) : grown;
+        const real after_good = (last & (now < *h)) ? fmax(grown, *h) : grown;
         const real after_bad = now * (finite_lanes(error) ? fmin((real)0.9, bounded) : SHRINK);
         done = good ? (last ? end : done + now) : done;
         *h = good ? after_good : bad ? after_bad : *h;

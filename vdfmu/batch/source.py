@@ -58,6 +58,7 @@ class _LaneCode(Code):
     """
 
     head = "double *m, double t, const bool *shown"
+    unused = "(void)t, (void)shown;"
 
     def __init__(self, system: System) -> None:
         super().__init__(system)

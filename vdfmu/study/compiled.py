@@ -65,6 +65,7 @@ class Code:
     """C text of actions. `called`: the traced functions that it calls."""
 
     head = "double *m, double t"
+    unused = "(void)t;"
 
     def __init__(self, system: System) -> None:
         self.system = system
@@ -73,7 +74,7 @@ class Code:
     def function(self, name: str, actions: Sequence[Action]) -> str:
         """Return ``void name(double *m, double t)``, with m the memory and t the time."""
         lines = [line for action in actions for line in self._lines(action)]
-        body = "".join(f"    {line}\n" for line in ["(void)t;", *lines])
+        body = "".join(f"    {line}\n" for line in [self.unused, *lines])
         return f"void {name}({self.head})\n{{\n{body}}}\n"
 
     def _lines(self, action: Action) -> Iterator[str]:
