@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import re
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -212,3 +213,27 @@ def test_packages_and_few_points_are_run_by_fmus(tmp_path, bench):
     path.write_bytes(few.job.systems[0].content)
     with pytest.raises(UsageError, match="engine: batch needs a scenario"):
         make_plan(path, {"plant.mass[1]": "1, 2"}, measure=["m=max(plant.q)"], engine="batch")
+
+
+def test_units_of_a_user_with_states_and_twice_in_a_system(bench, tmp_path):
+    (tmp_path / "wave.py").write_text(
+        "import numpy as np\n\nfrom vdfmu.unit import Output, Parameter, Unit\n\n\n"
+        'class Wave(Unit):\n    """A wave."""\n\n    f = Parameter("1/s", text="angular frequency", start=30.0)\n'
+        '    y = Output("1", text="wave")\n\n    def outputs(self) -> None:\n        """Its value."""\n'
+        "        self.y = np.sin(self.f * self.t)\n"
+    )
+    filter_ = (Path(__file__).parents[2] / "examples" / "units" / "low_pass.py").read_text()
+    (tmp_path / "low_pass.py").write_text(filter_)
+    (tmp_path / "system.toml").write_text(
+        'name = "filters"\ndescription = "two filters"\n\n[units]\nwave = "wave.py"\na = "low_pass.py"\n'
+        'b = "low_pass.py"\n\n[connections]\n"wave.y" = ["a.u"]\n"a.y" = ["b.u"]\n'
+    )
+    (tmp_path / "scenario.toml").write_text(
+        'name = "filters"\ndescription = "two filters"\nkind = "cosimulation"\nsystem = "system.toml"\n'
+        'robot = "planar_2dof"\nstop = 0.2\nstep = 0.01\nmaster = "gauss-seidel"\ntolerance = 1e-8\n'
+    )
+    over = {"a.T": "0.01, 0.1", "b.T": "0.02, 1e-4, 0.05", "wave.f": "10, 60"}
+    rows, others = bench(tmp_path / "scenario.toml", over, measure=["end=final(b.y)"])
+    assert_same_runs(rows, others)
+    assert not bench.needed
+    assert len({row["end"] for row in rows}) == 12
