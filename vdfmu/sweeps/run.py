@@ -87,7 +87,8 @@ def sweep(
     scheduler : str, optional
         Address of a Dask scheduler, whose workers are taken instead.
     chunk : int, optional
-        Points that a worker takes at a time, and a file has; default as many as take some seconds, at most 50.
+        Points that a worker takes at a time, and a file has; default as many as take some seconds, at most 50, or 56
+        that are run side by side.
     time_limit : float, optional
         Time [s] that a point has; default 600.
     out : path, optional
