@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import io
 import os
+import re
 import subprocess
 import sys
+import time
 
 import pytest
 
@@ -76,3 +79,18 @@ def _read(end: int) -> bytes:
         return os.read(end, 4096)
     except OSError:
         return b""
+
+
+def test_the_rate_is_shown(monkeypatch):
+    from rich.console import Console
+
+    from vdfmu.cli import terminal
+
+    shown = Console(file=io.StringIO(), force_terminal=True, width=120)
+    monkeypatch.setattr(terminal, "errors", shown)
+    with terminal.Bars() as bars:
+        for done in range(5):
+            bars.update("points", done, 5)
+            time.sleep(0.01)
+        bars.update("points", 5, 5)
+    assert re.search(r"5/5.*\d/s", shown.file.getvalue())  # pyright: ignore

@@ -168,3 +168,19 @@ def test_no_scheduler_is_said(wild, tmp_path):
             wild, AXES, measure=MEASURES, step=0.1, out=tmp_path / "study", scheduler="tcp://127.0.0.1:9"
         )
     assert time.monotonic() < begin + 60
+
+
+def test_what_is_no_address_is_said_and_leaves_no_noise(wild, tmp_path):
+    """In a process of its own: a client that is left over complains when Python ends."""
+    code = f"""
+import vdfmu
+try:
+    vdfmu.sweep({str(wild)!r}, {{"unit.at": [0.0]}}, measure={MEASURES!r}, step=0.1, out={str(tmp_path)!r},
+                scheduler="nowhere")
+except vdfmu.VdfmuError as error:
+    print(error)
+"""
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, timeout=120, check=True
+    )
+    assert "no Dask scheduler answers at nowhere: missing port" in done.stdout and not done.stderr

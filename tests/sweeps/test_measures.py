@@ -78,6 +78,12 @@ def test_signals_are_named_for_the_record():
         ("m=rms(plant.q[x])", "expected signals, numbers and functions"),
         ("m=rms([1, 2])", "expected signals, numbers and functions"),
         ("m=rms('text')", "expected signals, numbers and functions"),
+        ("m=rms(plant.q, 3)", "expected 1 arguments of rms, got 2"),
+        ("m=at(plant.q)", "expected 2 arguments of at, got 1"),
+        ("m=settling(plant.q, 1, 2)", "expected 1 to 2 arguments of settling, got 3"),
+        ("rms(plant.q)", "expected NAME=EXPRESSION"),
+        ("failed=rms(plant.q)", "expected another name"),
+        ("step=rms(plant.q)", "expected another name"),
     ],
 )
 def test_what_is_no_measure_is_said(text, words):

@@ -70,6 +70,7 @@ def test_the_ends_of_the_shares_are_finite():
         ("a.b=lin(1, inf)", r"expected lin\(FROM, TO\)"),
         ("a.b=lin(1, 2, 0)", "at least 1"),
         ("a.b=lin(1, 2, 2.5)", "at least 1"),
+        ("a.b=lin(1, 2, 1e12)", "at most 10000000"),
         ("a.b=log(0, 2)", "one sign"),
         ("a.b=normal(1, -1)", "not negative"),
         ("a.b=triangle(1, 2)", "expected lin"),
@@ -128,7 +129,7 @@ def test_points_for_indices_are_as_many_as_these_need():
 
 def test_a_file_has_targets_and_points(tmp_path):
     path = tmp_path / "points.csv"
-    path.write_text("plant.q_0[1], master\n0.1, jacobi\n0.2,gauss-seidel\n")
+    path.write_text("plant.q_0[1], master\n0.1, jacobi\n0.2,gauss-seidel\n", encoding="utf-8-sig")
     axes, points = draw([], str(path))
     assert [axis.target for axis in axes] == ["plant.q_0[1]", "master"]
     assert points["plant.q_0[1]"].tolist() == [0.1, 0.2]
@@ -158,8 +159,15 @@ def test_a_file_that_cannot_be_read_is_said(tmp_path, content, words):
         ([], "grid", None, "at least one axis"),
         ([f"a{i}=lin(0, 1, 100)" for i in range(4)], "grid", None, "at most"),
         (["a=1"], "points.csv", None, "no axis is given beside it"),
+        (["a=1"], "lhz", 3, "expected grid, lhs"),
+        (["a=lin(0, 1)"], "saltelli", 10**7, "at most"),
     ],
 )
 def test_what_does_not_fit_together_is_said(over, sample, n, words):
     with pytest.raises(UsageError, match=words):
         draw(read_axes(over), sample, n)
+
+
+def test_a_seed_is_not_negative():
+    with pytest.raises(UsageError, match="seed: expected a number of at least 0, got -1"):
+        draw(read_axes(["a=lin(0, 1)"]), "lhs", 3, -1)

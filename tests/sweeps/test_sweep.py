@@ -25,6 +25,17 @@ from vdfmu.sweeps.table import Sweep
 
 from .conftest import WAYS
 
+MODELS = Path(vdfmu.__file__).parents[1] / "models"
+LATE = """from vdfmu.equations.trajectory import desired_motion
+from vdfmu.units.trajectory import Trajectory
+
+class Late(Trajectory):
+    \"\"\"The motion, 0.02 s later.\"\"\"
+
+    def outputs(self) -> None:
+        motion = desired_motion(self.t - 0.02, self.q_start, self.q_end, self.T, self.t_start)
+        self.q_d, self.q_d_dot, self.q_d_ddot, self.q_d_dddot, self.q_d_ddddot = motion
+"""
 MEASURES = ["end=final(unit.y)", "count=integral(unit.y)"]
 
 
@@ -78,7 +89,34 @@ def test_each_point_is_the_run_of_its_values(tmp_path):
         np.testing.assert_array_equal(row["time"], results.time)
 
 
-def test_robots_units_and_words_vary_too(tmp_path):
+def test_robots_motions_and_payloads_vary_together(tmp_path):
+    text = (MODELS / "robots" / "planar_2dof.toml").read_text()
+    text = text.replace("[[joints]]", "[payload]\nmass = 0.0\n\n[[joints]]", 1)
+    robots = [str(tmp_path / "light.toml"), str(tmp_path / "heavy.toml")]
+    for path, mass in zip(robots, ("2.0", "3.0"), strict=True):
+        Path(path).write_text(text.replace("mass = 2.0", f"mass = {mass}"))
+    (tmp_path / "late.py").write_text(LATE)
+    found = vdfmu.sweep(
+        "planar_tracking",
+        {
+            "robot": robots, "unit:trajectory": ["trajectory", str(tmp_path / "late.py")],
+            "plant.payload_mass": "lognormal(0.5, 0.5)", "controller.K_p": "*lin(0.5, 1)",
+        },
+        sample="lhs", n=6, stop=0.05, out=tmp_path / "study",
+    )  # fmt: skip
+    assert not found.failed and np.ptp(found["plant.payload_mass"]) > 0.1
+    rows = found.table().to_pylist()
+    assert len({row["robot"] for row in rows}) == len({row["unit:trajectory"] for row in rows}) == 2
+    for row in rows:
+        results = vdfmu.run(**found.options(row["point"]), reference=False, out=tmp_path / "run")
+        error = results.array("trajectory.q_d") - results.array("plant.q")
+        # of the mean of squares in another order: rounding
+        np.testing.assert_allclose(
+            [row["error[1]"], row["error[2]"]], np.sqrt(np.mean(error**2, axis=0)), rtol=1e-12
+        )
+
+
+def test_words_and_steps_vary_too(tmp_path):
     found = vdfmu.sweep(
         "planar_tracking",
         ["feedforward.mode=inverse, vdc", "step=0.001, 0.002"],
@@ -139,7 +177,7 @@ def test_failed_points_are_run_again_on_request(wild, tmp_path):
         (tmp_path / "closed").touch()
         out = tmp_path / "study"
         first = vdfmu.sweep(wild, axes, measure={"end": module.end}, step=0.1, workers=1, out=out)
-        assert [words.partition(":")[0] for words in first.failed.values()] == ["ValueError"] * 3
+        assert list(first.failed.values()) == ["measure end = end: ValueError: not now."] * 3
         (tmp_path / "closed").unlink()
         assert len(vdfmu.sweep(wild, axes, measure={"end": module.end}, step=0.1, out=out).failed) == 3
         again = vdfmu.sweep(wild, axes, measure={"end": module.end}, step=0.1, out=out, retry=True)
@@ -156,6 +194,32 @@ def test_a_function_of_a_script_goes_to_the_workers(wild, tmp_path):
         out=tmp_path / "study",
     )  # fmt: skip
     assert not found.failed and (found["m"] >= 3.0).all()
+
+
+def test_another_function_is_another_study(wild, tmp_path):
+    def ask(offset):
+        measure = {"m": lambda results: results["unit.y"][-1] + offset}
+        return vdfmu.sweep(wild, {"unit.at": [0.0]}, measure=measure, step=0.5, out=tmp_path / "study")
+
+    assert ask(3.0)["m"] == ask(3.0)["m"]
+    with pytest.raises(UsageError, match=r"differ in functions\."):
+        ask(4.0)
+
+
+def boom(results):
+    return results.nothing
+
+
+def test_a_function_that_fails_is_named(wild, tmp_path):
+    found = vdfmu.sweep(wild, {"unit.at": [0.0]}, measure={"m": boom}, step=0.5, out=tmp_path / "study")
+    assert found.failed[0].startswith("measure m = boom: AttributeError: ")
+
+
+def test_a_table_that_cannot_be_read_is_made_again_with_retry(wild, tmp_path, undisturbed):
+    found = study(wild, tmp_path / "study")
+    found.path.write_text("x")
+    again = study(wild, tmp_path / "study", retry=True)
+    assert table(again) == undisturbed and "cannot be read" in again.notes[0]
 
 
 SCRIPT = """
@@ -294,8 +358,10 @@ def test_a_study_that_is_complete_runs_nothing(wild, tmp_path, undisturbed):
 
 def test_another_study_does_not_take_its_folder(wild, tmp_path, undisturbed):
     study(wild, tmp_path / "study")
-    with pytest.raises(UsageError, match="holds another study.*--out.*--overwrite"):
+    with pytest.raises(UsageError, match=r"holds another study.*differ in measures\. .*--out.*--overwrite"):
         study(wild, tmp_path / "study", measure=["end=final(unit.y)"])
+    with pytest.raises(UsageError, match=r"differ in units, values or files\."):
+        study(wild, tmp_path / "study", step=0.02)
     assert table(Sweep(tmp_path / "study")) == undisturbed
     other = study(wild, tmp_path / "study", measure=["end=final(unit.y)"], overwrite=True)
     assert other.measures == ["end"]
@@ -357,6 +423,9 @@ def test_rows_are_found_by_what_they_measured(wild, tmp_path):
         ),
         ({"unit.at": [1.0]}, {"measure": None}, "measure: expected at least one"),
         ({"unit.at": [1.0]}, {"keep": ["x*"]}, "keep: no output"),
+        ({"unit.at": [1.0]}, {"measure": ["m=at(unit.y, 2)"]}, "a time from 0 to 1 s, got 2 s"),
+        ({"unit.at": [1.0]}, {"step": None}, "step: the package says none"),
+        ({"unit.at": [1.0]}, {"measure": ["m=1 / 0 + final(unit.y)"]}, "ZeroDivisionError"),
         ({"unit.at": [1.0]}, {"workers": 0}, "workers"),
         ({"unit.at": [1.0]}, {"chunk": 0}, "chunk"),
         ({"unit.at": [1.0]}, {"time_limit": 0.0}, "time_limit"),
@@ -379,6 +448,15 @@ def test_what_cannot_be_run_is_said_before_the_first_point(wild, tmp_path, over,
         (["plant.mass=lin(-1, 1, 3)"], "mass"),
         (["feedforward.mode=*1, 2"], "expected numbers to multiply"),
         (["robot=planar_2dof, nowhere"], "nowhere"),
+        (
+            ["plant.payload_mass=1, 2"],
+            r"optional table \[payload\] of a robot's file, which planar_2dof has not",
+        ),
+        (["plant.F_e=*lin(1, 2, 2)"], "not all 0"),
+        (
+            ["controller.K_p[1]=1, 2", "controller.K_p=3, 4"],
+            r"K_p\[1\]: has no effect, as controller.K_p after it",
+        ),
     ],
 )
 def test_what_a_scenario_cannot_have_is_said_before_the_first_point(tmp_path, over, words):
@@ -425,6 +503,24 @@ def test_a_row_is_run_again_by_name(tmp_path, monkeypatch):
     np.testing.assert_allclose(
         np.radians(again.summary["rms_position_error_deg"][0]), row["error[1]"], rtol=1e-12
     )
+
+
+def test_a_row_of_a_scenario_that_was_changed_is_run_with_a_note(tmp_path):
+    """Settings with a value for each joint are kept as such; what the file says now counts, and is noted."""
+    mine = tmp_path / "mine.toml"
+    mine.write_text((MODELS / "scenarios" / "planar_tracking.toml").read_text())
+    found = vdfmu.sweep(
+        mine, {"plant.mass": "*0.9, 1.1"}, stop=0.1, settings={"controller.K_p": np.array([900.0, 700.0])},
+        out=tmp_path / "study",
+    )  # fmt: skip
+    options = found.options(1)
+    assert options["settings"]["controller.K_p"] == [900.0, 700.0] and not found.notes
+    vdfmu.run(**options, reference=False, out=tmp_path / "run")
+    mine.write_text(mine.read_text().replace("T = 2.0", "T = 3.0"))
+    done = CliRunner().invoke(
+        app, ["run", "--from", str(found.folder), "--no-reference", "--out", str(tmp_path / "again")]
+    )
+    assert done.exit_code == 0 and "not those of the study any more" in done.output
 
 
 def test_a_row_of_a_package_is_named(wild, tmp_path):

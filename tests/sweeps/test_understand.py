@@ -146,6 +146,21 @@ def test_axes_come_by_influence_and_the_tornado_has_their_ends(tmp_path):
     np.testing.assert_allclose([e[-1][1] - e[0][1] for e in ends], [-5.0, 3.0, 1.0], rtol=1e-12)
 
 
+def test_files_are_named_without_their_folders_and_large_numbers_in_full(tmp_path):
+    over = {"robot": ["/far/away/light.toml", "heavy"], "f.a": "lin(1e4, 5e4, 3)"}
+    sides = {
+        side.name: side
+        for side in view(study(tmp_path / "s", over, lambda robot, a: a + (robot == "heavy"))).sides
+    }
+    assert sides["robot"].words == ("light.toml", "heavy")
+    assert [sides["f.a"].text(x) for x in (12345.0, 1e-5, 3e6, 0.25)] == ["12300", "1e-05", "3e+06", "0.25"]
+
+
+def test_a_measure_without_values_is_shown_as_such(tmp_path):
+    found = study(tmp_path / "s", {"f.a": "lin(0, 1, 3)"}, lambda a: a * np.nan)
+    assert found.ranges() == [["y", "no value", "", "", ""]]
+
+
 def test_what_cannot_be_drawn_is_said(tmp_path):
     found = study(tmp_path / "s", {"f.a": "lin(0, 1, 4)"}, lambda a: a)
     with pytest.raises(UsageError, match="kind: expected scatter, surface, .* got pie"):

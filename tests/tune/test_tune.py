@@ -116,6 +116,33 @@ def test_a_search_that_was_stopped_goes_on_to_the_same_result(tuned, tmp_path, m
     np.testing.assert_array_equal(found.after.values, tuned.after.values)
 
 
+def test_a_larger_budget_goes_on(tmp_path):
+    def ask(budget):
+        vdfmu.tune(
+            "planar_tracking",
+            ["controller.K_p[1]"],
+            ERRORS,
+            stop=0.1,
+            method="local",
+            budget=budget,
+            workers=1,
+            out=tmp_path,
+        )
+        return table(tmp_path)
+
+    first, second = ask(3), ask(6)
+    assert len(first["point"]) == 3 and len(second["point"]) == 6
+    assert {name: column[:3] for name, column in second.items()} == first
+
+
+def test_a_start_without_margin_is_noted(tmp_path):
+    """The loop of tracking grows by 1.1 1/s with one sample of delay."""
+    found = vdfmu.tune(
+        "tracking", ["controller.K_p[1]"], ERRORS, stop=0.01, margin="same", budget=1, out=tmp_path
+    )
+    assert "the loop of the start is unstable" in found.notes[0]
+
+
 def test_runs_that_fail_cost_infinity_and_are_counted(tmp_path):
     """Velocity gains of up to a hundredfold destabilise the sampled loop; the search stays where it runs."""
     found = vdfmu.tune(
@@ -144,7 +171,7 @@ def test_the_command_shows_before_and_after(tmp_path):
         ],
     )  # fmt: skip
     assert result.exit_code == 0, result.output
-    assert re.search(r"error\[1\]\s+\S+\s+\S+", result.output)
+    assert re.search(r"peak_error\[1\]\s+\S+\s+\S+\s+rad", result.output)
     assert "[controller]\nK_p = [" in result.output
 
 
@@ -162,6 +189,12 @@ def test_the_command_shows_before_and_after(tmp_path):
         ({"method": "best"}, "method: expected both, global, local, got best"),
         ({"over": "all"}, "over: expected mean or worst, got all"),
         ({"budget": 0}, "budget: expected at least 1, got 0"),
+        ({"time_limit": -1.0}, "time_limit: expected a positive time, got -1 s"),
+        ({"growth": float("nan")}, "growth: expected a finite rate, got nan"),
+        ({"vary": ["controller.tau_max"]}, r"tau_max.1.: expected a finite number to vary, got 1000000000000"),
+        ({"spread": ["master=jacobi, iterative"]}, "spread: expected parameters with numbers, got master"),
+        ({"spread": ["feedforward.mode=vdc, inverse"]}, "spread: expected parameters with numbers, got feedf"),
+        ({"spread": ["controller.K_p=*lin(0.9, 1.1)"]}, r"K_p.1.: has no effect, as controller.K_p after it"),
         ({"cost": "rms(plant.x)"}, "no output or connected input is called plant.x"),
     ],
 )  # fmt: skip

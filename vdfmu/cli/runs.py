@@ -19,6 +19,7 @@ from vdfmu.cli.terminal import (
     load,
     parse_settings,
     say,
+    say_notes,
 )
 from vdfmu.errors import UsageError
 
@@ -141,7 +142,9 @@ def run(
     else:
         from vdfmu.sweeps.table import Sweep
 
-        point = Sweep(study).options(row, by)
+        found = Sweep(study)
+        point = found.options(row, by)
+        say_notes(found.notes)
         given = point | {name: value for name, value in given.items() if value}
         given["settings"] = point["settings"] | parse_settings(settings)
         given["robot"] = robot or point.get("robot")

@@ -91,6 +91,7 @@ def tune(
     """
     from rich.table import Table
 
+    from vdfmu.sweeps.table import Sweep
     from vdfmu.tuning.run import tune as run_tune
 
     with Bars() as bars:
@@ -103,9 +104,10 @@ def tune(
             engine=engine, workers=workers, time_limit=time_limit, out=out, overwrite=overwrite, progress=bars.update,
         )  # fmt: skip
     say_notes(found.notes)
-    table = Table("", "before", "after", box=None)
+    units = Sweep(found.folder).facts["units"] | {"phase": "rad", "delay": "s"}
+    table = Table("", "before", "after", "", box=None)
     for name, before, after in found.table():
-        table.add_row(name, f"{before:.4g}", f"{after:.4g}")
+        table.add_row(name, f"{before:.4g}", f"{after:.4g}", units.get(name.partition("[")[0], ""))
     console.print(table)
     say((found.folder / "tuned.toml").read_text().rstrip())
     say(

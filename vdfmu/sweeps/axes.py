@@ -24,13 +24,15 @@ _EXPECTED = (
 )
 _CALL = re.compile(r"(\w+)\s*\((.*)\)")
 
-
-_OPTIONS = ("robot", "master", "step", "stop")
+MOST_POINTS = 10_000_000
+"""More are refused: a grid of many axes is more than one thinks."""
+OPTIONS = ("robot", "master", "step", "stop")
+"""Targets that are no parameters but options of a run."""
 
 
 def is_option(target: str) -> bool:
     """Whether a target is no parameter but an option of a run, so that another value is another system."""
-    return target in _OPTIONS or target.startswith("unit:")
+    return target in OPTIONS or target.startswith("unit:")
 
 
 @dataclass(frozen=True)
@@ -141,8 +143,10 @@ def _axis(target: str, form: Any) -> Axis:
     if not counted:
         return axis
     n = numbers[2]
-    if n != int(n) or n < 1:
-        raise ValueError(f"expected a number of values of at least 1, got {form}.")
+    if n != int(n) or not 1 <= n <= MOST_POINTS:
+        raise ValueError(
+            f"expected a whole number of values of at least 1, at most {MOST_POINTS}, got {form}."
+        )
     return Axis(target, name, (low, high), tuple(axis.at(np.linspace(0.0, 1.0, int(n))).tolist()), factor)
 
 

@@ -76,6 +76,8 @@ def draw_indices(shown: View) -> Figure:
         axes.margins(0.2)
         axes.set_xlim(left=0.0)
         axes.set_ylim(bottom=0.0)
+        axes.xaxis.set_major_formatter("{x:.3g}")
+        axes.yaxis.set_major_formatter("{x:.3g}")
         unit = f" [{shown.value.unit}]" if shown.value.unit else ""
         axes.set_xlabel(rf"$\mu^*$: mean change over the whole range of an axis{unit}")
         axes.set_ylabel(rf"$\sigma$: curvature and interactions{unit}")
@@ -91,6 +93,7 @@ def draw_indices(shown: View) -> Figure:
         look: dict[str, Any] = {"xerr": found.widths[name], "color": color, "capsize": 2.5}
         left.barh(np.arange(d)[::-1] + shift, found.values[name], 0.36, **look)
     left.set_yticks(np.arange(d)[::-1], found.axes)
+    left.margins(x=0.05)
     left.set_title("One axis: first order and total")
     left.grid(visible=False, axis="y")
     second, widths = found.values["second"], found.widths["second"]

@@ -44,11 +44,13 @@ def run_there(
     """
     try:
         from distributed import Client
+        from distributed.comm.addressing import get_address_host_port
     except ImportError as error:
         raise UsageError(
             f"scheduler: needs Dask, of which this is missing: {error}. Install it: pip install 'vdfmu[sweep]'."
         ) from None
     try:
+        get_address_host_port(address)  # a client of what is no address complains when Python ends
         client = Client(address, timeout=10, set_as_default=False)
     except (OSError, ValueError, TimeoutError) as error:
         raise UsageError(f"scheduler: no Dask scheduler answers at {address}: {error}.") from None

@@ -69,7 +69,7 @@ class Ledger:
             self._lock = _locked(self._folder / ".lock")
         except OSError as error:
             raise UsageError(
-                f"{self._folder}: cannot hold the study: {error}. Choose another folder with --out."
+                f"{self._folder}: cannot hold the study: {error.strerror or error}. Choose another folder with --out."
             ) from None
         try:
             self._check()
@@ -88,21 +88,34 @@ class Ledger:
     def _check(self) -> None:
         """Take the folder, if it is empty or has this study."""
         place = self._folder / LEDGER
+        facts: dict[str, Any] = {}
         try:
-            known = json.loads(place.read_bytes())["key"] if place.exists() else None
-        except (OSError, ValueError, KeyError, TypeError):
-            known = ""
+            facts = json.loads(place.read_bytes()) if place.exists() else {}
+            known = facts.get("key")
+        except (OSError, ValueError, AttributeError):
+            facts, known = {}, ""
         there = [*self._files(), *([self._folder / TABLE] if (self._folder / TABLE).exists() else [])]
         if known != self._key and there:
             if not self._overwrite:
                 raise UsageError(
-                    f"{self._folder}: holds another study, with other axes, values or units; expected this one, to "
-                    "go on with it, or none. Choose another folder with --out, or replace it with --overwrite."
+                    f"{self._folder}: holds another study; expected this one, to go on with it, or none."
+                    f"{self._difference(facts)} Choose another folder with --out, or replace it with --overwrite."
                 )
             for file in there:
                 file.unlink()
         if known != self._key:
             self._put(place, json.dumps(self._facts, indent=1).encode() + b"\n")
+
+    def _difference(self, known: Mapping[str, Any]) -> str:
+        """Return in what the study that the folder holds differs, if its facts can be read."""
+        names = {"vdfmu": "release", "systems": "units, values or files"}
+        others = [
+            names.get(name, name)
+            for name in self._facts
+            if name not in ("source", "options", "search", "key", "points", "units")
+            and known.get(name) != self._facts[name]
+        ]
+        return f" They differ in {', '.join(others)}." if known and others else ""
 
     def _put(self, place: Path, content: bytes) -> None:
         try:

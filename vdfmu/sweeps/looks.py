@@ -19,6 +19,8 @@ from vdfmu.report import style
 from vdfmu.sweeps.sides import Side, View
 
 COLOUR_MAP = "viridis"
+_LONG = 20
+"""Characters of a label beyond which its unit has a line of its own."""
 LOW, HIGH, FAILED = style.COLORS[0], style.COLORS[4], style.COLORS[1]
 
 
@@ -45,9 +47,13 @@ def colours_of(shown: View) -> ScalarMappable:
 
 def dress(axes: Axes, side: Side, which: str, label: bool = True) -> None:
     """Give an axis, ``x`` or ``y``, the scale, the words and the name of a side."""
-    getattr(axes, f"set_{which}label")(side.label.replace(" (", "\n(") if label else "")
+    words = side.label.replace(" (", "\n(")
+    if len(words) > _LONG:
+        words = words.replace(" [", "\n[")
+    getattr(axes, f"set_{which}label")(words if label else "")
     if side.words:
-        getattr(axes, f"set_{which}ticks")(range(len(side.words)), side.words)
+        slanted: dict[str, Any] = {"rotation": 30.0, "ha": "right"} if which == "x" else {}
+        getattr(axes, f"set_{which}ticks")(range(len(side.words)), side.words, **slanted)
     elif side.log:
         getattr(axes, f"set_{which}scale")("log")
         low, high = float(np.nanmin(side.values)), float(np.nanmax(side.values))

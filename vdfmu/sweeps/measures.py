@@ -6,16 +6,22 @@ They are read as Python is, but hold nothing but signals, numbers, the functions
 from __future__ import annotations
 
 import ast
+import hashlib
 import operator
+import pickle
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
+from types import CodeType
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vdfmu.engine.cosim.results import Results
-from vdfmu.errors import UsageError
+from vdfmu.errors import UsageError, VdfmuError
+from vdfmu.sweeps.axes import OPTIONS
+from vdfmu.text import error_text
 
 Array = NDArray[Any]
 
@@ -23,6 +29,13 @@ Array = NDArray[Any]
 def _integral(x: Array, t: Array) -> Array:
     """By the trapezoidal rule."""
     return np.tensordot(np.diff(t), 0.5 * (x[1:] + x[:-1]), 1)
+
+
+def _at(x: Array, t: Array, time: float) -> Array:
+    """At the first communication point that is not before `time` [s]."""
+    if not t[0] <= time <= t[-1]:
+        raise ValueError(f"expected a time from {t[0]:g} to {t[-1]:g} s, got {time:g} s")
+    return x[np.searchsorted(t, time - 1e-9 * t[-1])]
 
 
 def _settling(x: Array, t: Array, band: float = 0.02) -> Array:
@@ -42,7 +55,7 @@ REDUCTIONS: dict[str, Callable[..., Array]] = {
     "first": lambda x, t: x[0],
     "final": lambda x, t: x[-1],
     "integral": _integral,
-    "at": lambda x, t, time: x[np.searchsorted(t, time - 1e-9 * t[-1])],
+    "at": _at,
     "settling": _settling,
 }
 """Over time: (m, ...) to (...)."""
@@ -57,6 +70,10 @@ POINTWISE: dict[str, Callable[[Array], Array]] = {
     "abs": np.abs, "sqrt": np.sqrt, "exp": np.exp, "log": np.log, "sin": np.sin, "cos": np.cos, "degrees": np.degrees,
 }  # fmt: skip
 _FUNCTIONS = (*REDUCTIONS, *ELEMENTS, *POINTWISE)
+_MORE = {"at": (1, 1), "settling": (0, 1)}
+"""Numbers that a function has beside its signal, at least and at most; the others have none."""
+_TAKEN = ("point", "failed", "failed_at", "wall_s", "time", *OPTIONS)
+"""Columns of a study that are no measures."""
 _OTHER_UNIT = {"settling", "integral", "sqrt", "exp", "log", "sin", "cos", "degrees"}
 """Functions whose value has not the unit of what they are given."""
 _OPERATORS: dict[type, Callable[..., Any]] = {
@@ -87,22 +104,43 @@ class Measure:
         UsageError
             If the results lack a signal, or the value is no number.
         """
-        if self.function is not None:
-            value = self.function(results)
-        else:
-            try:
+        try:
+            if self.function is not None:
+                array = np.asarray(self.function(results), dtype=float)
+            else:
                 with np.errstate(all="ignore"):
-                    value = _evaluate(ast.parse(self.text, mode="eval").body, results)
-            except (ValueError, IndexError, TypeError) as error:
-                raise UsageError(f"measure {self.name} = {self.text}: {error}.") from None
-        array = np.asarray(value, dtype=float)
-        if array.ndim > 1:
-            raise UsageError(
-                f"measure {self.name} = {self.text}: expected a number, or some, got the shape {array.shape}."
-            )
+                    array = np.asarray(
+                        _evaluate(ast.parse(self.text, mode="eval").body, results), dtype=float
+                    )
+            if array.ndim > 1 or not array.size:
+                raise ValueError(f"expected a number, or some, got the shape {array.shape}")
+        except Exception as error:  # of a function of the user's any
+            plain = isinstance(error, VdfmuError) or self.function is None and isinstance(error, ValueError)
+            kind = "" if plain else f"{type(error).__name__}: "
+            words = f"{kind}{error_text(error)}".removesuffix(".")
+            raise UsageError(f"measure {self.name} = {self.text}: {words}.") from None
         if array.ndim == 0:
             return {self.name: float(array)}
         return {f"{self.name}[{i}]": float(x) for i, x in enumerate(array, 1)}
+
+
+def function_digest(function: Callable[..., Any]) -> str:
+    """Digest of what a function does: its code, and what it has kept, as far as that can be pickled."""
+    code = getattr(function, "__code__", None)
+    kept = [cell.cell_contents for cell in getattr(function, "__closure__", None) or ()]
+    parts = [] if code is None else _code(code)
+    for value in (*kept, *(getattr(function, "__defaults__", None) or ())):
+        with suppress(Exception):  # it counts only where it can
+            parts.append(pickle.dumps(value))
+    return hashlib.sha256(b"\0".join(parts)).hexdigest()[:16]
+
+
+def _code(code: CodeType) -> list[bytes]:
+    """Return instructions, names and constants, those of functions inside too, without places in files."""
+    parts = [code.co_code, repr(code.co_names).encode()]
+    for value in code.co_consts:
+        parts += _code(value) if isinstance(value, CodeType) else [repr(value).encode()]
+    return parts
 
 
 def read_measures(measures: Mapping[str, Any] | Sequence[str]) -> list[Measure]:
@@ -113,17 +151,23 @@ def read_measures(measures: Mapping[str, Any] | Sequence[str]) -> list[Measure]:
     UsageError
         With a line for each that cannot be read.
     """
-    pairs: list[tuple[str, Any]] = []
     if isinstance(measures, Mapping):
         pairs = list(measures.items())
     else:
-        for text in measures:
-            name, equals, expression = text.partition("=")
-            named = bool(equals) and name.strip().isidentifier()
-            pairs.append((name.strip(), expression.strip()) if named else (text.strip(), text.strip()))
+        pairs = [(name.strip(), text.strip()) for name, _, text in (m.partition("=") for m in measures)]
     found: list[Measure] = []
     problems: list[str] = []
     for name, text in pairs:
+        if not name.isidentifier() or not (callable(text) or isinstance(text, str) and text):
+            problems.append(
+                f"measure {name}: expected NAME=EXPRESSION, such as error=rms(trajectory.q_d - plant.q)."
+            )
+            continue
+        if name in _TAKEN:
+            problems.append(
+                f"measure {name}: expected another name; {', '.join(_TAKEN)} are columns of their own."
+            )
+            continue
         if callable(text):
             found.append(Measure(name, getattr(text, "__qualname__", "function"), ("*",), text))
             continue
@@ -213,6 +257,10 @@ def _signals(node: ast.expr) -> list[str]:
     if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and not node.keywords and node.args:
         if node.func.id not in _FUNCTIONS:
             raise ValueError(f"expected one of the functions {', '.join(_FUNCTIONS)}, got {node.func.id}")
+        least, most = _MORE.get(node.func.id, (0, 0))
+        if not least <= len(node.args) - 1 <= most:
+            count = f"{1 + least} to {1 + most}" if least < most else str(1 + most)
+            raise ValueError(f"expected {count} arguments of {node.func.id}, got {len(node.args)}")
         return [signal for argument in node.args for signal in _signals(argument)]
     raise ValueError(f"expected signals, numbers and functions, got {ast.unparse(node)}")
 

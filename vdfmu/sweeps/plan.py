@@ -14,29 +14,21 @@ import numpy as np
 
 from vdfmu import __version__
 from vdfmu.batch.program import LANES, Program
-from vdfmu.engine.cosim.check import check_system
 from vdfmu.engine.cosim.inputs import read_inputs
-from vdfmu.engine.ssp import load_ssp
 from vdfmu.errors import UsageError
 from vdfmu.progress import Progress
 from vdfmu.sweeps.axes import Axis, is_option, read_axes
+from vdfmu.sweeps.checks import check_overlap, default_measures, recorded, signals_of, try_measures
 from vdfmu.sweeps.job import Binding, Job, Task, WiredSystem
-from vdfmu.sweeps.measures import Measure, read_measures, unit_of
+from vdfmu.sweeps.measures import Measure, function_digest, read_measures, unit_of
 from vdfmu.sweeps.points import Points, draw
 from vdfmu.temporary import temporary_folder
-from vdfmu.text import close_to, matching
 
 ENGINES = ("fmu", "batch")
 """What runs points: the FMUs of a system, or a program of it."""
 _FEW = 2 * LANES
 """Points of a system from which on a program is compiled without being asked for."""
 _MOST_SYSTEMS = 200
-TRACKING = {
-    "error": "rms(trajectory.q_d - plant.q)",
-    "peak_error": "peak(trajectory.q_d - plant.q)",
-    "peak_torque": "peak(controller.tau)",
-}
-"""Measures of a tracking loop, where none are asked for."""
 
 
 @dataclass(frozen=True)
@@ -60,10 +52,9 @@ class Plan:
 
     @property
     def key(self) -> str:
-        """A digest of `facts`, but for where files are: that of the same study is the same."""
-        facts = {
-            name: fact for name, fact in self.facts.items() if name not in ("source", "options", "engine")
-        }
+        """A digest of `facts`, but for where files are and how a search goes: that of the same runs is the same."""
+        apart = ("source", "options", "engine", "search")
+        facts = {name: fact for name, fact in self.facts.items() if name not in apart}
         return hashlib.sha256(json.dumps(facts, sort_keys=True).encode()).hexdigest()
 
 
@@ -105,7 +96,7 @@ def make_plan(
             f"{len(combinations)}; each is a package of its own."
         )
     is_package = isinstance(scenario, (str, os.PathLike)) and Path(scenario).suffix.lower() == ".ssp"
-    wire = _of_package if is_package else _of_scenario
+    wire = _of_package if is_package else of_scenario
     if engine is None:
         engine = "fmu" if count < _FEW * len(combinations) or backend == "python" else ""
     systems: list[WiredSystem] = []
@@ -130,11 +121,13 @@ def make_plan(
     record: list[str] = []
     units: dict[str, str] = {}
     for system in systems:
-        names, known = _signals(system, axes)
+        names, known, times = signals_of(system, axes)
         units = known | units
         if measure is None:
-            measures = _default_measures(names)
-        record = _recorded(names, measures, keep)
+            measures = default_measures(names)
+        record = recorded(names, measures, keep)
+        try_measures(names, measures, times)
+    check_overlap(axes, systems[0])
     facts: dict[str, Any] = {
         "vdfmu": __version__,
         "scenario": name_of(scenario),
@@ -143,19 +136,21 @@ def make_plan(
         "sample": str(sample),
         "n": count,
         "seed": seed,
-        "settings": {name: str(value) for name, value in (settings or {}).items()},
+        "settings": {name: _plain(value) for name, value in (settings or {}).items()},
         "options": {name: _plain(value) for name, value in (options or {}).items()},
         "measures": {m.name: m.text for m in measures},
         "units": {axis.target: _unit_of_axis(axis, systems[0], units) for axis in axes}
         | {m.name: unit_of(m, units) for m in measures},
         "keep": list(keep),
         "engine": "batch" if any(system.program is not None for system in systems) else "fmu",
-        "points": _digest(*(column.astype(str).tobytes() for column in points.values())),
+        "points": digest(*(column.astype(str).tobytes() for column in points.values())),
         "systems": [
-            {"options": {**s.options, **s.run}, "package": _digest(s.content), "inputs": [t.where for t in s.inputs]}
+            {"options": {**s.options, **s.run}, "package": digest(s.content), "inputs": [t.where for t in s.inputs]}
             for s in systems
         ],
     }  # fmt: skip
+    if functions := {m.name: function_digest(m.function) for m in measures if m.function is not None}:
+        facts["functions"] = functions
     chosen = np.array([combinations[row] for row in rows])
     compared = tuple(sorted({0, count // 2, count - 1}))
     return Plan(
@@ -164,9 +159,11 @@ def make_plan(
 
 
 def _plain(value: Any) -> Any:
-    """Return an option as JSON has it, where it is a number, a path or a name."""
+    """Return an option as JSON has it, where it is a number, several, a path or a name."""
     if isinstance(value, Mapping):
         return {str(name): _plain(one) for name, one in value.items()}
+    if isinstance(value, (np.ndarray, np.generic)):
+        return value.tolist()
     if isinstance(value, (list, tuple)):
         return [_plain(one) for one in value]
     if isinstance(value, os.PathLike):
@@ -179,7 +176,8 @@ def name_of(scenario: Any) -> str:
     return Path(scenario).stem if isinstance(scenario, (str, os.PathLike)) else str(scenario.name)
 
 
-def _digest(*parts: bytes) -> str:
+def digest(*parts: bytes) -> str:
+    """Return what tells contents apart."""
     return hashlib.sha256(b"\0".join(parts)).hexdigest()[:16]
 
 
@@ -189,76 +187,6 @@ def _unit_of_axis(axis: Axis, system: WiredSystem, units: Mapping[str, str]) -> 
         name = system.bindings[axis.target].names[0]
         return "" if axis.factor else units.get(name, "")
     return "s" if axis.target in ("step", "stop") else ""
-
-
-def _signals(system: WiredSystem, axes: Sequence[Axis]) -> tuple[list[str], dict[str, str]]:
-    """Check a system, and the axes by a value of theirs.
-
-    Returns
-    -------
-    names
-        Signals that it can record.
-    units
-        Of all its variables that have one, with and without indices.
-    """
-    parameters = dict(system.options.get("parameters", {}))
-    for axis in axes:
-        if axis.target in system.bindings:
-            value = axis.values[0] if axis.values else axis.at(0.5).item()
-            parameters |= system.bindings[axis.target].values(value)
-    with temporary_folder("vdfmu_sweep_") as folder:
-        path = Path(folder, "0.ssp")
-        path.write_bytes(system.content)
-        checked = check_system(
-            load_ssp(path), parameters, inputs=system.inputs, algorithm=system.options.get("algorithm"),
-            repeats=system.options.get("adaptive") is not None,
-        )  # fmt: skip
-    outputs = [
-        f"{name}.{v.name}" for name, each in checked.descriptions.items() for v in each.variables.values()
-        if v.causality == "output"
-    ]  # fmt: skip
-    units: dict[str, str] = {}
-    for name, each in checked.descriptions.items():
-        for v in each.variables.values():
-            if v.unit is not None:
-                units[f"{name}.{v.name}"] = units[f"{name}.{v.name.partition('[')[0]}"] = v.unit.name
-    names = dict.fromkeys([*outputs, *(".".join(link.end) for link in checked.links if link.stepped)])
-    return list(names), units
-
-
-def _default_measures(names: Sequence[str]) -> list[Measure]:
-    if not {"trajectory.q_d[1]", "plant.q[1]", "controller.tau[1]"} <= set(names):
-        raise UsageError(
-            "measure: expected at least one, such as 'error=rms(a.x - b.y)'; only the loop of trajectory, controller "
-            "and plant has some of its own."
-        )
-    return read_measures(TRACKING)
-
-
-def _recorded(names: Sequence[str], measures: Sequence[Measure], keep: Sequence[str]) -> list[str]:
-    """Return patterns of what a run records; UsageError for signals that there are not."""
-    known = set(names)
-    groups = {name.partition("[")[0] for name in names}
-    record: list[str] = list(keep)
-    problems = [
-        f"keep: no output or connected input is called {text}."
-        for text in keep
-        if not matching(names, [text])
-    ]
-    for measure in measures:
-        for signal in measure.signals:
-            if signal in known or signal == "*":
-                record.append(signal)
-            elif signal in groups:
-                record.append(f"{signal}[*")
-            else:
-                way = close_to(signal, [*groups, *names])
-                problems.append(
-                    f"measure {measure.name} = {measure.text}: no output or connected input is called {signal}{way}."
-                )
-    if problems:
-        raise UsageError("\n".join(problems))
-    return list(dict.fromkeys(record))
 
 
 def _of_package(
@@ -297,14 +225,14 @@ def _of_package(
     )
 
 
-def _of_scenario(
+def of_scenario(
     scenario: Any,
     axes: Sequence[Axis],
     switched: Mapping[str, Any],
     settings: Mapping[str, Any],
     options: Mapping[str, Any],
     backend: str | None,
-    engine: str,
+    engine: str = "fmu",
 ) -> WiredSystem:
     """Build and pack a scenario with what a combination of options says."""
     from vdfmu.scenario.parts import cached_fmus
@@ -320,7 +248,7 @@ def _of_scenario(
     given: dict[str, Any] = {**options, **plain, "units": units or None}
     loaded = prepare(scenario, **given)
     values = system_values(loaded, settings)
-    bindings = {axis.target: binding(loaded, axis, values) for axis in axes}
+    bindings = {axis.target: _binding(loaded, axis, values) for axis in axes}
     with temporary_folder("vdfmu_sweep_") as folder:
         package = write_ssp(
             loaded, cached_fmus(loaded, folder, backend), Path(folder, "system.ssp"), values, mixed=True
@@ -355,7 +283,7 @@ def _program(
         raise UsageError(f"{lines}\nTake the engine fmu.") from None
 
 
-def binding(scenario: Any, axis: Axis, values: Mapping[str, Mapping[str, Any]]) -> Binding:
+def _binding(scenario: Any, axis: Axis, values: Mapping[str, Mapping[str, Any]]) -> Binding:
     """Return what an axis sets; UsageError for what is unknown, or cannot have its values."""
     from vdfmu.scenario.values import override
 
@@ -382,4 +310,6 @@ def binding(scenario: Any, axis: Axis, values: Mapping[str, Mapping[str, Any]]) 
         raise UsageError(
             f"{axis}: expected numbers to multiply, got {', '.join(map(str, reached.values()))}."
         )
+    if not any(nominal):
+        raise UsageError(f"{axis}: expected numbers to multiply that are not all 0; leave the star out.")
     return Binding(tuple(reached), nominal=tuple(nominal))

@@ -13,12 +13,10 @@ from numpy.typing import NDArray
 
 from vdfmu.arrays import Floats
 from vdfmu.errors import UsageError
-from vdfmu.sweeps.axes import Axis, read_axes
+from vdfmu.sweeps.axes import MOST_POINTS, Axis, read_axes
 
 SAMPLES = ("grid", "lhs", "sobol", "random", "saltelli", "morris")
 """Ways to draw points; the last two for indices of sensitivity."""
-MOST_POINTS = 10_000_000
-"""More are refused: a grid of many axes is more than one thinks."""
 LEVELS = 4
 """Of Morris' trajectories on each axis."""
 
@@ -50,8 +48,10 @@ def draw(axes: Sequence[Axis], sample: str, n: int | None = None, seed: int = 0)
     UsageError
         For axes that do not fit the way, a bad file, or too many points.
     """
+    if seed < 0:
+        raise UsageError(f"seed: expected a number of at least 0, got {seed}.")
     if sample not in SAMPLES:
-        if axes:
+        if axes and Path(sample).suffix:
             raise UsageError(f"sample: {sample} says what varies, so no axis is given beside it.")
         return _read(sample)
     if not axes:
@@ -60,9 +60,10 @@ def draw(axes: Sequence[Axis], sample: str, n: int | None = None, seed: int = 0)
         return list(axes), _grid(axes, n)
     if n is None or not 1 <= n <= MOST_POINTS:
         raise UsageError(f"n: expected a number of points of {sample} up to {MOST_POINTS:g}, got {n}.")
+    count = n * {"saltelli": 2 * len(axes) + 2, "morris": len(axes) + 1}.get(sample, 1)
+    if count > MOST_POINTS:
+        raise UsageError(f"n: expected at most {MOST_POINTS:g} points, got {count}.")
     drawn = shares(len(axes), sample, n, seed)
-    if len(drawn) > MOST_POINTS:
-        raise UsageError(f"n: expected at most {MOST_POINTS:g} points, got {len(drawn)}.")
     return list(axes), {axis.target: axis.at(drawn[:, i]) for i, axis in enumerate(axes)}
 
 
@@ -114,7 +115,7 @@ def unit_problem(d: int, names: Sequence[str] | None = None) -> dict[str, Any]:
 
 def _read(path: str) -> tuple[list[Axis], Points]:
     try:
-        with open(path, encoding="utf-8", newline="") as file:
+        with open(path, encoding="utf-8-sig", newline="") as file:
             rows = [row for row in csv.reader(file) if row]
     except FileNotFoundError:
         raise UsageError(f"sample: expected {', '.join(SAMPLES)} or a CSV file, got {path}.") from None

@@ -134,9 +134,10 @@ def sweep(
     job = packed(plan.job)
     report = progress or (lambda stage, done, total: None)
     with Ledger(folder, plan.facts, plan.key, plan.points, overwrite) as ledger:
+        done = ledger.done()
         if retry:
             ledger.forget_failed()
-        done = ledger.done()
+            done = ledger.done()
         finished, total = int(done.sum()), len(plan)
         missing = total - finished
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -55,7 +56,7 @@ class Side:
 
     def text(self, value: float) -> str:
         """Return a value as it is written beside an axis."""
-        return self.words[round(value)] if self.words else f"{value:.3g}"
+        return self.words[round(value)] if self.words else f"{float(f'{value:.3g}'):g}"
 
 
 @dataclass(frozen=True)
@@ -99,7 +100,8 @@ def view(study: Sweep, measure: str | None = None) -> View:
         if column.dtype.kind not in "iuf":
             words = tuple(dict.fromkeys(map(str, axis.values)))
             places = np.array([words.index(str(one)) for one in column], dtype=float)
-            side = Side(label, "", places, words=words)
+            names = tuple(Path(word).name for word in words)  # of files without their folders
+            side = Side(label, "", places, words=names if len(set(names)) == len(words) else words)
         else:
             log = axis.form in ("log", "lognormal") and column.min() > 0.0
             side = Side(label, units.get(axis.target, ""), column.astype(float), bool(log))

@@ -123,7 +123,8 @@ class Sweep:
         if not columns and name in self.facts["measures"]:
             raise UsageError(f"{self.path}: no point has a value of {name}: all failed.")
         if not columns:
-            raise UsageError(f"by: expected {', '.join(self.measures)}, got {name!r}.")
+            known = dict.fromkeys([*self.facts["measures"], *self.measures])
+            raise UsageError(f"by: expected {', '.join(known)}, got {name!r}.")
         return columns
 
     def values(self, by: str | None = None) -> Floats:
@@ -132,13 +133,15 @@ class Sweep:
         return np.max([column.to_numpy().astype(float) for column in table.columns], axis=0)
 
     def ranges(self) -> list[list[str]]:
-        """Return of each column of a measure with values: name, smallest, median, largest, and the point of that."""
+        """Return of each column of a measure: name, smallest, median, largest, and the point of that."""
         points, rows = self["point"], list[list[str]]()
         for column in self.measures:
             values = self[column]
             if np.isfinite(values).any():
                 ends = [f"{f(values):.4g}" for f in (np.nanmin, np.nanmedian, np.nanmax)]
                 rows.append([column, *ends, str(points[np.nanargmax(values)])])
+            else:
+                rows.append([column, "no value", "", "", ""])
         return rows
 
     def row(self, which: int | str, by: str | None = None) -> dict[str, Any]:
@@ -168,15 +171,15 @@ class Sweep:
     def options(self, which: int | str = "worst", by: str | None = None) -> dict[str, Any]:
         """Return what `vdfmu.run` takes for the run of a point: ``vdfmu.run(**sweep.options("worst"))``.
 
+        Where the scenario, or what it names, is no longer that of the study, `notes` says so.
+
         Raises
         ------
         UsageError
             As of `row`; and for a study of a package, or of inputs that were no file.
         """
-        from vdfmu.scenario.values import system_values
-        from vdfmu.study.run import prepare
         from vdfmu.sweeps.axes import read_axes
-        from vdfmu.sweeps.plan import binding
+        from vdfmu.sweeps.plan import digest, of_scenario
 
         row = self.row(which, by)
         options = {"scenario": self.facts["source"], **self.facts["options"]}
@@ -186,17 +189,20 @@ class Sweep:
             raise UsageError(
                 f"{self.path}: is a study of a package: 'vdfmu simulate {options['scenario']}' runs it, with {values}."
             )
-        own = [axis for axis in self.axes if not is_option(axis)]
-        for axis in self.axes:
+        own = [axis for axis in read_axes(self.facts["axes"]) if not is_option(axis.target)]
+        switched = {axis: row[axis] for axis in self.axes if is_option(axis)}
+        system = of_scenario(options["scenario"], own, switched, settings, self.facts["options"], None)
+        if digest(system.content) not in [known["package"] for known in self.facts["systems"]]:
+            self.notes.append(
+                f"{options['scenario']}: its values, units or robot are not those of the study any more."
+            )
+        for target, binding in system.bindings.items():
+            settings |= binding.values(row[target])
+        for axis, value in switched.items():
             if axis.startswith("unit:"):
-                options["units"] = {**options.get("units", {}), axis.removeprefix("unit:"): row[axis]}
-            elif axis not in own:
-                options[axis] = row[axis]
-        scenario = prepare(**options)
-        values = system_values(scenario, settings)
-        for axis in read_axes(self.facts["axes"]):
-            if axis.target in own:
-                settings |= binding(scenario, axis, values).values(row[axis.target])
+                options["units"] = {**options.get("units", {}), axis.removeprefix("unit:"): value}
+            else:
+                options[axis] = value
         return {**options, "settings": settings}
 
     def indices(self, measure: str | None = None) -> Any:

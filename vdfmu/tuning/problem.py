@@ -17,8 +17,10 @@ from vdfmu.arrays import Floats
 from vdfmu.errors import UsageError
 from vdfmu.scenario.values import override, system_values
 from vdfmu.study.run import prepare
-from vdfmu.sweeps.axes import Axis, read_axes
-from vdfmu.sweeps.plan import TRACKING, Plan, make_plan
+from vdfmu.sweeps.axes import Axis, is_option, read_axes
+from vdfmu.sweeps.checks import TRACKING
+from vdfmu.sweeps.plan import Plan, make_plan
+from vdfmu.unit.variable import NO_LIMIT
 
 _RANGE = "*log(0.1, 10)"
 """Of a number that varies, unless another is given."""
@@ -108,6 +110,12 @@ def make_problem(
     loaded = prepare(scenario, **(options or {}))
     axes = _elements(loaded, vary, settings or {})
     spread_axes = read_axes(spread)
+    if wrong := [
+        str(axis) for axis in spread_axes if is_option(axis.target) or isinstance(axis.at(0.0).item(), str)
+    ]:
+        raise UsageError(
+            "\n".join(f"spread: expected parameters with numbers, got {text}." for text in wrong)
+        )
     targets = [*(axis.target for axis in axes), *(axis.target for axis in spread_axes)]
     if len(set(targets)) < len(targets):
         raise UsageError(
@@ -175,7 +183,7 @@ def _elements(
             for variable in each:
                 start = values[component].get(variable)
                 low, high = sorted(axis.numbers)
-                if not isinstance(start, float) or not math.isfinite(start):
+                if not isinstance(start, float) or start == NO_LIMIT:
                     problems.append(f"{component}.{variable}: expected a finite number to vary, got {start}.")
                     continue
                 if axis.factor:

@@ -101,7 +101,8 @@ def tune(
 ) -> Tuned:
     """Search the values of parameters that make a cost smallest, over a spread of robots and within limits.
 
-    Every run is kept: after Ctrl-C or a kill the same call goes on where it was.
+    Every run is kept: after Ctrl-C or a kill the same call goes on where it was; so does one with a larger budget or
+    another method, which takes the runs that it needs and finds.
 
     Parameters
     ----------
@@ -163,6 +164,10 @@ def tune(
     for name, value in (("budget", budget), ("spread_n", spread_n), ("workers", workers)):
         if value is not None and value < 1:
             raise UsageError(f"{name}: expected at least 1, got {value}.")
+    if time_limit is not None and not time_limit > 0.0:
+        raise UsageError(f"time_limit: expected a positive time, got {time_limit:g} s.")
+    if not math.isfinite(growth):
+        raise UsageError(f"growth: expected a finite rate, got {growth:g} 1/s.")
     import scipy
 
     given: dict[str, Any] = {
@@ -176,7 +181,7 @@ def tune(
         settings=settings, options=options, backend=backend, engine=engine,
     )  # fmt: skip
     plan = problem.plan
-    plan.facts["tune"] |= {"engine": engine, "method": method, "budget": budget, "scipy": scipy.__version__}
+    plan.facts["search"] = {"method": method, "budget": budget, "scipy": scipy.__version__}
     folder = Path("results") / f"tune_{plan.facts['scenario']}" if out is None else Path(out)
     report = progress or (lambda stage, done, total: None)
     with Ledger(folder, plan.facts, plan.key, {}, overwrite) as ledger:
@@ -199,6 +204,11 @@ def tune(
         )  # fmt: skip
         if before.failed:
             found.notes.append(f"{before.failed} of the runs with the scenario's own values failed.")
+        if margin == "same" and not problem.margin.all():
+            found.notes.append(
+                "margin: with one sample of delay the loop of the start is unstable, so that same asks for stability "
+                "only; growth lets slow instability count as stable."
+            )
         if not after.feasible:
             found.notes.append(
                 "no values within the limits and the margin were found; a larger budget may find some."
