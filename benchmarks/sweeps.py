@@ -13,6 +13,7 @@ import tempfile
 import time
 from collections.abc import Callable, Generator
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -22,12 +23,15 @@ import numpy as np
 import vdfmu
 from benchmarks.report import Report, Table
 from benchmarks.system import packed
+from vdfmu.batch.engine import Engine
+from vdfmu.batch.program import LANES
 from vdfmu.engine.cosim.container import write_container
 from vdfmu.fmu.native.compile import native_available
 from vdfmu.scenario import load_scenario
 from vdfmu.sweeps.axes import read_axes
 from vdfmu.sweeps.job import Bench, Job, Row
 from vdfmu.sweeps.ledger import Ledger
+from vdfmu.sweeps.measures import measured
 from vdfmu.sweeps.plan import Plan, make_plan
 
 TITLE = "Parameter studies"
@@ -46,16 +50,18 @@ def run(report: Report, quick: bool = False) -> None:
         folder = Path(name)
         _throughput(report, folder, 1.0 if quick else 10.0, 8 if quick else 40, 1 if quick else 3)
         _point(report, folder, (1.0,) if quick else (1.0, 10.0), 3 if quick else 20)
+        _engines(report, folder, 1.0 if quick else 10.0, 3 if quick else 10)
         _growth(report, folder, (50, 100) if quick else (250, 1000), (2000,) if quick else (10_000, 100_000))
         _cluster(report, folder, (1, 20), 20 if quick else 200)
 
 
-def _plan(n: int, stop: float) -> Plan:
+def _plan(n: int, stop: float, engine: str = "fmu") -> Plan:
     return make_plan(
         "tracking",
         {AXIS: f"*lin(0.5, 1.5, {n})"},
         measure={"error": MEASURE},
         options={"stop": stop, "step": STEP},
+        engine=engine,
     )
 
 
@@ -66,22 +72,22 @@ def _throughput(report: Report, folder: Path, stop: float, points: int, rounds: 
         container = write_container(package, folder / "tracking.fmu", step=STEP)
         axis = _plan(points, stop)
         values = axis.points[AXIS] * float(axis.job.systems[0].bindings[AXIS].nominal[0])
-        ways: dict[tuple[str, int], Callable[..., None]] = {
-            (way, workers): function
-            for workers in (1, 2)
-            for way, function in (("vdfmu.sweep", _ours), ("fmpy.simulate_fmu in a pool", _fmpy))
+        batch = points * LANES
+        given: dict[str, tuple[int, int, Callable[..., None]]] = {  # points, those at a time, how
+            "vdfmu.sweep, engine fmu": (points, 1, partial(_ours, folder / "study", points, "fmu")),
+            "vdfmu.sweep, engine batch": (batch, LANES, partial(_ours, folder / "study", batch, "batch")),
+            "fmpy.simulate_fmu in a pool": (points, 1, partial(_fmpy, container, values)),
         }
-        given = {
-            "vdfmu.sweep": (folder / "study", points),
-            "fmpy.simulate_fmu in a pool": (container, values),
-        }
+        ways = [(way, workers) for workers in (1, 2) for way in given]
         spent: dict[tuple[str, int], list[tuple[float, float]]] = {way: [] for way in ways}
         for _ in range(rounds):
-            for (way, workers), call in ways.items():
+            for way, workers in ways:
+                count, together, call = given[way]
                 marks, processor = [], _processor_time()
-                call(*given[way], stop, workers, lambda marks=marks: marks.append(time.perf_counter()))
-                rate = (marks[-1] - marks[workers - 1]) / (points - workers)
-                spent[way, workers].append((rate, (_processor_time() - processor) / points))
+                call(stop, workers, lambda marks=marks: marks.append(time.perf_counter()))
+                first = workers * together
+                rate = (marks[-1] - marks[first - 1]) / (count - first)
+                spent[way, workers].append((rate, (_processor_time() - processor) / count))
     table = Table(
         "sweep_points",
         f"{points} points of {stop:g} s at 1 kHz, tracking",
@@ -101,12 +107,14 @@ def _throughput(report: Report, folder: Path, stop: float, points: int, rounds: 
     report.show(table)
 
 
-def _ours(folder: Path, points: int, stop: float, workers: int, done: Callable[[], None]) -> None:
+def _ours(
+    folder: Path, points: int, engine: str, stop: float, workers: int, done: Callable[[], None]
+) -> None:
     """Run a study, anew."""
     shutil.rmtree(folder, ignore_errors=True)
     vdfmu.sweep(
         "tracking", {AXIS: f"*lin(0.5, 1.5, {points})"}, measure={"error": MEASURE}, stop=stop, workers=workers,
-        out=folder, progress=lambda stage, k, total: done() if stage == "points" and k else None,
+        engine=engine, out=folder, progress=lambda stage, k, total: done() if stage == "points" and k else None,
     )  # fmt: skip
 
 
@@ -158,7 +166,7 @@ def _point(report: Report, folder: Path, stops: tuple[float, ...], points: int) 
             for k in range(points):
                 for length, bench in benches.items():
                     began = time.process_time()
-                    bench.run((k, 0, {AXIS: 1.0}))
+                    bench.run([(k, 0, {AXIS: 1.0})])
                     spent[length] = min(spent[length], time.process_time() - began) if k else np.inf
         finally:
             for bench in benches.values():
@@ -167,6 +175,55 @@ def _point(report: Report, folder: Path, stops: tuple[float, ...], points: int) 
         rest = spent[stop] - steps
         table.add(stop, *(1e3 * t for t in (spent[stop], steps, rest)), 100.0 * rest / spent[stop])
         report.facts[f"point_{stop:g}s"] = {"point_s": spent[stop], "steps_s": steps}
+    report.show(table)
+
+
+def _engines(report: Report, folder: Path, stop: float, rounds: int) -> None:
+    """Compare the engines on one core: processor time of a point, with its measures; the ways take turns."""
+    table = Table(
+        "sweep_engines",
+        f"Engines on one core, points of {stop:g} s at 1 kHz, tracking",
+        [
+            ("engine", ""),
+            ("lanes", "d"),
+            ("a point [ms]", ".1f"),
+            ("points/s", ".1f"),
+            ("of the FMUs", ".1f"),
+        ],
+        notes=[
+            f"Processor time of a point with its measure, best of {rounds} rounds, in which the ways take turns."
+        ],
+    )
+    plan = _plan(LANES, stop, "batch")
+    system, measures = plan.job.systems[0], plan.job.measures
+    assert system.program is not None
+    tasks = [plan.task(k) for k in range(LANES)]
+    points = [system.parameters(values) for _, _, values in tasks]
+    best = Engine(system.program, plan.job.record)
+    engines = [Engine(system.program, plan.job.record, level) for level in range(best.level)] + [best]
+    bench = _bench(folder / "engines", plan.job)
+    spent: dict[tuple[str, int], float] = {}
+
+    def in_lanes(engine: Engine) -> None:
+        for results in engine.run(points[: engine.lanes]):
+            assert results is not None
+            measured(measures, results)
+
+    ways: dict[tuple[str, int], Callable[[], Any]] = {("FMUs", 1): lambda: bench.run(tasks[:1], apart=True)}
+    for name, engine in zip(("any processor", "AVX2", "AVX-512"), engines, strict=False):
+        ways[f"batch, {name}", engine.lanes] = partial(in_lanes, engine)
+    try:
+        for _ in range(rounds):
+            for way, call in ways.items():
+                began = time.process_time()
+                call()
+                each = (time.process_time() - began) / way[1]
+                spent[way] = min(each, spent.get(way, np.inf))
+    finally:
+        bench.close()
+    for (name, lanes), each in spent.items():
+        table.add(name, lanes, 1e3 * each, 1.0 / each, spent["FMUs", 1] / each)
+        report.facts[f"engine_{name}"] = {"lanes": lanes, "point_s": each, "of_fmus": spent["FMUs", 1] / each}
     report.show(table)
 
 

@@ -3,11 +3,6 @@
 #include <math.h>
 #include <string.h>
 
-#define ORDER 4.0
-#define SAFETY 0.9
-#define SHRINK 0.2
-#define GROW 5.0
-
 /* Inputs that change linearly in time, at `done` [s] after the start of the communication step. */
 static void move_inputs(const Solver *s, double done)
 {

@@ -5,11 +5,8 @@
 #include <stdbool.h>
 #include <stddef.h>
 
+#include "control.h"
 #include "unit.h"
-
-#define FIRST_STEP 1e-4    /* [s] internal step tried first after the start */
-#define MINIMUM_STEP 1e-12 /* [s] 1e4 times rounding of a time of about 1 s */
-#define MAXIMUM_STEPS 1000000 /* in one communication step; 10 s of the six-joint arm at 150 rad/s take 300,000 */
 
 typedef struct {
     SolverStep *step;

@@ -203,3 +203,17 @@ def test_what_is_wrong_is_said_before_the_first_run(options, words, tmp_path):
     with pytest.raises(UsageError, match=words):
         vdfmu.tune("planar_tracking", **given)
     assert not (tmp_path / "search").exists()
+
+
+def test_the_batch_engine_gives_the_same_costs(tmp_path):
+    options = {"method": "local", "budget": 8, **SHORT}
+    found = {
+        e: vdfmu.tune("planar_tracking", GAINS, ERRORS, engine=e, out=tmp_path / e, **options)
+        for e in ("fmu", "batch")
+    }
+    fmu, batch = (Sweep(found[e].folder) for e in ("fmu", "batch"))
+    assert (fmu.facts["engine"], batch.facts["engine"]) == ("fmu", "batch")
+    for column in ("cost[1]", "cost[2]"):
+        # positions are equal within 1e-9 rad; the first two rows are those of the scenario's own values
+        np.testing.assert_allclose(batch[column][:2], fmu[column][:2], rtol=0.0, atol=1e-9)
+    assert len(batch) == len(fmu) == 16

@@ -94,6 +94,10 @@ def run(
     inputs: InputOption = None,
     input_hold: HoldOption = False,
     backend: BackendOption = None,
+    engine: Annotated[
+        str | None,
+        typer.Option(help="fmu, or batch: several points at once. Default batch where all units are ours."),
+    ] = None,
     workers: Annotated[int | None, typer.Option(help="Processes; default one a processor.")] = None,
     scheduler: Annotated[
         str | None,
@@ -122,8 +126,9 @@ def run(
                 scenario, over or (), sample=sample, n=n, seed=seed, measure=measure or None, keep=keep or (),
                 settings=parse_settings(settings), robot=robot, step=step, stop=stop, master=master, adaptive=adaptive,
                 units=parse_settings(unit, "--unit", "COMPONENT=UNIT, such as controller=my_unit.py") or None,
-                inputs=inputs, input_hold=input_hold or None, backend=backend, workers=workers, scheduler=scheduler,
-                chunk=chunk, time_limit=time_limit, out=folder, overwrite=overwrite, retry=retry, progress=bars.update,
+                inputs=inputs, input_hold=input_hold or None, backend=backend, engine=engine, workers=workers,
+                scheduler=scheduler, chunk=chunk, time_limit=time_limit, out=folder, overwrite=overwrite, retry=retry,
+                progress=bars.update,
             )  # fmt: skip
     except KeyboardInterrupt as error:
         error.add_note(f"What was done is in {folder}: give the same command again to go on.")

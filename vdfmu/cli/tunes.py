@@ -77,6 +77,7 @@ def tune(
     inputs: InputOption = None,
     input_hold: HoldOption = False,
     backend: BackendOption = None,
+    engine: Annotated[str, typer.Option(help="fmu, or batch: several runs at once.")] = "fmu",
     workers: Annotated[int | None, typer.Option(help="Processes; default one a processor.")] = None,
     time_limit: Annotated[float | None, typer.Option(help="Seconds that a run has; default 600.")] = None,
     out: Annotated[Path | None, typer.Option(help="Folder; default results/tune_SCENARIO.")] = None,
@@ -100,7 +101,7 @@ def tune(
             method=method, budget=budget, seed=seed, settings=parse_settings(settings), robot=robot,
             units=parse_settings(unit, "--unit", "COMPONENT=UNIT, such as controller=my_unit.py") or None,
             step=step, stop=stop, master=master, inputs=inputs, input_hold=input_hold or None, backend=backend,
-            workers=workers, time_limit=time_limit, out=out, overwrite=overwrite, progress=bars.update,
+            engine=engine, workers=workers, time_limit=time_limit, out=out, overwrite=overwrite, progress=bars.update,
         )  # fmt: skip
     say_notes(found.notes)
     units = Sweep(found.folder).facts["units"] | {"phase": "rad", "delay": "s"}

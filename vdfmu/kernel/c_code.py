@@ -46,20 +46,20 @@ EXPRESSIONS = {
     ca.OP_LOG1P: "log1p({0})",
     ca.OP_FMOD: "fmod({0}, {1})",
     ca.OP_FABS: "fabs({0})",
-    ca.OP_SIGN: "(double)(({0} > 0.0) - ({0} < 0.0))",
+    ca.OP_SIGN: "({0} > 0.0 ? 1.0 : 0.0) - ({0} < 0.0 ? 1.0 : 0.0)",
     ca.OP_COPYSIGN: "copysign({0}, {1})",
     ca.OP_FMIN: "fmin({0}, {1})",
     ca.OP_FMAX: "fmax({0}, {1})",
-    ca.OP_LT: "(double)({0} < {1})",
-    ca.OP_LE: "(double)({0} <= {1})",
-    ca.OP_EQ: "(double)({0} == {1})",
-    ca.OP_NE: "(double)({0} != {1})",
-    ca.OP_NOT: "(double)({0} == 0.0)",
-    ca.OP_AND: "(double)({0} != 0.0 && {1} != 0.0)",
-    ca.OP_OR: "(double)({0} != 0.0 || {1} != 0.0)",
+    ca.OP_LT: "{0} < {1} ? 1.0 : 0.0",
+    ca.OP_LE: "{0} <= {1} ? 1.0 : 0.0",
+    ca.OP_EQ: "{0} == {1} ? 1.0 : 0.0",
+    ca.OP_NE: "{0} != {1} ? 1.0 : 0.0",
+    ca.OP_NOT: "{0} == 0.0 ? 1.0 : 0.0",
+    ca.OP_AND: "(({0} != 0.0) & ({1} != 0.0)) ? 1.0 : 0.0",
+    ca.OP_OR: "(({0} != 0.0) | ({1} != 0.0)) ? 1.0 : 0.0",
     ca.OP_IF_ELSE_ZERO: "{0} != 0.0 ? {1} : 0.0",
 }
-"""Operation: C expression of its operands {0} and {1}."""
+"""Operation: C expression of its operands {0} and {1}, which may be vectors too (``fmu_src/batch/lanes.h``)."""
 
 
 def c_prototype(function: ca.Function) -> str:

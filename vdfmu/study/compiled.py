@@ -51,9 +51,9 @@ def _bound(library: PyDLL, name: str, memory: int) -> Run:
 
 def sources(system: System, lists: Mapping[str, Sequence[Action]]) -> dict[str, bytes] | None:
     """Return file name to C text of lists of actions; None where a unit has no C."""
-    code = _Code(system)
+    code = Code(system)
     try:
-        functions = [code.function(name, actions) for name, actions in lists.items()]
+        functions = [f"SHOWN {code.function(name, actions)}" for name, actions in lists.items()]
         files = {f"kernel_{name}.c": kernel_source(made).encode() for name, made in code.called.items()}
     except KernelError:  # an operation that has no C text, or a unit in plain Python
         return None
@@ -61,19 +61,21 @@ def sources(system: System, lists: Mapping[str, Sequence[Action]]) -> dict[str, 
     return {**files, "system.c": "\n".join(["#include <string.h>\n", SHOWN, prototypes, *functions]).encode()}
 
 
-class _Code:
+class Code:
     """C text of actions. `called`: the traced functions that it calls."""
 
+    head = "double *m, double t"
+    unused = "(void)t;"
+
     def __init__(self, system: System) -> None:
-        self._system = system
+        self.system = system
         self.called: dict[str, ca.Function] = {}
 
     def function(self, name: str, actions: Sequence[Action]) -> str:
         """Return ``void name(double *m, double t)``, with m the memory and t the time."""
         lines = [line for action in actions for line in self._lines(action)]
-        body = "".join(f"    {line}\n" for line in ["(void)t;", *lines])
-        head = f"void {name}(double *m, double t)"
-        return f"SHOWN {head};\n\n{head}\n{{\n{body}}}\n"
+        body = "".join(f"    {line}\n" for line in [self.unused, *lines])
+        return f"void {name}({self.head})\n{{\n{body}}}\n"
 
     def _lines(self, action: Action) -> Iterator[str]:
         if isinstance(action, Carry):
@@ -83,21 +85,21 @@ class _Code:
             for place in action.places.tolist():
                 yield f"m[{place}] = t;"
         else:
-            unit = self._system.units[action.unit]
+            unit = self.system.units[action.unit]
             if not isinstance(unit, Traced):
                 raise KernelError(f"{action.unit} has no traced functions.")
             for call in getattr(unit.interface.program, action.method):
-                # choices are fixed: what they leave out is not compiled
-                if all(unit.argument(argument_name(choice))[0] == value for choice, value in call.when):
-                    yield from self._call(action.unit, unit, call)
+                if self.runs(unit, call):
+                    yield from self.call(action.unit, unit, call)
 
-    def _call(self, name: str, unit: Traced, call: Call) -> Iterator[str]:
+    def runs(self, unit: Traced, call: Call) -> bool:
+        """Whether a call runs: choices are fixed, and what they leave out is not compiled."""
+        return all(unit.argument(argument_name(choice))[0] == value for choice, value in call.when)
+
+    def call(self, name: str, unit: Traced, call: Call) -> Iterator[str]:
         """Yield the lines of a call; what it sets of what it reads is copied when all is calculated."""
-        interface, begin = unit.interface, self._system.begin(name)
-        function = interface.functions.casadi_function(call.function)
-        known = self.called.setdefault(function.name(), function)
-        if known is not function and known.serialize() != function.serialize():
-            raise KernelError(f"two functions are named {function.name()}.")
+        interface, begin = unit.interface, self.system.begin(name)
+        function = self.take(interface.functions.casadi_function(call.function))
         places = {group: begin + interface.slice(call.group(group)).start for group in function.name_in()}
         made = {group: begin + interface.slice(call.group(group)).start for group in function.name_out()}
         new = {group: function.numel_out(group) for group in made if call.group(group) != group}
@@ -109,3 +111,10 @@ class _Code:
         yield f"    {function.name()}({', '.join(arguments)});"
         yield from (f"    {copy}" for copy in copies)
         yield "}"
+
+    def take(self, function: ca.Function) -> ca.Function:
+        """Note that a traced function is called."""
+        known = self.called.setdefault(function.name(), function)
+        if known is not function and known.serialize() != function.serialize():
+            raise KernelError(f"two functions are named {function.name()}.")
+        return function

@@ -130,17 +130,19 @@ class Sampled:
     Attributes
     ----------
     lists : dict of str to list of actions
-        What is calculated.
+        What is calculated: ``part_0``, then after the i-th of `moving` ``part_<i+1>``.
+    moving : list of str
+        Units with states, in the order of a step.
     """
 
     def __init__(self, system: System, delayed: bool) -> None:
         self._system = system
         self.lists: dict[str, list[Action]] = {}
-        self._moving: list[str] = []
+        self.moving: list[str] = []
         part: list[Action] = [system.late(delayed)]
         self.lists["part_0"] = part
         for name in list(system.units) if delayed else system.order():
-            unit, i = system.units[name], len(self._moving)
+            unit, i = system.units[name], len(self.moving)
             if not delayed:
                 part.append(system.fresh(name))
             if unit.x.size or unit.interface.is_sampled:
@@ -148,7 +150,7 @@ class Sampled:
                     self.lists[f"rate_{i}"] = system.alone(name)[1]
                 if unit.interface.is_sampled:
                     self.lists[f"update_{i}"] = [Clock(system.clock(name)), Evaluate(name, "update")]
-                self._moving.append(name)
+                self.moving.append(name)
                 self.lists[f"part_{i + 1}"] = part = []
             part += [Clock(system.clock(name)), Evaluate(name, "outputs")]
 
@@ -163,7 +165,7 @@ class Sampled:
         """
         moves = [
             _Mover(self._system, name, run.get(f"rate_{i}"), run.get(f"update_{i}")).move
-            for i, name in enumerate(self._moving)
+            for i, name in enumerate(self.moving)
         ]
         first, *rest = (run[f"part_{i}"] for i in range(len(moves) + 1))
         yield

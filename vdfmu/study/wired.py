@@ -66,6 +66,8 @@ class System:
     clocks : places of the time
     outside : list of (place, Course)
         Inputs that signals from outside feed.
+    starting : list of (unit, Carry)
+        Units in the order of the start, and where their outputs go.
 
     Raises
     ------
@@ -106,7 +108,7 @@ class System:
                 (name, j) in self._source or (name, j) in fed for j in interfaces[name].step_dependencies(i)
             )
         }
-        self._starting = self._passes(Interface.start_dependencies, list(self._outputs()), " at the start")
+        self.starting = self._passes(Interface.start_dependencies, list(self._outputs()), " at the start")
         moving = self._passes(
             Interface.step_dependencies,
             [node for node in dict.fromkeys(self._source.values()) if not self._is_state(*node)],
@@ -224,6 +226,16 @@ class System:
         found = {target: source for target, source in self._source.items() if chosen(source, target)}
         return Carry(self._places(found.values()), self._places(found))
 
+    @property
+    def read(self) -> set[int]:
+        """Places of outputs that links read."""
+        return set(self._places(self._source.values()).tolist())
+
+    @property
+    def linked(self) -> set[int]:
+        """Places of inputs that links feed."""
+        return set(self._places(self._source).tolist())
+
     def late(self, delayed: bool) -> Carry:
         """Links whose inputs get values at the start of a step: those from outputs without feed-through, or all."""
         return self._links(lambda source, _: delayed or source not in self._feeds)
@@ -249,7 +261,7 @@ class System:
         """Set the states and outputs of the start time."""
         self.memory[self.clocks] = 0.0
         self.feed(0.0, held=True)
-        for name, (starts, ends) in self._starting:
+        for name, (starts, ends) in self.starting:
             unit = self.units[name]
             unit.start()
             unit.outputs()

@@ -22,11 +22,12 @@ def _main() -> None:
 
     logging.getLogger("vdfmu").addHandler(logging.NullHandler())
     with temporary_folder("vdfmu_sweep_") as folder:
-        bench = Bench(_read(requests), Path(folder))
+        job = _read(requests)
+        bench = Bench(job, Path(folder))
         try:
-            _write(replies, None)  # ready
-            while (task := _read(requests)) is not None:
-                _write(replies, bench.run(task))
+            _write(replies, job.together)
+            while (message := _read(requests)) is not None:
+                _write(replies, bench.run(*message))
         finally:
             bench.close()
 

@@ -26,11 +26,15 @@ class Chunks:
         What a worker needs to know of a point.
     size : int, optional
         Points in a chunk; default by the time that points take, at most `LARGEST`.
+    together : int
+        Points that are run side by side, of which a chunk has a multiple.
     """
 
-    def __init__(self, done: NDArray[np.bool_], task: Callable[[int], Task], size: int | None = None) -> None:
+    def __init__(
+        self, done: NDArray[np.bool_], task: Callable[[int], Task], size: int | None = None, together: int = 1
+    ) -> None:
         self._open = np.flatnonzero(~done)
-        self._task, self._size, self._next = task, size, 0
+        self._task, self._size, self._next, self._together = task, size, 0, together
         self._lock = threading.Lock()
         self._points, self._seconds = 0, 0.0
         self.left: list[list[Row]] = []
@@ -49,6 +53,7 @@ class Chunks:
             if size is None:
                 mean = self._seconds / self._points if self._points else np.inf
                 size = int(np.clip(_SECONDS / mean, 1, LARGEST)) if mean > 0.0 else LARGEST
+                size = -(-size // self._together) * self._together
             part = self._open[self._next : self._next + size]
             if not len(part):
                 return None

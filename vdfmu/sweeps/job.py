@@ -3,21 +3,29 @@
 from __future__ import annotations
 
 from collections import OrderedDict
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from time import perf_counter
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from vdfmu.engine.cosim import Simulator
+import numpy as np
+
+from vdfmu.batch.program import LANES, Program
+from vdfmu.engine.cosim import Results, Simulator
 from vdfmu.engine.cosim.inputs import Table
 from vdfmu.errors import CosimError, VdfmuError
 from vdfmu.sweeps.measures import Measure, measured
 from vdfmu.text import error_text, matching
 
+if TYPE_CHECKING:
+    from vdfmu.batch.engine import Engine
+
 Row = dict[str, Any]
-"""``point``, ``failed`` (why, or None), ``failed_at`` [s], ``wall_s``, measures and signals, by column."""
+"""``point``, ``failed`` (why, or None), ``failed_at`` [s], ``wall_s``, measures and signals, by column; of some points
+of the batch engine ``to_fmu[rad]`` and so on, the largest difference of a signal of that unit to the run of the FMUs.
+"""
 _ALIVE = 8
 """Systems that a worker keeps loaded."""
 
@@ -44,7 +52,7 @@ class Binding:
 
 @dataclass(frozen=True)
 class WiredSystem:
-    """A package, how it runs, and what the axes are in it."""
+    """A package, how it runs, what the axes are in it, and the program that runs it in lanes, if there is one."""
 
     content: bytes
     options: Mapping[str, Any]
@@ -52,6 +60,15 @@ class WiredSystem:
     inputs: Sequence[Table]
     input_hold: bool
     bindings: Mapping[str, Binding]
+    program: Program | None = None
+
+    def parameters(self, values: Mapping[str, Any]) -> dict[str, Any]:
+        """Values by ``component.variable`` of those of the axes."""
+        return {
+            name: one
+            for target, value in values.items()
+            for name, one in self.bindings[target].values(value).items()
+        }
 
 
 @dataclass(frozen=True)
@@ -64,6 +81,13 @@ class Job:
     """Patterns of the signals that a run records."""
     keep: tuple[str, ...]
     """Of those, the patterns of signals that are kept."""
+    compared: tuple[int, ...] = ()
+    """Points that the FMUs run too, where a program runs them in lanes."""
+
+    @property
+    def together(self) -> list[int]:
+        """Number of points of each system that are run side by side."""
+        return [1 if system.program is None else LANES for system in self.systems]
 
 
 Task = tuple[int, int, dict[str, Any]]
@@ -83,20 +107,34 @@ class Bench:
     def __init__(self, job: Job, folder: Path) -> None:
         self._job, self._folder = job, folder
         self._alive: OrderedDict[int, tuple[Simulator, ExitStack]] = OrderedDict()
+        self._engines: dict[int, Engine] = {}
 
-    def run(self, task: Task) -> Row:
-        """Run a point; what fails is said in its row."""
-        point, number, values = task
-        row: Row = {"point": point, "failed": None, "failed_at": None}
+    def run(self, tasks: Sequence[Task], apart: bool = False) -> list[Row]:
+        """Run points of one system; what fails is said in their rows. `apart`: each by the FMUs."""
+        system = self._job.systems[tasks[0][1]]
+        if apart or system.program is None:
+            return [self._row(task, self._by_fmus) for task in tasks]
+        begin = perf_counter()
+        found = self._engine(tasks[0][1]).run([system.parameters(values) for _, _, values in tasks])
+        share = (perf_counter() - begin) / len(tasks)
+        rows: list[Row] = []
+        for task, results in zip(tasks, found, strict=True):
+            # of what has no result an FMU knows why
+            row = self._row(task, self._by_fmus if results is None else lambda _, found=results: found)
+            row["wall_s"] += share
+            if results is not None and task[0] in self._job.compared:
+                try:
+                    row |= _differences(results, self._by_fmus(task))
+                except VdfmuError as error:
+                    row["failed"] = f"the FMUs fail where the batch engine does not: {error_text(error)}"
+            rows.append(row)
+        return rows
+
+    def _row(self, task: Task, run: Callable[[Task], Results]) -> Row:
+        row: Row = {"point": task[0], "failed": None, "failed_at": None}
         begin = perf_counter()
         try:
-            system = self._job.systems[number]
-            parameters: dict[str, Any] = {}
-            for target, value in values.items():
-                parameters |= system.bindings[target].values(value)
-            results = self._simulator(number).run(
-                parameters=parameters, record=self._job.record, **system.run
-            )
+            results = run(task)
             row |= measured(self._job.measures, results)
             if self._job.keep:
                 row["time"] = results.time
@@ -108,6 +146,22 @@ class Bench:
             row["failed"] = words if isinstance(error, VdfmuError) else f"{type(error).__name__}: {words}"
         row["wall_s"] = perf_counter() - begin
         return row
+
+    def _by_fmus(self, task: Task) -> Results:
+        _, number, values = task
+        system = self._job.systems[number]
+        return self._simulator(number).run(
+            parameters=system.parameters(values), record=self._job.record, **system.run
+        )
+
+    def _engine(self, number: int) -> Engine:
+        if number not in self._engines:
+            from vdfmu.batch.engine import Engine
+
+            program = self._job.systems[number].program
+            assert program is not None
+            self._engines[number] = Engine(program, self._job.record)
+        return self._engines[number]
 
     def _simulator(self, number: int) -> Simulator:
         if number not in self._alive:
@@ -133,3 +187,12 @@ class Bench:
         """Free all systems."""
         while self._alive:
             self._alive.popitem()[1][1].close()
+
+
+def _differences(results: Results, other: Results) -> dict[str, float]:
+    """Return the largest difference of the signals of each unit of measurement."""
+    found: dict[str, float] = {}
+    for name, unit in results.units.items():
+        largest = float(np.max(np.abs(results[name] - other[name])))
+        found[f"to_fmu[{unit}]"] = max(largest, found.get(f"to_fmu[{unit}]", 0.0))
+    return found

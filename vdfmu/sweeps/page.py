@@ -52,6 +52,7 @@ def write_page(study: Sweep, path: Path | None = None) -> Path:
             ("Setting", f"{name} = {value}")
             for name, value in {**facts["settings"], **facts["options"]}.items()
         ),
+        ("Engine", facts.get("engine", "fmu")),
         ("vdfmu", facts["vdfmu"]),
     ]
     parts = [
@@ -64,6 +65,7 @@ def write_page(study: Sweep, path: Path | None = None) -> Path:
             f"<h2>{escape(name)}{escape(_unit(facts['units'].get(name, '')))}</h2><p><code>{escape(text)}</code></p>"
         ]
         parts += _of_measure(study, name)
+    parts += _compared(study)
     if failed:
         rows = [[str(point), _short(words, 400)] for point, words in list(failed.items())[:_SHOWN]]
         more = len(failed) - len(rows)
@@ -76,6 +78,19 @@ def write_page(study: Sweep, path: Path | None = None) -> Path:
         path.parent.mkdir(parents=True, exist_ok=True)
     write_whole(path, [page(str(facts["scenario"]), "Parameter study", "\n".join(parts), 60)])
     return path
+
+
+def _compared(study: Sweep) -> Iterable[str]:
+    """Return how far points of the batch engine are from the runs of the FMUs, as far as they were compared."""
+    columns = [column for column in study.columns if column.startswith("to_fmu[")]
+    if not columns:
+        return
+    table = np.array([study["point"], *(study[column] for column in columns)], dtype=float).T
+    rows = table[np.isfinite(table).all(axis=1)]
+    yield "<h2>Batch engine and FMUs</h2>"
+    yield "<p>Largest difference of a recorded signal, by unit, at points that both ran.</p>"
+    heads = [column.removeprefix("to_fmu") for column in columns]
+    yield _table(("point", *heads), [[f"{row[0]:.0f}", *(f"{x:.2g}" for x in row[1:])] for row in rows])
 
 
 def _of_measure(study: Sweep, name: str) -> Iterable[str]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from vdfmu import __version__
+from vdfmu.batch.program import LANES, Program
 from vdfmu.engine.cosim.inputs import read_inputs
 from vdfmu.errors import UsageError
 from vdfmu.progress import Progress
@@ -23,6 +24,10 @@ from vdfmu.sweeps.measures import Measure, function_digest, read_measures, unit_
 from vdfmu.sweeps.points import Points, draw
 from vdfmu.temporary import temporary_folder
 
+ENGINES = ("fmu", "batch")
+"""What runs points: the FMUs of a system, or a program of it."""
+_FEW = 2 * LANES
+"""Points of a system from which on a program is compiled without being asked for."""
 _MOST_SYSTEMS = 200
 
 
@@ -48,7 +53,8 @@ class Plan:
     @property
     def key(self) -> str:
         """A digest of `facts`, but for where files are and how a search goes: that of the same runs is the same."""
-        facts = {n: fact for n, fact in self.facts.items() if n not in ("source", "options", "search")}
+        apart = ("source", "options", "engine", "search")
+        facts = {name: fact for name, fact in self.facts.items() if name not in apart}
         return hashlib.sha256(json.dumps(facts, sort_keys=True).encode()).hexdigest()
 
 
@@ -64,6 +70,7 @@ def make_plan(
     settings: Mapping[str, Any] | None = None,
     options: Mapping[str, Any] | None = None,
     backend: str | None = None,
+    engine: str | None = None,
     progress: Progress | None = None,
 ) -> Plan:
     """Plan a study; arguments as of `vdfmu.sweep`, `options` those of `vdfmu.study.run.prepare`.
@@ -73,6 +80,8 @@ def make_plan(
     UsageError, ModelError, SspError
         For all that is wrong with it: nothing has run then.
     """
+    if engine not in (None, *ENGINES):
+        raise UsageError(f"engine: expected {' or '.join(ENGINES)}, got {engine!r}.")
     axes, points = draw(read_axes(over), str(sample), n, seed)
     switches = [axis for axis in axes if is_option(axis.target)]
     for axis in switches:
@@ -88,6 +97,8 @@ def make_plan(
         )
     is_package = isinstance(scenario, (str, os.PathLike)) and Path(scenario).suffix.lower() == ".ssp"
     wire = _of_package if is_package else of_scenario
+    if engine is None:
+        engine = "fmu" if count < _FEW * len(combinations) or backend == "python" else ""
     systems: list[WiredSystem] = []
     measures: list[Measure] = [] if measure is None else read_measures(measure)
     for number, combination in enumerate(combinations):
@@ -102,6 +113,7 @@ def make_plan(
                 settings or {},
                 options or {},
                 backend,
+                engine,
             )
         )
     if progress is not None:
@@ -130,6 +142,7 @@ def make_plan(
         "units": {axis.target: _unit_of_axis(axis, systems[0], units) for axis in axes}
         | {m.name: unit_of(m, units) for m in measures},
         "keep": list(keep),
+        "engine": "batch" if any(system.program is not None for system in systems) else "fmu",
         "points": digest(*(column.astype(str).tobytes() for column in points.values())),
         "systems": [
             {"options": {**s.options, **s.run}, "package": digest(s.content), "inputs": [t.where for t in s.inputs]}
@@ -139,7 +152,10 @@ def make_plan(
     if functions := {m.name: function_digest(m.function) for m in measures if m.function is not None}:
         facts["functions"] = functions
     chosen = np.array([combinations[row] for row in rows])
-    return Plan(points, chosen, Job(tuple(systems), tuple(measures), tuple(record), tuple(keep)), facts)
+    compared = tuple(sorted({0, count // 2, count - 1}))
+    return Plan(
+        points, chosen, Job(tuple(systems), tuple(measures), tuple(record), tuple(keep), compared), facts
+    )
 
 
 def _plain(value: Any) -> Any:
@@ -180,8 +196,13 @@ def _of_package(
     settings: Mapping[str, Any],
     options: Mapping[str, Any],
     backend: str | None,
+    engine: str,
 ) -> WiredSystem:
     """Take a package as it is; what the axes name is checked by the master."""
+    if engine == "batch":
+        raise UsageError(
+            f"engine: batch needs a scenario, whose equations are known; {package} is a package."
+        )
     wrong = [target for target in switched if target not in ("master", "step", "stop")]
     wrong += [name for name in ("robot", "units") if options.get(name) is not None]
     wrong += [axis.target for axis in axes if axis.factor]
@@ -211,6 +232,7 @@ def of_scenario(
     settings: Mapping[str, Any],
     options: Mapping[str, Any],
     backend: str | None,
+    engine: str = "fmu",
 ) -> WiredSystem:
     """Build and pack a scenario with what a combination of options says."""
     from vdfmu.scenario.parts import cached_fmus
@@ -239,7 +261,26 @@ def of_scenario(
         read_inputs(loaded.inputs, loaded.input_hold),
         loaded.input_hold,
         bindings,
+        None if engine == "fmu" else _program(loaded, values, bindings.values(), needed=engine == "batch"),
     )
+
+
+def _program(
+    scenario: Any, values: Mapping[str, Any], bindings: Iterable[Binding], *, needed: bool
+) -> Program | None:
+    """Return what runs points of a scenario side by side, if there can be one; UsageError if it is `needed`."""
+    from vdfmu.batch.make import make_program
+    from vdfmu.ssp.description import SystemDescription
+
+    try:
+        return make_program(
+            SystemDescription(scenario, values), [name for one in bindings for name in one.names]
+        )
+    except UsageError as error:
+        if not needed:
+            return None
+        lines = "\n".join(f"engine: batch: {line}" for line in str(error).splitlines())
+        raise UsageError(f"{lines}\nTake the engine fmu.") from None
 
 
 def _binding(scenario: Any, axis: Axis, values: Mapping[str, Mapping[str, Any]]) -> Binding:

@@ -41,6 +41,7 @@ def sweep(
     inputs: Inputs = None,
     input_hold: bool | None = None,
     backend: str | None = None,
+    engine: str | None = None,
     workers: int | None = None,
     scheduler: str | None = None,
     chunk: int | None = None,
@@ -78,12 +79,16 @@ def sweep(
         Signals to keep whole, such as ``plant.q[*]``: a list a point.
     settings, robot, units, step, stop, master, adaptive, inputs, input_hold, backend
         The same for all points; as of :func:`vdfmu.run`.
+    engine : {"fmu", "batch"}, optional
+        What runs the points: the FMUs, or one program of all units that steps several points at once. Default the
+        program, where all units are ours and there are points enough, see :mod:`vdfmu.batch`.
     workers : int, optional
         Processes; default one a processor.
     scheduler : str, optional
         Address of a Dask scheduler, whose workers are taken instead.
     chunk : int, optional
-        Points that a worker takes at a time, and a file has; default as many as take some seconds, at most 50.
+        Points that a worker takes at a time, and a file has; default as many as take some seconds, at most 50, or 56
+        that are run side by side.
     time_limit : float, optional
         Time [s] that a point has; default 600.
     out : path, optional
@@ -123,7 +128,7 @@ def sweep(
     plan = make_plan(
         scenario, over, sample=os.fspath(sample), n=n, seed=seed, measure=measure, keep=keep, settings=settings,
         options={name: value for name, value in options.items() if value is not None}, backend=backend,
-        progress=progress,
+        engine=engine, progress=progress,
     )  # fmt: skip
     folder = default_folder(scenario) if out is None else Path(out)
     job = packed(plan.job)
@@ -141,7 +146,7 @@ def sweep(
             finished += points
             report("points", finished, total)
 
-        chunks = Chunks(done, plan.task, chunk)
+        chunks = Chunks(done, plan.task, chunk, max(plan.job.together))
         report("points", finished, total)
         if scheduler is None:
             runs = run_here(job, chunks, min(workers, total - finished), time_limit, advance)

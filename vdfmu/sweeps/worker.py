@@ -9,6 +9,7 @@ import subprocess
 import threading
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
+from itertools import takewhile
 from time import perf_counter
 from typing import Any
 
@@ -41,28 +42,49 @@ class Worker:
         self._process: subprocess.Popen[bytes] | None = None
         self._replies: queue.SimpleQueue[Any] = queue.SimpleQueue()
         self._stopped = threading.Event()
+        self._together: list[int] = []
 
     def run(self, tasks: Sequence[Task]) -> Iterator[Row]:
         """Yield a row for each point, in order; nothing more after `stop`.
+
+        Those that a program runs side by side are sent together; if that ends the process, or takes longer than a point
+        may, they are run one by one, by their FMUs.
 
         Raises
         ------
         VdfmuError
             If no process can be started.
         """
-        for task in tasks:
-            if self._stopped.is_set():
-                return
+        left = list(tasks)
+        apart = 0  # of the next points
+        while left and not self._stopped.is_set():
             if self._process is None:
                 self._begin()
+                if self._stopped.is_set():
+                    return
+            number = left[0][1]
+            most = 1 if apart else self._together[number]
+            group = list(takewhile(lambda task, number=number: task[1] == number, left[:most]))
             begin = perf_counter()
-            self._send(pickle.dumps(task))
-            row = self._reply(self._limit)
-            if self._stopped.is_set() and not isinstance(row, dict):
-                return
-            yield row if isinstance(row, dict) else {
-                "point": task[0], "failed": row, "failed_at": None, "wall_s": perf_counter() - begin
-            }  # fmt: skip
+            self._send(pickle.dumps((group, apart > 0)))
+            rows = self._reply(self._limit)
+            if not isinstance(rows, list):
+                if self._stopped.is_set():
+                    return
+                if most > 1:
+                    apart = len(group)
+                    continue
+                rows = [
+                    {
+                        "point": group[0][0],
+                        "failed": rows,
+                        "failed_at": None,
+                        "wall_s": perf_counter() - begin,
+                    }
+                ]
+            del left[: len(group)]
+            apart = max(apart - 1, 0)
+            yield from rows
 
     def stop(self) -> None:
         """End the process at once, from any thread."""
@@ -91,10 +113,12 @@ class Worker:
         self._listener = Listener(process.stderr)
         threading.Thread(target=_listen, args=(process, replies), daemon=True).start()
         self._send(self._job)
-        words = self._reply(_START)
-        if words is not None and not self._stopped.is_set():
+        ready = self._reply(_START)
+        if isinstance(ready, list):
+            self._together = ready
+        elif not self._stopped.is_set():
             raise VdfmuError(
-                f"a worker could not be started: {words}. The package must be importable, with what its measures need."
+                f"a worker could not be started: {ready}. The package must be importable, with what its measures need."
             )
 
     def _send(self, content: bytes) -> None:

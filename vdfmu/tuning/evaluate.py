@@ -7,6 +7,7 @@ import queue
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from itertools import chain
 from time import monotonic
 from typing import Any
 
@@ -148,7 +149,10 @@ class Evaluations:
             own = {target: column[robot] for target, column in spread.items()}
             tasks.append((self._next + len(tasks), 0, dict(zip(self.problem.names, key, strict=True)) | own))
         self._next += len(tasks)
-        for (key, robot), task, row in zip(wanted, tasks, self._pool.map(self._one, tasks), strict=True):
+        together = self.problem.plan.job.together[0]
+        groups = [tasks[first : first + together] for first in range(0, len(tasks), together)]
+        rows = chain.from_iterable(self._pool.map(self._some, groups))
+        for (key, robot), task, row in zip(wanted, tasks, rows, strict=True):
             self._rows[key, robot] = row = {**row, **task[2], "robot": float(robot)}
             self._fresh.append(row)
         if monotonic() - self._kept_at > _SECONDS:
@@ -159,12 +163,14 @@ class Evaluations:
             self._by_values[key] = score
         self._report(len(self.scores))
 
-    def _one(self, task: Any) -> Row:
+    def _some(self, tasks: Sequence[Any]) -> list[Row]:
         worker = self._idle.get()
         try:
-            return next(
-                worker.run([task]), {"point": task[0], "failed": "stopped", "failed_at": None, "wall_s": 0.0}
-            )
+            rows = list(worker.run(tasks))
+            return rows + [
+                {"point": task[0], "failed": "stopped", "failed_at": None, "wall_s": 0.0}
+                for task in tasks[len(rows) :]
+            ]
         finally:
             self._idle.put(worker)
 

@@ -94,6 +94,7 @@ def make_problem(
     settings: Mapping[str, Any] | None = None,
     options: Mapping[str, Any] | None = None,
     backend: str | None = None,
+    engine: str = "fmu",
 ) -> Problem:
     """Read and check what is tuned; arguments as of :func:`vdfmu.tune`.
 
@@ -129,7 +130,7 @@ def make_problem(
     n = spread_n if spread_axes else 1
     plan = make_plan(
         scenario, over_all, sample="lhs", n=n, seed=seed, measure=measures, settings=settings, options=options,
-        backend=backend,
+        backend=backend, engine=engine,
     )  # fmt: skip
     facts = {**plan.facts, "tune": {"limits": list(limit), "over": over, "start": start}}
     loops, required = None, np.zeros(0)
@@ -140,7 +141,7 @@ def make_problem(
         n_joints = len(loops.loops[0].K)
         required = loops.margins().modulus if margin == "same" else np.full(n_joints, _number(margin))
         facts["tune"] |= {"margin": required.tolist(), "growth": growth}
-    plan = dataclasses.replace(plan, facts=facts)
+    plan = dataclasses.replace(plan, facts=facts, job=dataclasses.replace(plan.job, compared=()))
     return Problem(tuple(axes), np.array(start), limits, over, plan, loops, required)
 
 

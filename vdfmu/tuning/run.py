@@ -92,6 +92,7 @@ def tune(
     inputs: Inputs = None,
     input_hold: bool | None = None,
     backend: str | None = None,
+    engine: str = "fmu",
     workers: int | None = None,
     time_limit: float | None = None,
     out: str | os.PathLike[str] | None = None,
@@ -134,6 +135,8 @@ def tune(
         Of the robots and of the search.
     settings, robot, units, step, stop, master, inputs, input_hold, backend
         As of :func:`vdfmu.run`.
+    engine : {"fmu", "batch"}
+        As of :func:`vdfmu.sweep`; ``batch`` runs the robots of several values side by side.
     workers : int, optional
         Processes; default one a processor.
     time_limit : float, optional
@@ -175,7 +178,7 @@ def tune(
     problem = make_problem(
         scenario, vary, cost, limit=limit, spread=spread, spread_n=spread_n, over=over, margin=margin,
         growth=growth, seed=seed,
-        settings=settings, options=options, backend=backend,
+        settings=settings, options=options, backend=backend, engine=engine,
     )  # fmt: skip
     plan = problem.plan
     plan.facts["search"] = {"method": method, "budget": budget, "scipy": scipy.__version__}

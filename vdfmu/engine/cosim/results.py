@@ -144,7 +144,13 @@ class Results:
             raise UsageError(
                 f"the signals {', '.join(found.values())} are not all elements of an array; take them one by one"
             )
-        return np.stack([self[found[i]] for i in sorted(found)], axis=1).reshape(-1, *shape)
+        listed = [self._signals[found[i]] for i in sorted(found)]
+        kinds = {signal.kind for signal in listed}
+        if len(kinds) == 1 and kinds != {"boolean"}:
+            columns = np.asarray(self._data[listed[0].kind])[:, [signal.column for signal in listed]]
+        else:
+            columns = np.stack([self[signal.name] for signal in listed], axis=1)
+        return columns.reshape(-1, *shape)
 
     def renamed(self, rename: Callable[[str], str]) -> Results:
         """Return the same results with other names of the signals."""

@@ -11,7 +11,7 @@ from vdfmu.fmu.native.compile import compile_library
 from vdfmu.fmu.native.platforms import PLATFORMS, this_platform
 from vdfmu.temporary import temporary_folder
 
-__all__ = ["SHOWN", "loaded"]
+__all__ = ["SHOWN", "load_library", "loaded"]
 
 _Library = TypeVar("_Library", bound=CDLL)
 
@@ -40,7 +40,11 @@ def loaded(files: Mapping[str, bytes], name: str, kind: type[_Library] = CDLL) -
     FmuError
         If there is no compiler, or no room.
     """
-    library = compile_library(files, this_platform(), name=name)
+    return load_library(compile_library(files, this_platform(), name=name), name, kind)
+
+
+def load_library(library: bytes, name: str, kind: type[_Library] = CDLL) -> _Library:
+    """Load a compiled library of this platform."""
     with temporary_folder("vdfmu_library_") as folder:
         path = Path(folder) / f"{name}{PLATFORMS[this_platform()].suffix}"
         path.write_bytes(library)

@@ -1,0 +1,1 @@
+"""Runs of our own units side by side: one compiled program steps several parameter sets, each in a lane of vectors."""
