@@ -9,7 +9,7 @@ from scipy.signal import cont2discrete
 from tests.robots.conftest import ARM
 from vdfmu import run
 from vdfmu.analysis.gains import GROWTH, arm_gains, joint_gains
-from vdfmu.analysis.margins import stability_margins
+from vdfmu.analysis.margins import ArmLoops
 from vdfmu.analysis.reach import reach_scenario, write_reach
 from vdfmu.model import load_robot
 from vdfmu.robots import import_robot
@@ -62,8 +62,8 @@ def test_all_inertias_that_a_joint_sees_count() -> None:
 def test_the_loops_of_the_whole_arm_keep_clear_of_minus_one(name: str) -> None:
     """The rule knows of no other joint: what coupling takes of its margin of 0.5 is less than a third."""
     scenario = reach_scenario(name)
-    assert stability_margins(scenario, delay=0, growth=GROWTH).modulus.min() > 0.7
-    assert stability_margins(scenario, delay=1, growth=GROWTH).modulus.min() > 0.33
+    assert ArmLoops(scenario, growth=GROWTH).margins(delay=0).modulus.min() > 0.7
+    assert ArmLoops(scenario, growth=GROWTH).margins(delay=1).modulus.min() > 0.33
 
 
 def test_gains_follow_the_step() -> None:

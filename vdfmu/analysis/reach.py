@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from vdfmu.analysis.gains import GROWTH, Gains, arm_gains
-from vdfmu.analysis.margins import Margins, stability_margins
+from vdfmu.analysis.margins import ArmLoops, Margins
 from vdfmu.arrays import Floats
 from vdfmu.dynamics import inverse_dynamics
 from vdfmu.equations.limits import motor_torque
@@ -84,7 +84,7 @@ def write_reach(robot: str | os.PathLike[str], out: str | os.PathLike[str]) -> R
     """
     path = Path(out)
     gains, notes = _write(robot, path)
-    return Reach(path, gains, stability_margins(load_scenario(path), growth=GROWTH), notes)
+    return Reach(path, gains, ArmLoops(load_scenario(path), growth=GROWTH).margins(), notes)
 
 
 def reach_scenario(robot: str | os.PathLike[str]) -> Scenario:
