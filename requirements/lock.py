@@ -19,10 +19,11 @@ FILES = {
     "parquet": (("--extra=parquet",), ("base",)),
     "sweep": (("--extra=sweep",), ("parquet",)),
     "federate": (("--extra=federate",), ("base",)),
+    "robots": (("--extra=robots",), ("base",)),
     "docs": (("--extra=docs",), ("base",)),
     "dev": (("--extra=dev",), ("base",)),
-    "test": (("--extra=test",), ("docs", "native", "sweep", "federate")),
-    "bench": (("--extra=bench",), ("native", "sweep")),
+    "test": (("--extra=test",), ("docs", "native", "sweep", "federate", "robots")),
+    "bench": (("--extra=bench",), ("native", "sweep", "robots")),
     "supply": (("--group=supply",), ()),
 }
 """Name of a file to the options that choose its packages, and to the files that it includes."""

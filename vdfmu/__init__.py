@@ -4,6 +4,8 @@ Python API
 ----------
 ``load_robot``, ``load_scenario``
     A shipped robot or scenario by name, or a file by path.
+``robot_from_urdf``, ``robot_from_mjcf``
+    An arm of a file of another tool.
 ``inverse_dynamics``, ``forward_dynamics``, ``gravity_torque``, ``mass_matrix``, ``jacobian``, ``forward_kinematics``
     Rigid links, link-side torques, one state or a batch.
 ``build_fmus``, ``write_ssp``, ``write_osp``, ``write_container``
@@ -46,6 +48,7 @@ if TYPE_CHECKING:
     from vdfmu.errors import VdfmuError
     from vdfmu.fmu import build_fmus
     from vdfmu.model import Robot, load_robot, robot_names
+    from vdfmu.robots import robot_from_mjcf, robot_from_urdf
     from vdfmu.scenario import Scenario, load_scenario, scenario_names
     from vdfmu.ssp.osp import write_osp
     from vdfmu.ssp.write import write_ssp
@@ -66,6 +69,7 @@ _NAMES = {
     "vdfmu.errors": ("VdfmuError",),
     "vdfmu.fmu": ("build_fmus",),
     "vdfmu.model": ("Robot", "load_robot", "robot_names"),
+    "vdfmu.robots": ("robot_from_mjcf", "robot_from_urdf"),
     "vdfmu.scenario": ("Scenario", "load_scenario", "scenario_names"),
     "vdfmu.ssp.osp": ("write_osp",),
     "vdfmu.ssp.write": ("write_ssp",),
@@ -79,8 +83,8 @@ _WHERE = {name: module for module, names in _NAMES.items() for name in names}
 __all__ = [
     "Results", "Robot", "Scenario", "Simulator", "Sweep", "VdfmuError", "__version__", "build_fmus", "federate",
     "forward_dynamics", "forward_kinematics", "gravity_torque", "inverse_dynamics", "jacobian", "load_robot",
-    "load_scenario", "load_ssp", "mass_matrix", "package_limit", "robot_names", "run", "scenario_names", "simulate",
-    "sweep", "tune", "write_container", "write_osp", "write_ssp",
+    "load_scenario", "load_ssp", "mass_matrix", "package_limit", "robot_from_mjcf", "robot_from_urdf", "robot_names",
+    "run", "scenario_names", "simulate", "sweep", "tune", "write_container", "write_osp", "write_ssp",
 ]  # fmt: skip
 
 

@@ -12,7 +12,7 @@ from typing import Annotated
 import typer
 
 from vdfmu import __version__
-from vdfmu.cli import cache, files, models, runs, sweeps, tunes, units
+from vdfmu.cli import cache, files, models, robots, runs, sweeps, tunes, units
 from vdfmu.cli.terminal import console, fail
 from vdfmu.errors import ModelError, SspError, UsageError, VdfmuError
 from vdfmu.once import one_job
@@ -42,6 +42,7 @@ for function, example in (
     app.command(epilog=f"Example: [bold]{example}[/bold]")(function)
 app.add_typer(sweeps.app, name="sweep")
 app.add_typer(models.app, name="models")
+app.add_typer(robots.app, name="robot")
 app.add_typer(cache.app, name="cache")
 app.add_typer(units.app, name="unit")
 

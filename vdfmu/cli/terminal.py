@@ -6,6 +6,7 @@ import re
 import sys
 from collections.abc import Generator, Iterable, Sequence
 from contextlib import contextmanager
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NoReturn
 
 import typer
@@ -38,7 +39,12 @@ class _Terminal(Console):
 console = _Terminal(highlight=False)
 errors = _Terminal(stderr=True, highlight=False)
 
-ScenarioArgument = Annotated[str, typer.Argument(help="Name of a shipped scenario, or path of a TOML file.")]
+ScenarioArgument = Annotated[
+    str,
+    typer.Argument(
+        help="Name of a shipped scenario, reach for a first motion of any robot, or path of a TOML file."
+    ),
+]
 RobotOption = Annotated[
     str | None,
     typer.Option("--robot", help="Robot in place of the scenario's: a name or the path of a TOML file."),
@@ -94,6 +100,12 @@ def load(scenario: str, robot: str | None) -> Scenario:
     """Load a scenario; what does not exist is named before what takes longer to import than that."""
     from vdfmu.model.toml_file import locate
 
+    if scenario == "reach" and not Path(scenario).exists():
+        chosen = robot or "manipulator_6dof"
+        locate(chosen, "robots")
+        from vdfmu.analysis.reach import reach_scenario
+
+        return reach_scenario(chosen)
     locate(scenario, "scenarios")
     if robot is not None:
         locate(robot, "robots")

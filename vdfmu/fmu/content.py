@@ -93,7 +93,7 @@ class Content:
     @property
     def model_key(self) -> str:
         """What decides the results of the unit: its source and robot, but neither version of FMI nor start values."""
-        robot = None if self.robot is None else self.robot.to_dict()
+        robot = None if self.robot is None else self.robot.to_dict(looks=False)
         what = [self.digest, unit_name(self.unit), robot, self.interface.functions.digest]
         return json.dumps(what, sort_keys=True)
 
@@ -113,7 +113,7 @@ class Content:
             "functions": self.interface.functions.digest,
             "tool": self.tool,
             "start_values": {name: float(value) for name, value in sorted(self.start_values.items())},
-            "robot": None if self.robot is None else self.robot.to_dict(),
+            "robot": None if self.robot is None else self.robot.to_dict(looks=False),
         }
         return json.dumps(data, indent=1, ensure_ascii=False) + "\n"
 

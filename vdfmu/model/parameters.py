@@ -63,6 +63,9 @@ class Row:
         with "lumped friction", those of joints with "no kinematic error".
     hint : str
         Way out of a problem with it; else the text.
+    given : str
+        What a file of another tool calls it: an attribute of a URDF's <limit> or <dynamics>, MJCF's armature and
+        gravity, the tip.
     """
 
     name: str
@@ -76,6 +79,7 @@ class Row:
     shape: tuple[int, ...] = ()
     fold: Fold = "never"
     hint: str = ""
+    given: str = ""
 
     @property
     def per_joint(self) -> bool:
@@ -148,10 +152,10 @@ class Parameters:
     # fmt: off
     gravity: Array = _row(
         "robot", "m/s2", "Gravity vector of Eq. {} in {I}, upward", "(62)", 1e4, shape=_VECTOR, fold="zeros",
-        hint="Write +9.81 along the upward axis.")
+        hint="Write +9.81 along the upward axis.", given="gravity")
     tool_offset: Array = _row(
         "robot", "m", "Origin of the end-effector frame {O} in the last link frame", "(44)", 1e4, default=0.0,
-        shape=_VECTOR, fold="zeros")
+        shape=_VECTOR, fold="zeros", given="tip")
     payload_mass: Array = _row(
         "payload", "kg", "Mass of the payload", "(51)", 1e6, 0.0, hint="Give 0 for none; it can be set at run time.")
     payload_centroid: Array = _row(
@@ -173,7 +177,8 @@ class Parameters:
     ell: Array = _row(
         "drive", "ratio", "reduction ratio", "(1)", 1e6, 1.0,
         hint="Give the rotor angle for one unit of joint motion.")
-    I_m: Array = _row("drive", "rotor inertia", "rotor inertia times ell, Eq. {}", "(56)", 1e6, POSITIVE)
+    I_m: Array = _row("drive", "rotor inertia", "rotor inertia times ell, Eq. {}", "(56)", 1e6, POSITIVE,
+        given="armature")
     K_f0: Array = _row("drive", "stiffness", "flexspline stiffness, link-side, Eq. {}", "(2)", 1e12, POSITIVE)
     c_f: Array = _row(
         "drive", "per torque", "flexspline stiffening, link-side, Eq. {}", "(2)", 1e6, POSITIVE,
@@ -182,9 +187,12 @@ class Parameters:
     c_w: Array = _row(
         "drive", "1/(N.m)", "wave generator stiffening, motor-side, Eq. {}", "(3)", 1e9, POSITIVE,
         hint="For a linear spring give a small value such as 1e-3.")
-    f_c: Array = _row("friction", "torque", "Coulomb friction, link-side, Eq. {}", "(54)", 1e9, 0.0)
-    f_s: Array = _row("friction", "torque", "static friction, link-side, Eq. {}", "(54)", 1e9, 0.0)
-    f_v: Array = _row("friction", "damping", "viscous friction, link-side, Eq. {}", "(54)", 1e9, 0.0)
+    f_c: Array = _row(
+        "friction", "torque", "Coulomb friction, link-side, Eq. {}", "(54)", 1e9, 0.0, given="friction")
+    f_s: Array = _row(
+        "friction", "torque", "static friction, link-side, Eq. {}", "(54)", 1e9, 0.0, given="friction")
+    f_v: Array = _row(
+        "friction", "damping", "viscous friction, link-side, Eq. {}", "(54)", 1e9, 0.0, given="damping")
     v_s: Array = _row(
         "friction", "velocity", "Stribeck velocity, Eq. {}", "(54)", 1e6, POSITIVE,
         hint="For friction without the Stribeck effect set f_s = f_c.")
@@ -194,14 +202,16 @@ class Parameters:
     f_ck: Array = _row(
         "friction", "N.m", "Coulomb friction of the rotor, motor-side, Eq. {}", "(55)", 1e9, 0.0,
         fold="lumped friction")
-    q_min: Array = _row("limits", "position", "lower end stop", "", 1e6)
-    q_max: Array = _row("limits", "position", "upper end stop", "", 1e6)
+    q_min: Array = _row("limits", "position", "lower end stop", "", 1e6, given="lower")
+    q_max: Array = _row("limits", "position", "upper end stop", "", 1e6, given="upper")
     stop_stiffness: Array = _row("limits", "stiffness", "stiffness of the end stops, link-side", "", 1e12, POSITIVE)
     stop_damping: Array = _row(
         "limits", "per velocity", "damping of the end stops over stiffness and depth", "", 1e6, 0.0,
         hint="Give 0 for stops without loss.")
-    tau_stall: Array = _row("limits", "N.m", "largest torque of the motor, motor-side", "", 1e9, POSITIVE)
-    kappa_dot_max: Array = _row("limits", "velocity", "no-load speed of the motor divided by ell", "", 1e9, POSITIVE)
+    tau_stall: Array = _row(
+        "limits", "N.m", "largest torque of the motor, motor-side", "", 1e9, POSITIVE, given="effort")
+    kappa_dot_max: Array = _row(
+        "limits", "velocity", "no-load speed of the motor divided by ell", "", 1e9, POSITIVE, given="velocity")
     theta_err_amplitude: Array = _row(
         "drive", "position", "amplitude of the kinematic error, link-side, Eq. {}", "(3)", 1.0, 0.0, default=0.0,
         fold="no kinematic error", hint="Give 0 for none; shift the phase by pi for a sign.")

@@ -14,6 +14,7 @@ import numpy.typing as npt
 
 from vdfmu.errors import UsageError
 from vdfmu.model.parameters import OPTIONAL, PARAMETERS, Array, Parameters, Row, Section, read_only, section
+from vdfmu.model.visual import Visual
 
 JOINT_TYPES = ("revolute", "prismatic")
 FRICTION_ARRANGEMENTS = ("lumped", "split")
@@ -45,6 +46,8 @@ class Robot(Parameters):
         Whether the last link carries a body of its own; the fields ``payload_`` count only then.
     limits : bool
         Whether joints have end stops and motors a torque-speed line; the fields of ``[joints.limits]`` count only then.
+    visuals : tuple of Visual
+        What the links look like; nothing calculates with it.
     """
 
     name: str
@@ -55,14 +58,15 @@ class Robot(Parameters):
     sources: Mapping[str, str]
     payload: bool = False
     limits: bool = False
+    visuals: tuple[Visual, ...] = ()
 
     @property
     def n(self) -> int:
         """Number of joints."""
         return len(self.joint_types)
 
-    def to_dict(self) -> dict[str, Any]:
-        """Return the robot in the layout of its TOML file, as plain lists, numbers and strings.
+    def to_dict(self, looks: bool = True) -> dict[str, Any]:
+        """Return the robot in the layout of its TOML file, as plain lists, numbers and strings; `looks` with visuals.
 
         `vdfmu.model.load.robot_from_dict` is the inverse.
         """
@@ -83,6 +87,7 @@ class Robot(Parameters):
                 for i, kind in enumerate(self.joint_types)
             ],
             "sources": dict(self.sources),
+            **({"visuals": [visual.to_dict() for visual in self.visuals]} if looks and self.visuals else {}),
         }
 
     def with_parameters(self, **arrays: npt.ArrayLike) -> Robot:

@@ -11,6 +11,7 @@ from vdfmu.model.check import check_drive, check_friction, check_inertia, check_
 from vdfmu.model.parameters import PARAMETERS, Row, Section, read_only, section
 from vdfmu.model.read import POSITIVE, FloatArray, Problems, Table, nearest, shape_of, shown
 from vdfmu.model.robot import FRICTION_ARRANGEMENTS, JOINT_TYPES, Robot, joint_free, robot_argument
+from vdfmu.model.visual import read_visuals
 
 Numbers = dict[str, float | FloatArray]
 
@@ -20,7 +21,7 @@ def _keys(name: Section) -> list[str]:
 
 
 ROBOT_KEYS = (
-    "name", "description", "friction", "rotor_coupling", *_keys("robot"), "payload", "joints", "sources",
+    "name", "description", "friction", "rotor_coupling", *_keys("robot"), "payload", "joints", "sources", "visuals",
 )  # fmt: skip
 JOINT_KEYS = ("type", *_keys("joint"), "link", "drive", "friction", "limits")
 SOURCE_KEYS = tuple(row.path for row in PARAMETERS.values())
@@ -65,6 +66,7 @@ def robot_from_dict(data: Mapping[str, Any], where: str = "robot") -> Robot:
             problems.add(
                 f"joints[{i}].limits", "a table, as other joints have", "nothing", "Give it to all or none."
             )
+    visuals = read_visuals(problems, file.data.get("visuals", []), len(read))
     problems.raise_any()
     arrays: dict[str, Any] = {
         name: whole[name] if name in whole else [joint.get(name, 0.0) for joint in read]
@@ -79,6 +81,7 @@ def robot_from_dict(data: Mapping[str, Any], where: str = "robot") -> Robot:
         sources=sources,
         payload="payload" in file.data,
         limits=limits,
+        visuals=visuals,
         **{name: read_only(array) for name, array in arrays.items()},
     )
 
@@ -116,10 +119,7 @@ def _numbers(table: Table, part: Section, joint_type: str = "revolute") -> Numbe
     """Read the numbers of a section: field of `Robot` to its value."""
     found: Numbers = {}
     for row in section(part):
-        unit = row.unit(joint_type)
-        bound = {"above": 0.0} if row.smallest == POSITIVE else {"at_least": row.smallest}
-        options: dict[str, Any] = bound | {"at_most": row.largest, "way_out": row.way_out}
-        options["unit"] = "" if unit == "1" else unit
+        options = bounds(row, joint_type)
         if row.fold == "inertia":
             found[row.name] = _inertia(table, row, options)
         elif row.shape:
@@ -128,6 +128,13 @@ def _numbers(table: Table, part: Section, joint_type: str = "revolute") -> Numbe
         else:
             found[row.name] = table.number(row.key, default=row.default, **options)
     return found
+
+
+def bounds(row: Row, joint_type: str) -> dict[str, Any]:
+    """Return the options of `Table.number` for a parameter."""
+    unit = row.unit(joint_type)
+    low = {"above": 0.0} if row.smallest == POSITIVE else {"at_least": row.smallest}
+    return low | {"at_most": row.largest, "way_out": row.way_out, "unit": "" if unit == "1" else unit}
 
 
 def _inertia(table: Table, row: Row, options: dict[str, Any]) -> FloatArray:

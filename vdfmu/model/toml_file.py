@@ -12,7 +12,7 @@ from vdfmu.data import data_path
 from vdfmu.errors import ModelError, UsageError
 from vdfmu.model.read import nearest, printable
 
-__all__ = ["locate", "read_toml", "toml_names"]
+__all__ = ["locate", "read_bytes", "read_toml", "toml_names"]
 
 _DEEPEST = 50
 """Levels of lists and tables in a file; a robot has 7."""
@@ -50,27 +50,18 @@ def read_toml(path: Path) -> dict[str, Any]:
     """Return the content of a TOML file; ModelError if it cannot be read."""
     problem: str
     try:
-        data = tomllib.loads(_content(path).decode("utf-8-sig"))
+        data = tomllib.loads(read_bytes(path, "a TOML file").decode("utf-8-sig"))
         if not _too_deep(data):
             return data
         problem = _TOO_DEEP
     except RecursionError:
         problem = _TOO_DEEP
-    except FileNotFoundError:
-        problem = "expected a TOML file, got nothing: it does not exist. Check the path."
-    except (IsADirectoryError, PermissionError) as error:
-        if path.is_dir():
-            problem = "expected a TOML file, got a directory. Name a file in it."
-        else:
-            problem = f"expected a file that can be read, got: {error.strerror}. Check its permissions."
-    except OSError as error:
-        problem = f"expected a file that can be read, got: {error.strerror}. Check the path."
     except UnicodeDecodeError as error:
         byte = f"byte 0x{error.object[error.start]:02x} at offset {error.start}"
         problem = f"expected UTF-8 text, got {byte}. Save the file as UTF-8."
     except tomllib.TOMLDecodeError as error:
         problem = f"expected TOML, got a syntax error: {error}. Correct that place; strings need quotes."
-    except ValueError as error:  # of a number of more digits than Python reads, or a path that no file has
+    except ValueError as error:  # of a number of more digits than Python reads
         problem = f"expected TOML, got what cannot be read: {error}. Correct it."
     raise ModelError(f"{path}: {problem}")
 
@@ -79,16 +70,37 @@ _LARGEST = 2**20
 """Bytes of a file; a robot of 100 joints has 80 kB."""
 
 
-def _content(path: Path) -> bytes:
-    """Read a file; `ModelError` for what is no regular file, which may never end, and for one that is too large."""
+def read_bytes(path: Path, what: str, largest: int = _LARGEST) -> bytes:
+    """Return the content of a file; ModelError if it cannot be read.
+
+    No regular file, which may never end, is refused, as is one of more than `largest` bytes; `what` it should be goes
+    into the messages.
+    """
+    try:
+        return _content(path, largest)
+    except FileNotFoundError:
+        problem = f"expected {what}, got nothing: it does not exist. Check the path."
+    except (IsADirectoryError, PermissionError) as error:
+        if path.is_dir():
+            problem = f"expected {what}, got a directory. Name a file in it."
+        else:
+            problem = f"expected a file that can be read, got: {error.strerror}. Check its permissions."
+    except OSError as error:
+        problem = f"expected a file that can be read, got: {error.strerror}. Check the path."
+    except ValueError as error:  # of a path that no file has
+        problem = f"expected {what}, got what cannot be read: {error}. Correct it."
+    raise ModelError(f"{path}: {problem}")
+
+
+def _content(path: Path, largest: int) -> bytes:
     status = path.stat()
     if stat.S_ISREG(status.st_mode) or stat.S_ISDIR(status.st_mode):
         with path.open("rb") as stream:
-            content = stream.read(_LARGEST + 1)
-        if len(content) <= _LARGEST:
+            content = stream.read(largest + 1)
+        if len(content) <= largest:
             return content
         got = f"{max(status.st_size, len(content)) / 2**20:.3g} MiB"
-        problem = f"expected a file of at most {_LARGEST / 2**20:g} MiB, got {got}. Is it the right one?"
+        problem = f"expected a file of at most {largest / 2**20:g} MiB, got {got}. Is it the right one?"
     else:
         problem = "expected a regular file, got a pipe, a device or another special file. Name a file."
     raise ModelError(f"{path}: {problem}")

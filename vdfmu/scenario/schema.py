@@ -12,6 +12,7 @@ from typing import Any
 from vdfmu.engine.algorithms import ALGORITHMS
 from vdfmu.model.parameters import PARAMETERS, Row, Section, section
 from vdfmu.model.robot import FRICTION_ARRANGEMENTS, JOINT_TYPES
+from vdfmu.model.visual import SHAPES
 from vdfmu.scenario.load import load_system
 from vdfmu.scenario.parts import units_of
 from vdfmu.scenario.scenario import FACTOR_FIELDS, KINDS
@@ -41,6 +42,7 @@ def robot_schema() -> Schema:
         "payload": payload,
         "joints": {"type": "array", "minItems": 1, "items": joint},
         "sources": {"type": "object", "description": "Key of this file to where its number is from"},
+        "visuals": _list(_visual()),
     }
     return _file("Robot of vdfmu", keys | _rows("robot"), ["name", *_required("robot"), "joints"])
 
@@ -112,6 +114,32 @@ def _table(properties: Mapping[str, Any], required: Sequence[str]) -> Schema:
     return {
         "type": "object", "properties": dict(properties), "required": list(required), "additionalProperties": False,
     }  # fmt: skip
+
+
+def _visual() -> Schema:
+    """Return the schema of what a link looks like."""
+    number: Schema = {"type": "number"}
+
+    def numbers(size: int, items: Schema = number) -> Schema:
+        return _list(items) | {"minItems": size, "maxItems": size}
+
+    return _table(
+        {
+            "joint": {
+                "type": "integer",
+                "minimum": 0,
+                "description": "That moves it; 0 for what stands still",
+            },
+            "shape": {"enum": list(SHAPES)},
+            "file": _TEXT | {"description": "Of a mesh"},
+            "size": _list(number | {"minimum": 0}) | {"minItems": 1, "maxItems": 3},
+            "rotation": numbers(3, numbers(3)),
+            "offset": numbers(3) | {"description": "In the link frame [m]"},
+            "color": numbers(4, number | {"minimum": 0, "maximum": 1})
+            | {"description": "Red, green, blue, opacity"},
+        },
+        ["joint", "shape"],
+    )
 
 
 def _list(items: Schema) -> Schema:

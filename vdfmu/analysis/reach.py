@@ -1,0 +1,147 @@
+"""A first motion for any arm: a scenario whose gains come from one rule, within the limits of joints and motors."""
+
+from __future__ import annotations
+
+import json
+import os
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from vdfmu.analysis.gains import GROWTH, Gains, arm_gains
+from vdfmu.analysis.margins import Margins, stability_margins
+from vdfmu.arrays import Floats
+from vdfmu.dynamics import inverse_dynamics
+from vdfmu.equations.limits import motor_torque
+from vdfmu.equations.trajectory import desired_motion
+from vdfmu.files import write_whole
+from vdfmu.model import Robot, load_robot, robot_names
+from vdfmu.model.toml_file import locate
+from vdfmu.scenario import Scenario, load_scenario
+from vdfmu.temporary import temporary_folder
+
+_STEP = 1e-3
+_FAR = {"revolute": 0.5, "prismatic": 0.1}
+"""How far each joint moves [rad, m], where its end stops leave room."""
+_ROOM = 0.4
+"""Share of the way to the end stop that a joint moves at most."""
+_AWAY = 0.1
+"""Distance from the end stops at which the motion starts, as a share of the way between them."""
+_TIMES = (1.0, 2.0, 4.0, 8.0, 16.0)
+"""Durations [s] that are tried."""
+_RESERVE = 0.7
+"""Share of what a motor can give that the motion takes at most."""
+_POINTS = 21
+
+_TEXT = """\
+# A first motion of {robot}, written by vdfmu robot reach.
+# SI units, angles in rad. It keeps clear of end stops, and takes at most {reserve:g} % of what the motors can give.
+
+name = {name}
+description = {description}
+kind = "cosimulation"
+robot = {written}
+stop = {stop!r}
+step = {step!r}
+
+[trajectory]
+q_start = {start}
+q_end = {end}
+T = {T!r}
+
+[controller]
+# By one rule for any arm: poles of each joint as far out as sampling and a sample of delay allow. Modulus margins of
+# the joints by themselves: {margins}.
+K_p = {K_p}  # N.m/rad or N/m, link-side
+K_v = {K_v}  # N.m.s/rad or N.s/m, link-side, on the rotors' velocity
+"""
+
+
+class Reach(NamedTuple):
+    """What was written: the file, its gains, the margins of the whole arm, and what is to be said of the motion."""
+
+    path: Path
+    gains: Gains
+    margins: Margins
+    notes: list[str]
+
+
+def write_reach(robot: str | os.PathLike[str], out: str | os.PathLike[str]) -> Reach:
+    """Write the scenario of a first motion of a robot.
+
+    Parameters
+    ----------
+    robot : str or path
+        As of :func:`~vdfmu.load_robot`.
+    out : path
+        File to write.
+
+    Raises
+    ------
+    UsageError, ModelError
+        As of :func:`~vdfmu.load_robot`; if the file cannot be written.
+    """
+    path = Path(out)
+    gains, notes = _write(robot, path)
+    return Reach(path, gains, stability_margins(load_scenario(path), growth=GROWTH), notes)
+
+
+def reach_scenario(robot: str | os.PathLike[str]) -> Scenario:
+    """Return the scenario that :func:`write_reach` writes."""
+    with temporary_folder("vdfmu_") as folder:
+        path = Path(folder) / f"{locate(robot, 'robots').stem}_reach.toml"
+        _write(robot, path)
+        return load_scenario(path)
+
+
+def _write(robot: str | os.PathLike[str], path: Path) -> tuple[Gains, list[str]]:
+    """Write the scenario; return its gains, and what is to be said of its motion."""
+    place, arm = locate(robot, "robots"), load_robot(robot)
+    shipped = str(robot) in robot_names() and not Path(robot).exists()
+    written = str(robot) if shipped else Path(os.path.relpath(place, path.parent)).as_posix()
+    start, end, T, notes = _motion(arm)
+    gains = arm_gains(arm, np.linspace(start, end, _POINTS), _STEP)
+    text = _TEXT.format(
+        robot=place.stem, name=json.dumps(path.stem), written=json.dumps(written), stop=T + 0.5, step=_STEP, T=T,
+        start=_list(start), end=_list(end), K_p=_list(gains.K_p), K_v=_list(gains.K_v), reserve=100 * _RESERVE,
+        margins=", ".join(f"{m:.2f}" for m in gains.modulus), description=json.dumps(f"A first motion of {place.stem}"),
+    )  # fmt: skip
+    write_whole(path, [text.encode()])
+    return gains, notes
+
+
+def _motion(robot: Robot) -> tuple[Floats, Floats, float, list[str]]:
+    """Return start, end and duration of the motion, and what is to be said of it."""
+    start = np.zeros(robot.n)
+    step = np.array([_FAR[kind] for kind in robot.joint_types])
+    if robot.limits:
+        away = _AWAY * np.minimum(robot.q_max - robot.q_min, 10.0)
+        start = np.round(np.clip(start, robot.q_min + away, robot.q_max - away), 3)
+        up, down = robot.q_max - start, start - robot.q_min
+        step = np.where(up >= down, 1.0, -1.0) * np.minimum(step, _ROOM * np.maximum(up, down))
+    end = np.round(start + step, 3)
+    T = next((T for T in _TIMES if _within(robot, start, end, T)), None)
+    if T is None:
+        return (
+            start,
+            end,
+            _TIMES[-1],
+            ["the motors are too weak to move or to hold the arm: see their torques"],
+        )
+    return start, end, T, []
+
+
+def _within(robot: Robot, start: Floats, end: Floats, T: float) -> bool:
+    """Whether the motors give what the motion takes, with some reserve."""
+    if not robot.limits:
+        return T > _TIMES[0]  # of speeds that are unknown, no fast one
+    motions = [desired_motion(t, start, end, T) for t in np.linspace(0.0, T, _POINTS)]
+    q, q_dot, q_ddot = (np.array([motion[k] for motion in motions]) for k in range(3))
+    tau = inverse_dynamics(robot, q, q_dot, q_ddot) / robot.ell + robot.I_m * q_ddot
+    asked = tau / _RESERVE
+    return bool(np.all(np.abs(motor_torque(robot, asked, q_dot) - asked) <= 1e-9 * np.abs(asked)))
+
+
+def _list(numbers: Floats) -> str:
+    return "[" + ", ".join(repr(float(f"{number:.4g}")) for number in numbers) + "]"

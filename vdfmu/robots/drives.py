@@ -1,0 +1,146 @@
+"""Numbers of drives, friction and limits: from a file of drives, the robot's own file, or assumed by one rule."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from vdfmu.data import data_path
+from vdfmu.measure import measure
+from vdfmu.model.parameters import PARAMETERS, Row, Section, section
+from vdfmu.model.read import Problems, Table, nearest
+from vdfmu.model.robot_file import bounds
+from vdfmu.model.toml_file import read_toml
+from vdfmu.robots.chain import Body
+from vdfmu.robots.tree import MOVING
+from vdfmu.text import matching
+
+PARTS: tuple[Section, ...] = ("drive", "friction", "limits")
+_ACCELERATION = 10.0
+"""Acceleration [rad/s2, m/s2] that a joint without a given torque is assumed to be made for, beside the weight."""
+_MOTOR_SIDE = ("N.m", "rotor inertia")
+"""Quantities of the table that are given link-side in a robot's file, ell times as large."""
+
+Numbers = dict[str, tuple[float, str]]
+"""Path in a robot file, such as ``joints.drive.ell``, to the number there and where it is from."""
+
+
+class Driven(NamedTuple):
+    """The numbers of a joint's drive, friction and limits; its largest torque [N.m, N], and where that is from."""
+
+    numbers: Numbers
+    rating: float
+    rated_by: str
+
+
+def drive_joints(
+    bodies: Sequence[Body], file: str, drives: Path | None, problems: Problems, gravity: float
+) -> list[Driven]:
+    """Return the numbers of every joint; those of limits for all joints, if any joint has one that is given.
+
+    Parameters
+    ----------
+    bodies : sequence of Body
+        From base to tip.
+    file : str
+        Name of the robot's file, for sources.
+    drives : Path, optional
+        TOML file: tables by the name of a joint, or a pattern with ``*``, with tables of `PARTS` as in a robot file and
+        ``source``, a text. A later one overrides an earlier one.
+    problems : Problems
+    gravity : float [m/s2]
+    """
+    assumed = read_toml(data_path("models") / "drives" / "assumed.toml")
+    chosen: list[Numbers] = [{} for _ in bodies]
+    if drives is not None:
+        _read_drives(drives, bodies, chosen, problems)
+    given = [_given(body, file) for body in bodies]
+    limits = {row.path for row in section("limits")}
+    parts = (
+        PARTS
+        if any(limits & {*one, *other} for one, other in zip(chosen, given, strict=True))
+        else PARTS[:-1]
+    )
+    found: list[Driven] = []
+    for i, body in enumerate(bodies):
+        kind = MOVING[body.joint.kind]
+        rating, rated_by = _rating(bodies[i:], file, gravity)
+        like, numbers = assumed[kind], dict[str, tuple[float, str]]()
+        source = f"Assumed: {like['source']}, for the largest torque in the comment above the joint"
+        ratio = chosen[i].get(PARAMETERS["ell"].path, (like["drive"]["ell"], ""))[0]
+        for row in (row for part in parts for row in section(part)):
+            scale = (rating / like["rating"]) ** measure(row.unit(kind)).exponents.get("kg", 0)
+            if row.path in chosen[i]:
+                numbers[row.path] = chosen[i][row.path]
+            elif row.path in given[i]:
+                value, source_given = given[i][row.path]
+                numbers[row.path] = (value / ratio if row.quantity in _MOTOR_SIDE else value), source_given
+            elif row.key in like[row.section]:
+                numbers[row.path] = float(f"{like[row.section][row.key] * scale:.6g}"), source
+        found.append(Driven(numbers, rating, rated_by))
+    return found
+
+
+def _given(body: Body, file: str) -> Numbers:
+    """Return what the robot's file gives, link-side."""
+    joint, found = body.joint, dict[str, tuple[float, str]]()
+    stops = joint.kind != "continuous" and joint.given.get("lower", 0.0) < joint.given.get("upper", 0.0)
+    for row in (row for part in PARTS for row in section(part)):
+        value = joint.given.get(row.given)
+        lowest = -row.largest if row.smallest is None else row.smallest
+        if value is None or not lowest <= value <= row.largest:
+            continue
+        if stops or row.given not in ("lower", "upper"):
+            found[row.path] = value, f"{file}: {row.given} of the joint"
+    return found
+
+
+def _rating(outward: Sequence[Body], file: str, gravity: float) -> tuple[float, str]:
+    """Return the largest torque of the first of some bodies' joint, and where it is from.
+
+    That of the file; else twice what holds and accelerates the bodies up to the tip, stretched out across the axis.
+    """
+    joint = outward[0].joint
+    effort = joint.given.get("effort", 0.0)
+    if effort > 0.0 and np.isfinite(effort):
+        return effort, f"the effort in {file}"
+    weight = inertia = mass = reach = 0.0
+    for i, body in enumerate(outward):
+        reach += float(np.linalg.norm(body.placement.p)) if i else 0.0
+        far = reach + float(np.linalg.norm(body.centroid))
+        mass += body.mass
+        weight += body.mass * far
+        inertia += body.mass * far**2 + float(np.linalg.eigvalsh(body.inertia)[-1])
+    moved = (mass, mass) if MOVING[joint.kind] == "prismatic" else (weight, inertia)
+    load = moved[0] * gravity + moved[1] * _ACCELERATION
+    return 2.0 * load, f"twice what holds the stretched arm and accelerates it by {_ACCELERATION:g} SI units"
+
+
+def _read_drives(path: Path, bodies: Sequence[Body], chosen: list[Numbers], problems: Problems) -> None:
+    """Read a file of drives into the numbers of the joints that it names."""
+    here = Problems(str(path))
+    names = [body.joint.name for body in bodies]
+    for pattern, entry in read_toml(path).items():
+        table = Table(here, entry, pattern, (*PARTS, "source"))
+        meant = set(matching(names, [pattern]))
+        if not meant:
+            here.add(pattern, 'a joint of the arm, or a pattern such as "*"', "none", nearest(pattern, names))
+        source = table.text("source", "") or f"{path.name}: {pattern}"
+        for body, numbers in zip(bodies, chosen, strict=True):
+            if body.joint.name in meant:
+                numbers.update(_of_table(table, MOVING[body.joint.kind], source))
+    problems.lines += dict.fromkeys(here.lines)
+
+
+def _of_table(table: Table, kind: str, source: str) -> Numbers:
+    """Return the numbers that a table of a file of drives has, for a type of joint."""
+    found: Numbers = {}
+    for part in PARTS:
+        rows: dict[str, Row] = {row.key: row for row in section(part)}
+        inner = table.optional_table(part, tuple(rows))
+        for key in inner.data.keys() & rows.keys():
+            found[rows[key].path] = inner.number(key, **bounds(rows[key], kind)), source
+    return found

@@ -1,0 +1,132 @@
+"""From the file of another tool to a robot file."""
+
+from __future__ import annotations
+
+import os
+import tomllib
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from vdfmu.engine.ssp.parse import parse_xml
+from vdfmu.errors import ModelError, SspError
+from vdfmu.model.read import Problems
+from vdfmu.model.robot import Robot
+from vdfmu.model.robot_file import robot_from_dict
+from vdfmu.model.toml_file import read_bytes
+from vdfmu.robots.chain import choose_arm
+from vdfmu.robots.drives import drive_joints
+from vdfmu.robots.mjcf import read_mjcf
+from vdfmu.robots.urdf import read_urdf
+from vdfmu.robots.write import robot_text
+
+_LARGEST = 2**26
+"""Bytes of a file."""
+
+Path_ = str | os.PathLike[str]
+
+
+class Imported(NamedTuple):
+    """A robot, the text of its robot file, and what is worth knowing of how it came about."""
+
+    robot: Robot
+    text: str
+    notes: list[str]
+
+
+def robot_from_urdf(
+    path: Path_, base: str | None = None, tip: str | None = None, drives: Path_ | None = None
+) -> Robot:
+    """Return an arm of a URDF, with drives from a file or assumed ones.
+
+    Parameters
+    ----------
+    path : path
+    base : str, optional
+        Link that stands still, whose frame is {I}; default the root of the file.
+    tip : str, optional
+        Link whose origin is that of the end effector's frame {O}; default the last one, where the file has one arm
+        only. Joints beside the arm are held at 0.
+    drives : path, optional
+        TOML file with the drives, by names of joints.
+
+    Raises
+    ------
+    ModelError
+        With every problem found.
+    """
+    return import_robot(path, base, tip, drives, kind="robot").robot
+
+
+def robot_from_mjcf(
+    path: Path_, base: str | None = None, tip: str | None = None, drives: Path_ | None = None
+) -> Robot:
+    """Return an arm of a MuJoCo file, as :func:`robot_from_urdf`; its root is the world. Needs the package mujoco."""
+    return import_robot(path, base, tip, drives, kind="mujoco").robot
+
+
+def import_robot(
+    path: Path_,
+    base: str | None = None,
+    tip: str | None = None,
+    drives: Path_ | None = None,
+    *,
+    out: Path_ | None = None,
+    kind: str = "",
+) -> Imported:
+    """Make a robot file from a URDF or a MuJoCo file.
+
+    Parameters
+    ----------
+    path, base, tip, drives
+        As of :func:`robot_from_urdf`.
+    out : path, optional
+        Where the robot file will be, from which it names its meshes; default the folder of `path`.
+    kind : str
+        Root element that the file must have; default either, "robot" or "mujoco".
+
+    Raises
+    ------
+    ModelError
+        With every problem found.
+    UsageError
+        If a package is missing.
+    """
+    path = Path(path)
+    root = parse_file(path)
+    problems = Problems(str(path))
+    if root.tag not in ("robot", "mujoco") or kind not in ("", root.tag):
+        expected = f"<{kind}>" if kind else "<robot> of a URDF or <mujoco> of an MJCF"
+        raise ModelError(f"{path}: expected {expected}, got <{root.tag}>. Is it the right file?")
+    tree = read_urdf(root, path, problems) if root.tag == "robot" else read_mjcf(path, problems)
+    try:
+        arm = choose_arm(tree, base, tip)
+    except RecursionError:
+        raise ModelError(
+            f"{path}: expected some hundred links in a row, got more. Is it one robot?"
+        ) from None
+    problems.raise_any()
+    assert arm is not None
+    gravity = float(np.linalg.norm(tree.gravity))
+    driven = drive_joints(arm.bodies, path.name, None if drives is None else Path(drives), problems, gravity)
+    problems.raise_any()
+    folder = Path(out).parent if out is not None else path.parent
+    text = robot_text(tree.name, path.name, arm, driven, folder)
+    robot = robot_from_dict(tomllib.loads(text), f"{path}: the arm to {arm.tip}")
+    return Imported(robot, text, [f"the arm ends at {arm.tip}", *tree.notes] if tip is None else tree.notes)
+
+
+def parse_file(path: Path) -> Any:
+    """Return the root element of an XML file; `ModelError` for what is none, or has the elements of xacro."""
+    data = read_bytes(path, "a URDF or MJCF file", _LARGEST)
+    try:
+        root = parse_xml(data, str(path))
+    except SspError as error:
+        raise ModelError(error.problems) from None
+    if root.nsmap.get("xacro") and next(root.iter(f"{{{root.nsmap['xacro']}}}*"), None) is not None:
+        raise ModelError(
+            f"{path}: expected a URDF, got one with xacro's elements. Write the URDF first: "
+            f"xacro {path.name} > {path.stem.removesuffix('.urdf')}.urdf"
+        )
+    return root
