@@ -134,6 +134,8 @@ def test_a_file_has_targets_and_points(tmp_path):
     assert [axis.target for axis in axes] == ["plant.q_0[1]", "master"]
     assert points["plant.q_0[1]"].tolist() == [0.1, 0.2]
     assert points["master"].tolist() == ["jacobi", "gauss-seidel"]
+    with pytest.raises(UsageError, match="has the points; leave it out"):
+        draw([], str(path), 3)
 
 
 @pytest.mark.parametrize(

@@ -521,6 +521,8 @@ def test_a_row_of_a_scenario_that_was_changed_is_run_with_a_note(tmp_path):
         app, ["run", "--from", str(found.folder), "--no-reference", "--out", str(tmp_path / "again")]
     )
     assert done.exit_code == 0 and "not those of the study any more" in done.output
+    alone = CliRunner().invoke(app, ["run", "planar_tracking", "--row", "3"])
+    assert isinstance(alone.exception, UsageError) and "expected --from" in str(alone.exception)
 
 
 def test_a_row_of_a_package_is_named(wild, tmp_path):

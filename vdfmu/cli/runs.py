@@ -120,7 +120,9 @@ def run(
             "--from", metavar="SWEEP", help="Run a point of a parameter study: sweep.parquet or its folder."
         ),
     ] = None,
-    row: Annotated[str, typer.Option(help="Of --from: worst, best, or the number of a point.")] = "worst",
+    row: Annotated[
+        str | None, typer.Option(help="Of --from: worst, best, or the number of a point; default worst.")
+    ] = None,
     by: Annotated[
         str | None, typer.Option(help="Of worst and best: by which measure; default the first.")
     ] = None,
@@ -138,12 +140,14 @@ def run(
     given |= {"step": step, "stop": stop, "master": master, "adaptive": adaptive, "inputs": inputs}
     given |= {"input_hold": input_hold or None, "settings": parse_settings(settings)}
     if study is None:
+        if row is not None or by is not None:
+            raise UsageError("row, by: expected --from with a parameter study, of which they choose a point.")
         given["scenario"] = load(scenario, robot)
     else:
         from vdfmu.sweeps.table import Sweep
 
         found = Sweep(study)
-        point = found.options(row, by)
+        point = found.options(row or "worst", by)
         say_notes(found.notes)
         given = point | {name: value for name, value in given.items() if value}
         given["settings"] = point["settings"] | parse_settings(settings)

@@ -53,7 +53,10 @@ def draw(axes: Sequence[Axis], sample: str, n: int | None = None, seed: int = 0)
     if sample not in SAMPLES:
         if axes and Path(sample).suffix:
             raise UsageError(f"sample: {sample} says what varies, so no axis is given beside it.")
-        return _read(sample)
+        found = _read(sample)
+        if n is not None:
+            raise UsageError(f"n: {sample} has the points; leave it out.")
+        return found
     if not axes:
         raise UsageError("over: expected at least one axis, such as controller.K_p=lin(500, 5000, 10).")
     if sample == "grid":
