@@ -43,41 +43,28 @@ Unit = TypeVar("Unit", FMU2Slave, FMU2Model)
 
 @dataclass
 class Point:
-    """One method at one tolerance.
-
-    Attributes
-    ----------
-    time : float [s]
-        Processor time of the whole motion, least of the rounds.
-    error : float [rad]
-        Largest error of a position over all joints and compared times.
-    calls : int or None
-        Evaluations of the right-hand side; None where they are inside a compiled solver.
-    generated : float or None [s]
-        What these evaluations and those of the Jacobian take in compiled code, without any solver.
-    """
+    """One method at one tolerance."""
 
     method: str
     tolerance: float
     time: float
+    """Processor time of the whole motion [s], least of the rounds."""
     error: float
+    """Largest error of a position [rad] over all joints and compared times."""
     calls: int | None = None
+    """Evaluations of the right-hand side; None where they are inside a compiled solver."""
     generated: float | None = None
+    """What these evaluations and those of the Jacobian take in compiled code [s], without any solver."""
 
 
 @dataclass
 class WorkPrecision:
-    """All points, and what they are measured by.
-
-    Attributes
-    ----------
-    check : float [rad]
-        Difference of the reference to one of another method and code.
-    """
+    """All points, and what they are measured by."""
 
     robot: str
     stop: float
     check: float
+    """Difference of the reference to one of another method and code [rad]."""
     derivative: float
     jacobian: float
     points: list[Point] = field(default_factory=list)

@@ -26,16 +26,32 @@ _JOIN = 1.0
 """Time [s] that the output has to end after the process: a child that fled may hold it open."""
 
 
-def started(module: str, *arguments: str) -> subprocess.Popen[bytes]:
-    """Start a module of this package in a process and a session of its own, with pipes to it."""
+def started(module: str, *arguments: str, talks: bool = True) -> subprocess.Popen[bytes]:
+    """Start a module of this package in a process and a session of its own, with pipes to it.
+
+    Without `talks` there is a pipe of its error output only.
+    """
+    way = subprocess.PIPE if talks else subprocess.DEVNULL
     return subprocess.Popen(
         [sys.executable, "-P", "-m", module, *arguments],
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
+        stdin=way,
+        stdout=way,
         stderr=subprocess.PIPE,
         env={**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
         start_new_session=True,
     )
+
+
+def limit(kind: str, size: int) -> None:
+    """Limit what this process may take, where the system knows the kind: ``AS``, ``DATA``, ``FSIZE``, ``CORE``."""
+    if sys.platform != "win32":
+        import resource
+
+        number = getattr(resource, f"RLIMIT_{kind}")
+        _, most = resource.getrlimit(number)
+        size = size if most == resource.RLIM_INFINITY else min(size, most)
+        with suppress(OSError, ValueError):  # macOS has no limit of the address space
+            resource.setrlimit(number, (size, size))
 
 
 def private_pipes() -> tuple[BinaryIO, int]:

@@ -110,7 +110,7 @@ def test_the_nonlinear_loop_moves_as_the_linear_one_near_rest(master, factor, tm
     scenario = vdfmu.load_scenario("planar_tracking")
     settings = AT_REST | {"controller.K_v": [40.0 * factor, 20.0 * factor]}
     loop = ArmLoops(scenario, settings, times=[0.0]).loops[0]
-    assert (loop.radius(delay=delay) > 1.0) == (factor > 1.0)
+    assert (loop.margins(delay=delay).radius > 1.0) == (factor > 1.0)
     pushed = settings | {"plant.q_0": [-1.2 + 1e-5, 0.4], "plant.tolerance": 1e-9}
     runs = [_rows(scenario, {**s, "plant.tolerance": 1e-9}, master, tmp_path) for s in (settings, pushed)]
     z = runs[1] - runs[0]

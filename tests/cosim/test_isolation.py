@@ -9,13 +9,12 @@ import signal
 import subprocess
 import sys
 import time
-import zipfile
 from pathlib import Path
 
-import fmpy
 import numpy as np
 import pytest
 
+from tests.wild import build, write
 from vdfmu.engine.check import run as check_run
 from vdfmu.engine.cosim import ALGORITHMS, Interrupted, simulate
 from vdfmu.errors import CosimError, UsageError
@@ -28,29 +27,12 @@ WAYS = (
     "crash", "leave", "hang", "eat", "crash_free", "error_end", "fatal_end", "strange", "negative", "error_free",
     "leave_early", "hang_end", "strange_end",
 )  # fmt: skip
-XML = """<?xml version="1.0" encoding="UTF-8"?>
-<fmiModelDescription fmiVersion="2.0" modelName="Wild" guid="{{wild {0} {1}}}">
-  <CoSimulation modelIdentifier="wild" canHandleVariableCommunicationStepSize="true" canGetAndSetFMUstate="true"/>
-  <ModelVariables>
-    <ScalarVariable name="y" valueReference="0" causality="output"><Real/></ScalarVariable>
-    <ScalarVariable name="way" valueReference="100" causality="parameter" variability="fixed"><Real start="{0}"/>
-    </ScalarVariable>
-    <ScalarVariable name="at" valueReference="101" causality="parameter" variability="fixed"><Real start="{1}"/>
-    </ScalarVariable>
-  </ModelVariables>
-  <ModelStructure><Outputs><Unknown index="1" dependencies=""/></Outputs>
-  <InitialUnknowns><Unknown index="1"/></InitialUnknowns></ModelStructure>
-</fmiModelDescription>"""
 
 
 @pytest.fixture(scope="module")
 def library(tmp_path_factory) -> Path:
     """Return the library of wild.c."""
-    path = tmp_path_factory.mktemp("wild") / f"wild{fmpy.sharedLibraryExtension}"
-    headers = Path(fmpy.__file__).parent / "c-code"
-    flags = ["-std=c11", "-Wall", "-Wextra", "-Werror", "-shared", "-fPIC", f"-I{headers}"]
-    subprocess.run(["cc", *flags, "-o", path, Path(__file__).with_name("wild.c"), "-lm"], check=True)
-    return path
+    return build(tmp_path_factory.mktemp("wild"))
 
 
 @pytest.fixture
@@ -58,12 +40,7 @@ def wild(library, tmp_path):
     """Return a function that makes the FMU, wild in a way from a time on by itself."""
 
     def make(way: str = "", at: float = 0.0) -> Path:
-        path = tmp_path / f"Wild{way}.fmu"
-        with zipfile.ZipFile(path, "w") as archive:
-            start = WAYS.index(way) + 1 if way else 0
-            archive.writestr("modelDescription.xml", XML.format(start, at))
-            archive.write(library, f"binaries/{fmpy.platform}/{library.name}")
-        return path
+        return write(tmp_path / f"Wild{way}.fmu", library, WAYS.index(way) + 1 if way else 0, at)
 
     return make
 

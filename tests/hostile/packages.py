@@ -10,17 +10,11 @@ from pathlib import Path
 
 from vdfmu.engine.check.inspect import check_file
 from vdfmu.engine.ssp import load_ssp
+from vdfmu.engine.ssp.parse import NAMESPACES
 
 from .table import Corpus
 
-_SPACES = " ".join(
-    f'xmlns:{prefix}="http://ssp-standard.org/SSP1/{name}"'
-    for prefix, name in (
-        ("ssc", "SystemStructureCommon"),
-        ("ssd", "SystemStructureDescription"),
-        ("ssv", "SystemStructureParameterValues"),
-    )
-)
+_SPACES = " ".join(f'xmlns:{prefix}="{space}"' for prefix, space in NAMESPACES.items())
 _SSD = (
     f"""<?xml version="1.0" encoding="UTF-8"?>
 <ssd:SystemStructureDescription {_SPACES} version="1.0" name="two">

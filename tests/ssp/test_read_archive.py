@@ -13,17 +13,10 @@ import pytest
 
 from vdfmu.engine.ssp import limits, load_ssp
 from vdfmu.engine.ssp.archive import Archive
+from vdfmu.engine.ssp.parse import NAMESPACES
 from vdfmu.errors import SspError
 
-SPACES = "".join(
-    f'xmlns:{prefix}="http://ssp-standard.org/SSP1/{name}" '
-    for prefix, name in (
-        ("ssd", "SystemStructureDescription"),
-        ("ssc", "SystemStructureCommon"),
-        ("ssv", "SystemStructureParameterValues"),
-        ("ssm", "SystemStructureParameterMapping"),
-    )
-)
+SPACES = "".join(f'xmlns:{prefix}="{space}" ' for prefix, space in NAMESPACES.items())
 EMPTY = (
     f'<ssd:SystemStructureDescription {SPACES} version="1.0" name="t"><ssd:System name="s">{{}}</ssd:System>'
     "</ssd:SystemStructureDescription>"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import os
 import subprocess
 import sys
@@ -13,6 +12,7 @@ from pathlib import Path
 import pytest
 
 import vdfmu
+from tests.hostile.packages import pack
 from vdfmu.engine.check.inspect import check_file
 from vdfmu.engine.ssp import limits, load_ssp
 from vdfmu.errors import SspError
@@ -32,14 +32,6 @@ def ssd(elements: str, rest: str = "", attributes: str = "") -> str:
 def refer(count: int, source: str, way: str) -> str:
     kind = "" if way == "id" else f' type="application/x-ssp-{way}"'
     return "".join(f'<ssd:Component name="c{k}"{kind} source="{source}"/>' for k in range(count))
-
-
-def pack(members: dict[str, str | bytes]) -> bytes:
-    box = io.BytesIO()
-    with zipfile.ZipFile(box, "w", zipfile.ZIP_DEFLATED) as file:
-        for name, data in members.items():
-            file.writestr(name, data)
-    return box.getvalue()
 
 
 def chain(path: Path, way: str, levels: int, fan: int) -> Path:

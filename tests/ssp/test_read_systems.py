@@ -11,18 +11,10 @@ import pytest
 
 from vdfmu.engine.cosim.check import check_system
 from vdfmu.engine.ssp import load_ssp
+from vdfmu.engine.ssp.parse import NAMESPACES
 from vdfmu.errors import SspError
 
-SPACES = "".join(
-    f'xmlns:{prefix}="http://ssp-standard.org/SSP1/{name}" '
-    for prefix, name in (
-        ("ssd", "SystemStructureDescription"),
-        ("ssc", "SystemStructureCommon"),
-        ("ssv", "SystemStructureParameterValues"),
-        ("ssm", "SystemStructureParameterMapping"),
-        ("ssb", "SystemStructureSignalDictionary"),
-    )
-)
+SPACES = "".join(f'xmlns:{prefix}="{space}" ' for prefix, space in NAMESPACES.items())
 PACKAGE = 'type="application/x-ssp-package"'
 DEFINITION = 'type="application/x-ssp-definition"'
 IO = '<ssd:Connectors><ssd:Connector name="u" kind="input"/><ssd:Connector name="y" kind="output"/></ssd:Connectors>'

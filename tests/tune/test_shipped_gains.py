@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import vdfmu
-from vdfmu.analysis.margins import ArmLoops, stability_margins
+from vdfmu.analysis.margins import ArmLoops
 
 ROBOTS = [
     {"mass": 0.9, "f_s": 1.1, "K_f0": 1.1},
@@ -18,7 +18,7 @@ ROBOTS = [
 
 def test_each_joint_keeps_its_margin_with_one_sample_of_delay():
     before, after = (
-        stability_margins(vdfmu.load_scenario(name), growth=2.0) for name in ("tracking", "tracking_tuned")
+        ArmLoops(vdfmu.load_scenario(name), growth=2.0).margins() for name in ("tracking", "tracking_tuned")
     )
     assert (before.modulus > 0.25).all()
     assert (after.modulus >= before.modulus).all()

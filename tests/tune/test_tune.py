@@ -11,7 +11,7 @@ import pytest
 from typer.testing import CliRunner
 
 import vdfmu
-from vdfmu.analysis.margins import stability_margins
+from vdfmu.analysis.margins import ArmLoops
 from vdfmu.cli.commands import app
 from vdfmu.errors import UsageError
 from vdfmu.sweeps.table import Sweep
@@ -42,8 +42,8 @@ def test_each_joint_is_better_at_its_own_margin(tuned):
     # less by far more than the accuracy of a run, 1e-7 of 1 rad or N.m at errors of 1e-5 rad
     assert (tuned.after.cost < 0.95 * tuned.before.cost).all()
     scenario = vdfmu.load_scenario("planar_tracking")
-    before = stability_margins(scenario)
-    after = stability_margins(scenario, {name: value.tolist() for name, value in tuned.settings.items()})
+    before = ArmLoops(scenario).margins()
+    after = ArmLoops(scenario, {name: value.tolist() for name, value in tuned.settings.items()}).margins()
     # times from 0 to 2 s here, to 0.3 s there: the arm hangs, where both joints' inertias are largest
     np.testing.assert_allclose(tuned.before.margins.modulus, before.modulus, atol=0.1)
     assert (tuned.after.margins.modulus >= tuned.before.margins.modulus).all()

@@ -119,10 +119,6 @@ class Loop:
         whole[size - m :, :n] = K
         return whole
 
-    def radius(self, K: Floats | None = None, delay: int = 1) -> float:
-        """Return the largest absolute eigenvalue of :meth:`closed`: below 1 the loop is stable."""
-        return float(np.abs(np.linalg.eigvals(self.closed(K, delay))).max())
-
     def margins(self, K: Floats | None = None, delay: int = 1) -> Margins:
         """Margins with feedback K, by default its own."""
         K = self.K if K is None else K
@@ -224,21 +220,6 @@ class ArmLoops:
             each.append(loop.margins(K, delay))
         modulus, gain, phase, left = np.min([m[:4] for m in each], axis=0)
         return Margins(modulus, gain, phase, left, max(m.radius for m in each))
-
-
-def stability_margins(
-    scenario: Scenario, settings: Mapping[str, Any] | None = None, *, delay: int = 1, **options: Any
-) -> Margins:
-    """Margins of each joint's loop of a scenario, the smallest over times along its motion.
-
-    Parameters
-    ----------
-    delay : int
-        As of :meth:`ArmLoops.margins`.
-    **options
-        Of :class:`ArmLoops`.
-    """
-    return ArmLoops(scenario, settings, **options).margins(delay=delay)
 
 
 def _margins(L: Any, w: Floats) -> Floats:

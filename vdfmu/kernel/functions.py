@@ -212,19 +212,13 @@ class Kernel(Functions):
 
 
 class _Prepared:
-    """A function of one result with buffers for one state; each thread has its own.
-
-    Attributes
-    ----------
-    buffers : dict of str to (size,) array
-        Of the arguments but for the parameters, next to each other in memory.
-    result : array
-    """
+    """A function of one result with buffers for one state; each thread has its own."""
 
     def __init__(self, function: ca.Function, sizes: Sequence[int], p: Floats) -> None:
         self._all = np.zeros(sum(sizes))
         parts = np.split(self._all, np.cumsum(sizes)[:-1])
         self.buffers = dict(zip(function.name_in(), parts, strict=False))
+        """Of the arguments but for the parameters, next to each other in memory."""
         self._function = KernelFunction(function, {**self.buffers, "p": p})
         (self.result,) = self._function.results.values()
         self._places = [(buffer, buffer.shape) for buffer in parts]

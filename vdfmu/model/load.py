@@ -8,8 +8,6 @@ from vdfmu.model.robot import Robot
 from vdfmu.model.robot_file import robot_from_dict
 from vdfmu.model.toml_file import locate, read_toml, toml_names
 
-__all__ = ["load_robot", "robot_names"]
-
 
 def robot_names() -> list[str]:
     """Return the names of the robots that travel with the package."""

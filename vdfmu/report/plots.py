@@ -38,17 +38,11 @@ _DARK, _MIDDLE, _LIGHT = "#444444", "#888888", "#CCCCCC"
 @style.styled
 def draw_contrast_torques(contrast: Contrast, scenario: Scenario | None = None) -> Figure:
     """Figure 7: torques of the rigid arm by both formulations, one panel a joint."""
-    figure, panels = _joint_panels(
-        "Joint torques by virtual decomposition and by Newton-Euler",
-        contrast_caption(contrast.robot, contrast.time, scenario, 7),
-        contrast.robot.n,
-        _pair("virtual decomposition", "Newton-Euler"),
-    )
-    for i, axes in enumerate(panels):
-        _over_each_other(
-            axes, f"Joint {i + 1}", contrast.robot, i, contrast.time, contrast.tau_vd, contrast.tau_ne
-        )
-    return _lettered(figure)
+    robot, time = contrast.robot, contrast.time
+    title = "Joint torques by virtual decomposition and by Newton-Euler"
+    caption = contrast_caption(robot, time, scenario, 7)
+    legend = _pair("virtual decomposition", "Newton-Euler")
+    return _joint_panels(title, caption, robot, legend, time, contrast.tau_vd, contrast.tau_ne)
 
 
 @style.styled
@@ -96,17 +90,9 @@ def draw_contrast_differences(contrast: Contrast, scenario: Scenario | None = No
 @style.styled
 def draw_torques(results: Results, scenario: Scenario) -> Figure:
     """Figure 10: control torque and feedforward torque, link-side, one panel a joint."""
-    robot = scenario.robot
-    figure, panels = _joint_panels(
-        "Control and feedforward torques, link side",
-        run_caption(results, scenario, {4: 10}),
-        robot.n,
-        _pair(*_TORQUES),
-    )
-    tau, tau_m = _torques(results, robot)
-    for i, axes in enumerate(panels):
-        _over_each_other(axes, f"Joint {i + 1}", robot, i, results.time, tau, tau_m)
-    return _lettered(figure)
+    title, caption = "Control and feedforward torques, link side", run_caption(results, scenario, {4: 10})
+    torques = _torques(results, scenario.robot)
+    return _joint_panels(title, caption, scenario.robot, _pair(*_TORQUES), results.time, *torques)
 
 
 @style.styled
@@ -214,17 +200,28 @@ def _lettered(figure: Figure) -> Figure:
     return figure
 
 
-def _joint_panels(title: str, caption: str, n: int, legend: Sequence[Line2D]) -> tuple[Figure, list[Axes]]:
-    rows, columns = style.grid_of(n)
+def _joint_panels(
+    title: str,
+    caption: str,
+    robot: Robot,
+    legend: Sequence[Line2D],
+    time: Floats,
+    back: Floats,
+    on_top: Floats,
+) -> Figure:
+    """Return a figure of two torques (m, n) over each other, one panel a joint."""
+    rows, columns = style.grid_of(robot.n)
     width = max(style.WIDTH, 2.9 * columns)
     height = 1.1 + (3.2 if rows == 1 else 2.1) * rows
     figure = style.new_figure(title, caption, width=width, height=height, legend=legend)
     grid: NDArray[Any] = figure.subplots(rows, columns, squeeze=False)
     panels: list[Axes] = grid.ravel().tolist()
-    for axes in panels[n:]:
+    for axes in panels[robot.n :]:
         axes.remove()
-    style.label_time(panels[:n], columns)
-    return figure, panels[:n]
+    style.label_time(panels[: robot.n], columns)
+    for i, axes in enumerate(panels[: robot.n]):
+        _over_each_other(axes, f"Joint {i + 1}", robot, i, time, back, on_top)
+    return _lettered(figure)
 
 
 def _width(groups: Sequence[Group]) -> float:
@@ -258,19 +255,22 @@ def _over_each_other(
 def _position_errors(axes: Axes, results: Results, group: Group) -> None:
     """Draw desired minus actual link positions of the joints of one unit."""
     error = group.unit.factor * (results.array("trajectory.q_d") - results.array("plant.q"))
-    for i in group.joints:
-        style.curve(axes, results.time, error[:, i], **style.joint_look(i))
-    title = f"Position tracking errors{group.suffix}"
-    style.dress(axes, title, "$q_d - q$", group.unit.position, results.time)
+    _errors(axes, results.time, error, group, "Position tracking", "$q_d - q$", group.unit.position)
 
 
 def _compensation_errors(axes: Axes, results: Results, robot: Robot, group: Group) -> None:
     """Draw control minus feedforward torque, link-side, of the joints of one unit."""
     tau, tau_m = _torques(results, robot)
+    what = f"{group.unit.noun.capitalize()} compensation"
+    _errors(axes, results.time, tau - tau_m, group, what, r"$\ell\,(\tau - \tau_m)$", group.unit.torque)
+
+
+def _errors(
+    axes: Axes, time: Floats, values: Floats, group: Group, what: str, quantity: str, unit: str
+) -> None:
     for i in group.joints:
-        style.curve(axes, results.time, tau[:, i] - tau_m[:, i], **style.joint_look(i))
-    title = f"{group.unit.noun.capitalize()} compensation errors{group.suffix}"
-    style.dress(axes, title, r"$\ell\,(\tau - \tau_m)$", group.unit.torque, results.time)
+        style.curve(axes, time, values[:, i], **style.joint_look(i))
+    style.dress(axes, f"{what} errors{group.suffix}", quantity, unit, time)
 
 
 def _rms_bars(

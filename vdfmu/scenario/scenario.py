@@ -19,40 +19,54 @@ FACTOR_FIELDS = tuple(row.name for row in PARAMETERS.values() if row.fold != "al
 
 @dataclass(frozen=True, eq=False)
 class Scenario:
-    """All that one run needs."""
+    """All that one run needs.
+
+    Parameters
+    ----------
+    name, description : str
+    kind : "contrast" or "cosimulation"
+        Torques along the motion by two formulations, or the closed loop of the units.
+    system : SystemFile
+        The components and their connections.
+    robot : Robot
+        The nominal robot, which the feedforward knows, with the friction arrangement of the scenario if its file
+        names one.
+    robot_name : str
+        The robot as the file wrote it.
+    stop, step : float [s]
+        End of the run, and communication step.
+    master : "gauss-seidel", "jacobi", "extrapolated" or "iterative"
+    adaptive : float or None
+        Largest relative error of a coupled signal in a step; None for steps of the given length.
+    tolerance : float
+        Relative tolerance of the plant's solver.
+    plant_factors : mapping of str to float or (n,) array
+        Field of the robot to its factor: plant = nominal * factor.
+    sections : mapping of str to mapping
+        Component to the values that the file sets: a group of variables, or one of them, ``K_p`` or ``K_p[1]``, to its
+        value, or values. :func:`vdfmu.scenario.values.system_values` reads them.
+    paper : mapping
+        What the paper reports: `source` and lists that start at joint 1. Empty if it reports nothing.
+    inputs, input_hold : optional
+        Signals for inputs that nothing is connected to; see :func:`vdfmu.engine.cosim.simulate`.
+    """
 
     name: str
     description: str
     kind: str
-    """``contrast``, torques along the motion by two formulations, or ``cosimulation``, the closed loop of the units."""
     system: SystemFile
-    """The components and their connections."""
     robot: Robot
-    """The nominal robot, which the feedforward knows, with the friction arrangement of the scenario if its file names
-    one."""
     robot_name: str
-    """The robot as the file wrote it."""
     stop: float
-    """End of the run [s]."""
     step: float
-    """Communication step [s]."""
     master: str
-    """One of `vdfmu.engine.algorithms.ALGORITHMS`."""
     adaptive: float | None
-    """Largest relative error of a coupled signal in a step; None for steps of the given length."""
     tolerance: float
-    """Relative tolerance of the plant's solver."""
     plant_factors: Mapping[str, Array | float]
-    """Field of the robot to its factor, a number or (n,): plant = nominal * factor."""
     sections: Mapping[str, Mapping[str, Any]]
-    """Component to the values that the file sets: a group of variables, or one of them, ``K_p`` or ``K_p[1]``, to its
-    value, or values. :func:`vdfmu.scenario.values.system_values` reads them."""
     paper: Mapping[str, Any]
-    """What the paper reports: `source` and lists that start at joint 1. Empty if it reports nothing."""
     inputs: Any = None
-    """Signals for inputs that nothing is connected to; see :func:`vdfmu.engine.cosim.simulate`."""
     input_hold: bool = False
-    """Whether their values hold until the next row."""
 
     @property
     def plant_robot(self) -> Robot:

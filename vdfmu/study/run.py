@@ -133,8 +133,10 @@ def run(
         Loaded, or the name of a shipped one, or a file.
     robot : Robot, str or path, optional
         Robot in place of the scenario's.
-    step, stop : float, optional [s]
-        Communication step and end of the run.
+    step : float [s], optional
+        Communication step.
+    stop : float [s], optional
+        End of the run.
     master : "gauss-seidel", "jacobi", "extrapolated" or "iterative", optional
     adaptive : float, optional
         Largest relative error of a coupled signal in a communication step, which is shortened to it and never longer

@@ -9,7 +9,6 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from itertools import chain
 from time import monotonic
-from types import TracebackType
 from typing import Any
 
 import numpy as np
@@ -73,13 +72,6 @@ class Evaluations:
         Time [s] that a run has.
     report : callable
         Called with the number of evaluations.
-
-    Attributes
-    ----------
-    scores : list of Score
-        Those of all evaluations that were run, in order.
-    missed : int
-        Values that were not run, since they miss the margin.
     """
 
     def __init__(
@@ -88,7 +80,9 @@ class Evaluations:
     ) -> None:  # fmt: skip
         self.problem, self.budget = problem, budget
         self.scores: list[Score] = []
+        """Those of all evaluations that were run, in order."""
         self.missed = 0
+        """Values that were not run, since they miss the margin."""
         self._ledger, self._report = ledger, report
         self._by_values: dict[tuple[float, ...], Score] = {}
         self._margins: dict[tuple[float, ...], Margins | None] = {}
@@ -107,9 +101,7 @@ class Evaluations:
     def __enter__(self) -> Evaluations:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         with InterruptGuard():
             self._keep()
             for worker in self._team:

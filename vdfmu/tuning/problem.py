@@ -108,7 +108,7 @@ def make_problem(
     if isinstance(scenario, (str, os.PathLike)) and os.fspath(scenario).endswith(".ssp"):
         raise UsageError(f"{scenario}: expected a scenario, whose values are known; a package can be swept.")
     loaded = prepare(scenario, **(options or {}))
-    axes = _elements(loaded, vary, settings or {})
+    axes, start = _elements(loaded, vary, settings or {})
     spread_axes = read_axes(spread)
     if wrong := [
         str(axis) for axis in spread_axes if is_option(axis.target) or isinstance(axis.at(0.0).item(), str)
@@ -116,7 +116,7 @@ def make_problem(
         raise UsageError(
             "\n".join(f"spread: expected parameters with numbers, got {text}." for text in wrong)
         )
-    targets = [*(axis.target for axis in axes), *(axis.target for axis in spread_axes)]
+    targets = [axis.target for axis in (*axes, *spread_axes)]
     if len(set(targets)) < len(targets):
         raise UsageError(
             f"vary: expected each number once, got {', '.join(sorted({t for t in targets if targets.count(t) > 1}))}"
@@ -126,13 +126,13 @@ def make_problem(
     measures = {"cost": cost, **{name: text for name, (text, _) in limits.items()}}
     if {"trajectory", "controller", "plant"} <= loaded.system.parts.keys():
         measures |= {name: text for name, text in TRACKING.items() if name not in measures}
-    over_all = {axis.target: _text(axis) for axis in (*axes, *spread_axes)}
+    over_all = {axis.target: str(axis).partition("=")[2] for axis in (*axes, *spread_axes)}
     n = spread_n if spread_axes else 1
     plan = make_plan(
         scenario, over_all, sample="lhs", n=n, seed=seed, measure=measures, settings=settings, options=options,
         backend=backend, engine=engine,
     )  # fmt: skip
-    facts = {**plan.facts, "tune": {"limits": list(limit), "over": over, "start": [a.start for a in axes]}}
+    facts = {**plan.facts, "tune": {"limits": list(limit), "over": over, "start": start}}
     loops, required = None, np.zeros(0)
     if margin is not None:
         if any(axis.target.startswith("plant.") for axis in axes):
@@ -141,37 +141,18 @@ def make_problem(
         n_joints = len(loops.loops[0].K)
         required = loops.margins().modulus if margin == "same" else np.full(n_joints, _number(margin))
         facts["tune"] |= {"margin": required.tolist(), "growth": growth}
-    start = np.array([a.start for a in axes])
-    return Problem(
-        tuple(a.axis for a in axes),
-        start,
-        limits,
-        over,
-        dataclasses.replace(plan, facts=facts, job=dataclasses.replace(plan.job, compared=())),
-        loops,
-        required,
-    )
-
-
-@dataclass(frozen=True)
-class _Element:
-    """A number that varies, and its value in the scenario."""
-
-    axis: Axis
-    start: float
-
-    @property
-    def target(self) -> str:
-        return self.axis.target
+    plan = dataclasses.replace(plan, facts=facts, job=dataclasses.replace(plan.job, compared=()))
+    return Problem(tuple(axes), np.array(start), limits, over, plan, loops, required)
 
 
 def _elements(
     scenario: Any, vary: Mapping[str, Any] | Sequence[str], settings: Mapping[str, Any]
-) -> list[_Element]:
-    """Return one axis for each number, within its bounds of values."""
+) -> tuple[list[Axis], list[float]]:
+    """Return one axis for each number, within its bounds of values, and its value in the scenario."""
     given = vary if isinstance(vary, Mapping) else [t if "=" in t else f"{t}={_RANGE}" for t in vary]
     values = system_values(scenario, settings)
-    found: list[_Element] = []
+    found: list[Axis] = []
+    starts: list[float] = []
     problems: list[str] = []
     for axis in read_axes(given):
         if axis.form not in ("lin", "log"):
@@ -196,20 +177,13 @@ def _elements(
                         f"{component}.{variable}: expected a range that has the scenario's {start:g}, got {low:g} to "
                         f"{high:g}."
                     )
-                found.append(_Element(Axis(f"{component}.{variable}", axis.form, (low, high)), start))
+                found.append(Axis(f"{component}.{variable}", axis.form, (low, high)))
+                starts.append(start)
     if not found and not problems:
         problems.append("vary: expected at least one parameter, such as controller.K_p.")
     if problems:
         raise UsageError("\n".join(problems))
-    return found
-
-
-def _text(axis: Any) -> str:
-    """Form of an axis, with all digits."""
-    axis = axis.axis if isinstance(axis, _Element) else axis
-    if axis.form == "values":
-        return str(axis).partition("=")[2]
-    return f"{'*' if axis.factor else ''}{axis.form}({axis.numbers[0]!r}, {axis.numbers[1]!r})"
+    return found, starts
 
 
 def _limit(number: int, text: str) -> tuple[str, tuple[str, float]]:

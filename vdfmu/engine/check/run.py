@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import errno
 import json
-import os
 import signal
 import subprocess
 import sys
 import tempfile
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
 from time import monotonic
 from typing import Any
@@ -27,7 +26,7 @@ from vdfmu.engine.ssp.read import load_ssp
 from vdfmu.engine.ssp.structure import System
 from vdfmu.errors import StorageError, VdfmuError
 from vdfmu.interrupt import listening
-from vdfmu.process import Listener, end_group
+from vdfmu.process import Listener, end_group, limit, started
 from vdfmu.temporary import temporary_folder
 
 STEPS = 10
@@ -72,17 +71,7 @@ def run_apart(path: Path, kind: str = "FMU") -> Findings:
     with temporary_folder("vdfmu_check_") as folder:
         try:
             code, words = _contained(
-                [
-                    sys.executable,
-                    "-P",
-                    "-m",
-                    "vdfmu.engine.check.run",
-                    kind,
-                    str(path.resolve()),
-                    str(monotonic() + SECONDS - NAMING),
-                    folder,
-                    str(unpack_limit()),
-                ]
+                kind, str(path.resolve()), str(monotonic() + SECONDS - NAMING), folder, str(unpack_limit())
             )
         except OSError as error:
             return Findings([found("RUN001", f"{STEPS} steps could not be tried: {error}")])
@@ -134,8 +123,8 @@ def _decoded(values: Any) -> Findings:
     return Findings([*problems], [*notes], [str(name) for name in values["compared"]], bool(values["ran"]))
 
 
-def _contained(command: Sequence[str]) -> tuple[int | None, str]:
-    """Run a process that may do anything; its children end with it.
+def _contained(*arguments: str) -> tuple[int | None, str]:
+    """Run this module in a process that may do anything; its children end with it.
 
     Returns
     -------
@@ -144,11 +133,7 @@ def _contained(command: Sequence[str]) -> tuple[int | None, str]:
     str
         The end of its error output: no more is kept.
     """
-    process = subprocess.Popen(
-        command, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE,
-        env={**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
-        start_new_session=os.name == "posix",
-    )  # fmt: skip
+    process = started("vdfmu.engine.check.run", *arguments, talks=False)
     assert process.stderr is not None
     listener = Listener(process.stderr)
     try:
@@ -159,25 +144,6 @@ def _contained(command: Sequence[str]) -> tuple[int | None, str]:
         end_group(process, _PATIENCE)
         process.wait()
     return code, listener.finish()
-
-
-def _limit() -> None:
-    """Limit what this process may take, before foreign code runs in it."""
-    if sys.platform == "win32":
-        return
-    import resource
-
-    for kind, size in (
-        (resource.RLIMIT_AS, MEMORY),
-        (resource.RLIMIT_FSIZE, FILE_SIZE),
-        (resource.RLIMIT_CORE, 0),
-    ):
-        _, most = resource.getrlimit(kind)
-        size = size if most == resource.RLIM_INFINITY else min(size, most)
-        try:
-            resource.setrlimit(kind, (size, size))
-        except (OSError, ValueError):  # macOS has no limit of the address space
-            continue
 
 
 def _run_unit(path: Path, phase: Callable[[str], None]) -> Findings:
@@ -293,7 +259,8 @@ def _main(kind: str, path: str, deadline: str, folder: str, unpacked: str) -> No
         Path(folder, _PHASE).write_text(what, encoding="utf-8")
 
     try:
-        _limit()
+        for what, size in (("AS", MEMORY), ("FSIZE", FILE_SIZE), ("CORE", 0)):
+            limit(what, size)
         _refuse_negative_statuses()
         phase(f"a run of {STEPS} steps")
         with package_limit(int(unpacked)):

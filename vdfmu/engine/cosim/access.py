@@ -82,14 +82,6 @@ class Transfer:
         Returns the values of all elements of a variable, by its value reference.
     failure : callable
         Returns the error of a call, from its name and the reason.
-
-    Attributes
-    ----------
-    references : array of c_uint
-    memory : array
-        What the call reads or fills.
-    sizes : array of size_t
-        Of binary values.
     """
 
     def __init__(
@@ -118,10 +110,12 @@ class Transfer:
         position = {element: i for i, element in enumerate(whole)}
         self._places = np.array([position[element] for element in elements], np.intp)
         self.sizes = np.zeros(len(whole), np.uintp)
+        """Of binary values."""
         if self.direct:
             self.memory = values[places[0] : places[0] + len(places)]
             return
         self.memory = np.zeros(len(whole), dtype)
+        """What the call reads or fills."""
         if verb == "Set" and len(elements) < len(whole):
             rest = [value for reference in lengths for value in known(reference)]
             self.memory[:] = [heap.number(self._kind, value) for value in rest]

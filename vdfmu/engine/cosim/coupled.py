@@ -55,52 +55,36 @@ class Block:
 
 
 class Coupled:
-    """What a step works on: memory of inputs and outputs, and the units in the order of their steps.
-
-    Attributes
-    ----------
-    outputs : array [all real outputs], the latest
-    inputs : array [all connected real inputs], as they are set
-    starts, ends, slopes : array
-        Of the real inputs: at the start and the end of the step, and what the units are told of the way between.
-    begun : list of array
-        Outputs at the start of the step, of each type.
-    waiting : dict of type to array
-        Inputs at the start of the step, of the other types.
-    discrete : array of bool
-        Which real outputs change at communication points only.
-    lines : array of int
-        Real outputs of which a step uses the line from start to end.
-    passing : array of bool
-        Which of `lines` depend directly on an input.
-    switches : list of (array, array, array of int)
-        Of each type: outputs, those at the start of the step, and which of them are read and discrete.
-    blocks : list of Block
-    rates : list of (Slave, Call, array of int, array)
-        What gets the derivatives of outputs by time, which outputs, and where the derivatives are then.
-    derived : array of bool
-        Which real outputs those are.
-    """
+    """What a step works on: memory of inputs and outputs, and the units in the order of their steps."""
 
     def __init__(self, exchange: Exchange) -> None:
         self.exchange = exchange
         bank = self.bank = exchange.banks[0]
         self.outputs, self.inputs = bank.outputs, bank.inputs
+        """All real outputs, the latest; all connected real inputs, as they are set."""
         n = len(bank.links)
         self.starts, self.ends, self.slopes = np.zeros(n), np.zeros(n), np.zeros(max(n, 1))
+        """Of the real inputs: at the start and the end of the step, and what the units are told of the way between."""
         variables = [v for _, v in bank.variables[: bank.outputs.size]]
         self.discrete = np.array([v.variability == "discrete" for v in variables], bool)
+        """Which real outputs change at communication points only."""
         self.nominal = np.array([v.size for v in variables])
         self.begun = [each.outputs.copy() for each in exchange.banks]
+        """Outputs at the start of the step, of each type."""
         self.waiting = {each.kind: np.zeros_like(each.inputs) for each in exchange.banks[1:]}
+        """Inputs at the start of the step, of the other types."""
         self._gathers = [each.gather(slice(0, len(each.links))) for each in exchange.banks]
         self.blocks = self._cut([self._unit(name) for name in exchange.checked.schedule.units])
         lines = {bank.position[k.start] for k in bank.links if not k.discrete and k.start[0] != SOURCE}
         self.lines = np.array(sorted(lines), np.intp)
+        """Real outputs of which a step uses the line from start to end."""
         direct = {bank.position[port] for port in exchange.checked.schedule.direct if port in bank.position}
         self.passing = np.isin(self.lines, list(direct))
+        """Which of them depend directly on an input."""
         self.derived = np.zeros(self.outputs.size, bool)
+        """Of which real outputs a unit gives the derivatives by time."""
         self.rates: list[tuple[Slave, Call, Indices, Floats]] = []
+        """What gets these, of which outputs, and where they are then."""
         for name, slave in exchange.slaves.items():
             own = self.read_of(name)
             if slave.description.derives_outputs and own.size:
@@ -109,6 +93,7 @@ class Coupled:
                 self.rates.append((slave, call, own, rates))
                 self.derived[own] = True
         self.switches: list[tuple[NDArray[Any], NDArray[Any], Indices]] = []
+        """Of each type: outputs, those at the start of the step, and which of them are read and discrete."""
         for each, before in zip(exchange.banks, self.begun, strict=True):
             read = {each.position[k.start] for k in each.links if k.discrete and k.start[0] != SOURCE}
             read -= set() if each is not bank else set(np.flatnonzero(~self.discrete))

@@ -55,13 +55,6 @@ class Exchange:
     box : MessageBox
     words : (`words_of`,) array, optional
         The memory for all values, zeros; default one of its own.
-
-    Attributes
-    ----------
-    clock, size : c_double
-        Arguments currentCommunicationPoint and communicationStepSize of every doStep.
-    running, pressed : c_int
-        For two processes that share the memory: what the components' process is doing, and whether to stop.
     """
 
     def __init__(
@@ -76,7 +69,9 @@ class Exchange:
         self.box = box
         words = np.zeros(words_of(checked)) if words is None else words
         self.clock, self.size = (c_double.from_buffer(words, 8 * i) for i in (0, 1))  # pyright: ignore[reportArgumentType]
+        """Arguments currentCommunicationPoint and communicationStepSize of every doStep."""
         self.running, self.pressed = (c_int.from_buffer(words, 8 * i) for i in (2, 3))  # pyright: ignore[reportArgumentType]
+        """For two processes that share the memory: what the components' process is doing, and whether to stop."""
         self.banks: list[Bank] = []
         taken = _HEAD
         for kind in KINDS:
@@ -300,15 +295,7 @@ class Exchange:
 
 
 class SampledStepper:
-    """Steps the units as `gauss-seidel` or `jacobi`: inputs are held over a step.
-
-    Attributes
-    ----------
-    opening : list of callable
-        Bring all inputs to the outputs at the start of the step.
-    stages : list of tuple
-        Unit by unit: the slave, what brings its fresh inputs up to date, its calls.
-    """
+    """Steps the units as `gauss-seidel` or `jacobi`: inputs are held over a step."""
 
     def __init__(self, exchange: Exchange) -> None:
         self._clock, self._size = exchange.clock, exchange.size
@@ -316,9 +303,11 @@ class SampledStepper:
         """Whether the user wants to stop; the master asks between the rows, which are the steps here."""
         gathers = [bank.gather(slice(0, bank.inputs.size)) for bank in exchange.banks]
         self.opening = [gather for gather in gathers if gather is not None]
+        """Bring all inputs to the outputs at the start of the step."""
         if exchange.checked.feed is not None:
             self.opening.insert(0, lambda: exchange.feed(exchange.clock.value))
         self.stages: list[tuple[Slave, list[Callable[[], None]], list[Call]]] = []
+        """Unit by unit: the slave, what brings its fresh inputs up to date, its calls."""
         for name in exchange.checked.schedule.units:
             fresh: list[Callable[[], None]] = []
             for bank in exchange.banks:

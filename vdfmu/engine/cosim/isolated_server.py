@@ -21,7 +21,7 @@ from vdfmu.engine.cosim.exchange import Exchange
 from vdfmu.engine.cosim.isolated import CALLS, REPLY, REQUEST, mapped
 from vdfmu.engine.cosim.messages import LogMessage, MessageBox
 from vdfmu.errors import CosimError, UsageError, VdfmuError
-from vdfmu.process import private_pipes
+from vdfmu.process import limit, private_pipes
 
 
 class Server:
@@ -113,16 +113,11 @@ class Server:
         return REPLY.pack(len(answer)) + answer
 
 
-def serve(make: Callable[[str], Server], memory: str, limit: str) -> None:
-    """Serve requests until there are no more; `memory` is a file, `limit` in MB."""
+def serve(make: Callable[[str], Server], memory: str, most: str) -> None:
+    """Serve requests until there are no more; `memory` is a file, `most` in MB."""
     requests, replies = private_pipes()
-    if sys.platform != "win32" and math.isfinite(float(limit)):
-        import resource
-
-        _, hard = resource.getrlimit(resource.RLIMIT_DATA)
-        most = int(float(limit) * 2**20)
-        most = most if hard == resource.RLIM_INFINITY else min(most, hard)
-        resource.setrlimit(resource.RLIMIT_DATA, (most, most))
+    if math.isfinite(float(most)):
+        limit("DATA", int(float(most) * 2**20))
     logging.getLogger("vdfmu.fmu").addHandler(logging.NullHandler())  # what it says comes back as messages
     server = make(memory)
     reply: bytes | None = REPLY.pack(0)  # it has started

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from types import TracebackType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -103,12 +102,10 @@ class Simulator:
             self._checked, self._apart = self._federation.apart(self._checked)
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, _: object, error: BaseException | None, *__: object) -> None:
         run, self._run, self._checked = self._run, None, None
         if run is not None:
-            run.__exit__(kind, error, trace)
+            run.__exit__(None, error)
 
     def run(
         self,

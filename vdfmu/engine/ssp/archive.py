@@ -5,7 +5,7 @@ from __future__ import annotations
 import stat
 import tempfile
 import zipfile
-from collections.abc import Generator, Iterator
+from collections.abc import Callable, Generator, Iterator
 from contextlib import ExitStack, closing, contextmanager
 from pathlib import Path, PurePosixPath
 from typing import IO, Any
@@ -42,13 +42,6 @@ class Archive:
         contents, differs from another in case only, is a link, is encrypted, is packed by another method than
         deflation or is larger than the limits of `vdfmu.engine.ssp.limits`.
 
-    Attributes
-    ----------
-    doubled : list of str
-        Members that occur more than once, with the same content.
-    file : file
-        The zip file, open.
-
     Notes
     -----
     ``package.ssp!/member`` names a member of a package inside the package.
@@ -62,6 +55,7 @@ class Archive:
         )
         self._inner: dict[str, Archive] = {}
         self.doubled: list[str] = []
+        """Members that occur more than once, with the same content."""
         with ExitStack() as opened:
             if isinstance(source, Path) and source.exists() and not (source.is_file() or source.is_dir()):
                 special = "is a pipe, a device or another special file; expected a regular one"
@@ -248,10 +242,10 @@ class Archive:
         except Exception as error:  # zlib.error and its like have no common base
             raise SspError(found("PKG001", f"{self.label}: {name!r} is damaged: {error}")) from None
 
-    def extract(self, folder: Path, keep: Any = None) -> None:
-        """Write the members for which `keep(name)` holds (all without it) below `folder`."""
+    def extract(self, folder: Path, keep: Callable[[str], bool]) -> None:
+        """Write the members for which `keep(name)` holds below `folder`."""
         for name in self._members:
-            if keep is None or keep(name):
+            if keep(name):
                 target = folder / name
                 target.parent.mkdir(parents=True, exist_ok=True)
                 with target.open("wb") as file:

@@ -1,0 +1,41 @@
+"""A unit that misbehaves when it is told to: the FMU of ``tests/cosim/wild.c``."""
+
+from __future__ import annotations
+
+import subprocess
+import zipfile
+from pathlib import Path
+
+import fmpy
+
+XML = """<?xml version="1.0" encoding="UTF-8"?>
+<fmiModelDescription fmiVersion="2.0" modelName="Wild" guid="{{wild {0} {1}}}">
+  <CoSimulation modelIdentifier="wild" canHandleVariableCommunicationStepSize="true" canGetAndSetFMUstate="true"/>
+  <ModelVariables>
+    <ScalarVariable name="y" valueReference="0" causality="output"><Real/></ScalarVariable>
+    <ScalarVariable name="way" valueReference="100" causality="parameter" variability="fixed"><Real start="{0}"/>
+    </ScalarVariable>
+    <ScalarVariable name="at" valueReference="101" causality="parameter" variability="fixed"><Real start="{1}"/>
+    </ScalarVariable>
+  </ModelVariables>
+  <ModelStructure><Outputs><Unknown index="1" dependencies=""/></Outputs>
+  <InitialUnknowns><Unknown index="1"/></InitialUnknowns></ModelStructure>
+</fmiModelDescription>"""
+
+
+def build(folder: Path) -> Path:
+    """Return the library of wild.c."""
+    path = folder / f"wild{fmpy.sharedLibraryExtension}"
+    headers = Path(fmpy.__file__).parent / "c-code"
+    flags = ["-std=c11", "-Wall", "-Wextra", "-Werror", "-shared", "-fPIC", f"-I{headers}"]
+    source = Path(__file__).parent / "cosim" / "wild.c"
+    subprocess.run(["cc", *flags, "-o", path, source, "-lm"], check=True)
+    return path
+
+
+def write(path: Path, library: Path, way: int = 0, at: float = 0.0) -> Path:
+    """Write the FMU, with start values of its parameters ``way`` and ``at`` [s]."""
+    with zipfile.ZipFile(path, "w") as archive:
+        archive.writestr("modelDescription.xml", XML.format(way, at))
+        archive.write(library, f"binaries/{fmpy.platform}/{library.name}")
+    return path
