@@ -56,15 +56,12 @@ def all_parameters(scenario):
     from vdfmu.scenario.values import system_values
 
     values = system_values(scenario)
-    return {
-        f"{name}.{v.group}": "*lin(0.95, 1.05)" if values[name].get(v.name) is not None else "lin(0.0, 1e-3)"
-        for name, table in tables_of(scenario.system, scenario.robot).items()
-        for v in table
-        if v.causality == "parameter"
-        and v.type == "Real"
-        and not v.choices
-        and v.group not in ("tolerance", "period")
-    }
+    groups: dict[str, list[float]] = {}
+    for name, table in tables_of(scenario.system, scenario.robot).items():
+        for v in table:
+            if v.causality == "parameter" and v.type == "Real" and v.group not in ("tolerance", "period"):
+                groups.setdefault(f"{name}.{v.group}", []).append(values[name].get(v.name) or 0.0)
+    return {group: "*lin(0.95, 1.05)" if any(each) else "lin(0.0, 1e-3)" for group, each in groups.items()}
 
 
 def assert_same_runs(rows, others):

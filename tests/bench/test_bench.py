@@ -451,10 +451,14 @@ def test_sweeps(report: Report) -> None:
     assert [table.name for table in report.tables] == [
         "sweep_points",
         "sweep_point",
+        "sweep_engines",
         "sweep_growth",
         "sweep_cluster",
     ]
-    assert report.facts["vdfmu.sweep_2"]["points_per_s"] > 0.0 and report.facts["dask_1"]["scheduler_s"] > 0.0
+    assert (
+        report.facts["vdfmu.sweep, engine batch_2"]["points_per_s"] > 0.0
+        and report.facts["dask_1"]["scheduler_s"] > 0.0
+    )
 
 
 @pytest.mark.slow
