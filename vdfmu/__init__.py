@@ -8,6 +8,8 @@ Python API
     An arm of a file of another tool.
 ``inverse_dynamics``, ``forward_dynamics``, ``gravity_torque``, ``mass_matrix``, ``jacobian``, ``forward_kinematics``
     Rigid links, link-side torques, one state or a batch.
+``linearize``, ``natural_modes``
+    An arm at rest at a pose as a linear system, and its natural frequencies, damping and mode shapes.
 ``build_fmus``, ``write_ssp``, ``write_osp``, ``write_container``
     The four units as FMUs, the system that wires them as a package or for libcosim, and the system as one FMU.
 ``run``
@@ -32,6 +34,8 @@ from typing import TYPE_CHECKING, Any
 __version__ = "0.1.0"
 
 if TYPE_CHECKING:
+    from vdfmu.analysis.modes import Modes, natural_modes
+    from vdfmu.analysis.space import StateSpace, linearize
     from vdfmu.dynamics import (
         forward_dynamics,
         forward_kinematics,
@@ -58,6 +62,8 @@ if TYPE_CHECKING:
     from vdfmu.tuning.run import tune
 
 _NAMES = {
+    "vdfmu.analysis.modes": ("Modes", "natural_modes"),
+    "vdfmu.analysis.space": ("StateSpace", "linearize"),
     "vdfmu.dynamics": (
         "forward_dynamics", "forward_kinematics", "gravity_torque", "inverse_dynamics", "jacobian", "mass_matrix",
     ),
@@ -81,10 +87,11 @@ _NAMES = {
 _WHERE = {name: module for module, names in _NAMES.items() for name in names}
 
 __all__ = [
-    "Results", "Robot", "Scenario", "Simulator", "Sweep", "VdfmuError", "__version__", "build_fmus", "federate",
-    "forward_dynamics", "forward_kinematics", "gravity_torque", "inverse_dynamics", "jacobian", "load_robot",
-    "load_scenario", "load_ssp", "mass_matrix", "package_limit", "robot_from_mjcf", "robot_from_urdf", "robot_names",
-    "run", "scenario_names", "simulate", "sweep", "tune", "write_container", "write_osp", "write_ssp",
+    "Modes", "Results", "Robot", "Scenario", "Simulator", "StateSpace", "Sweep", "VdfmuError", "__version__",
+    "build_fmus", "federate", "forward_dynamics", "forward_kinematics", "gravity_torque", "inverse_dynamics",
+    "jacobian", "linearize", "load_robot", "load_scenario", "load_ssp", "mass_matrix", "natural_modes", "package_limit",
+    "robot_from_mjcf", "robot_from_urdf", "robot_names", "run", "scenario_names", "simulate", "sweep", "tune",
+    "write_container", "write_osp", "write_ssp",
 ]  # fmt: skip
 
 

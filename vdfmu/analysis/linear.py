@@ -10,8 +10,10 @@ from scipy.linalg import expm
 
 from vdfmu.arrays import Floats
 from vdfmu.errors import UsageError
+from vdfmu.model.parameters import section
 from vdfmu.study.wired import System
 from vdfmu.unit.evaluate import Evaluation, Traced
+from vdfmu.unit.program import Call
 from vdfmu.unit.trace import argument_name
 
 
@@ -36,35 +38,40 @@ def linearize(unit: Evaluation, inputs: Sequence[str]) -> Linear:
     UsageError
         If the unit has no states, or is not traced.
     """
-    calls = unit.interface.program.derivatives if isinstance(unit, Traced) else ()
-    chosen = [
-        call
-        for call in calls
-        if all(unit.argument(argument_name(choice))[0] == value for choice, value in call.when)
-    ]
-    if not chosen or not unit.x.size:
+    if not isinstance(unit, Traced) or not unit.x.size:
         raise UsageError(
             f"{unit.interface.unit.__name__}: expected a traced unit with states, to linearise it."
         )
-    (call,) = chosen
-    functions = unit.interface.functions
-    given = {name: unit.argument(name) for name in functions.casadi_function(call.function).name_in()}
-    product = functions.function(f"{call.function}_forward", **given)
+    calls = unit.interface.program.derivatives
+    A, *columns = (slopes(unit, calls, ("x_dot",), name) for name in ("x", *map(argument_name, inputs)))
+    return Linear(A, np.hstack(columns))
 
-    def along(name: str) -> Floats:
-        direction = product.args.get(f"d_{name}")
-        if direction is None:  # they do not depend on it
-            return np.zeros((unit.x.size, unit.argument(name).size))
-        columns = np.empty((direction.size, unit.x.size))
+
+def slopes(unit: Evaluation, calls: Sequence[Call], results: Sequence[str], name: str) -> Floats:
+    """Derivatives of results of the call that the unit's choices take, one after the other, by one argument."""
+    (call,) = (
+        call for call in calls if all(unit.argument(argument_name(choice))[0] == value for choice, value in call.when)
+    )  # fmt: skip
+    functions = unit.interface.functions
+    given = {group: unit.argument(group) for group in functions.casadi_function(call.function).name_in()}
+    product = functions.function(f"{call.function}_forward", **given)
+    direction = product.args.get(f"d_{name}")
+    columns = np.zeros((unit.argument(name).size, sum(product.results[f"d_{group}"].size for group in results)))
+    if direction is not None:  # else they do not depend on it
         for i, column in enumerate(columns):
             direction[:] = 0.0
             direction[i] = 1.0
             product.run()
-            column[:] = product.results["d_x_dot"]
+            column[:] = np.concatenate([product.results[f"d_{group}"] for group in results])
         direction[:] = 0.0
-        return columns.T
+    return columns.T
 
-    return Linear(along("x"), np.hstack([along(argument_name(name)) for name in inputs]))
+
+def without_dry_friction(unit: Evaluation) -> None:
+    """Set parameters of Coulomb and Stribeck friction to 0: torques, where viscous friction has a damping."""
+    for row in section("friction"):
+        if row.quantity in ("torque", "N.m") and row.name in unit.interface.groups:
+            unit.group(row.name)[:] = 0.0
 
 
 def held(continuous: Linear, step: float) -> Linear:

@@ -16,10 +16,9 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from vdfmu.analysis.linear import Linear, feedback, held, linearize
+from vdfmu.analysis.linear import Linear, feedback, held, linearize, without_dry_friction
 from vdfmu.arrays import Floats
 from vdfmu.errors import UsageError
-from vdfmu.model.parameters import section
 from vdfmu.scenario import Scenario
 from vdfmu.scenario.values import system_values
 from vdfmu.ssp.description import SystemDescription
@@ -34,8 +33,6 @@ _DESIRED = {
     "tau_s": "feedforward.tau_s",
 }
 """States of the plant to the signals that have them along the desired motion."""
-_DRY = {row.name for row in section("friction") if row.quantity in ("torque", "N.m")}
-"""Parameters of Coulomb and Stribeck friction: torques, where viscous friction has a damping."""
 _TIMES = 11
 _GRID = 400
 """Frequencies at which a loop is calculated, beside those around its poles."""
@@ -185,8 +182,7 @@ class ArmLoops:
         system.start()
         plant = units["plant"]
         if not dry:
-            for name in _DRY & plant.interface.groups.keys():
-                plant.group(name)[:] = 0.0
+            without_dry_friction(plant)
         self._x: list[Floats] = []
         self.loops: list[Loop] = []
         for t in np.linspace(0.0, scenario.stop, _TIMES) if times is None else times:

@@ -46,7 +46,7 @@ def import_file(
     from vdfmu.model.robot import joint_free
     from vdfmu.robots import import_robot
 
-    target = _target(out, f"{file.stem}.toml", overwrite)
+    target = target_file(out, f"{file.stem}.toml", overwrite)
     robot, text, notes = import_robot(file, base, tip, drives, out=target)
     write_whole(target, [text.encode()])
     say_notes(notes)
@@ -72,7 +72,7 @@ def reach(
     from vdfmu.analysis.reach import write_reach
     from vdfmu.model.toml_file import locate
 
-    target = _target(out, f"{locate(robot, 'robots').stem}_reach.toml", overwrite)
+    target = target_file(out, f"{locate(robot, 'robots').stem}_reach.toml", overwrite)
     found = write_reach(robot, target)
     table = Table("joint", "K_p", "K_v", "modulus margin", "gain margin", "phase margin deg", box=None)
     for i, (K_p, K_v) in enumerate(zip(found.gains.K_p, found.gains.K_v, strict=True)):
@@ -90,7 +90,7 @@ def reach(
     say(f"{target}: run it with 'vdfmu run {target}'; margins are with a sample of delay, all joints moving")
 
 
-def _target(out: Path | None, name: str, overwrite: bool) -> Path:
+def target_file(out: Path | None, name: str, overwrite: bool) -> Path:
     """Return the file to write; UsageError for one that is there, unless it may be replaced."""
     from vdfmu.errors import UsageError
 

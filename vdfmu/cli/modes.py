@@ -1,0 +1,117 @@
+"""``vdfmu modes``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from vdfmu.cli.robots import OverwriteOption, target_file
+from vdfmu.cli.terminal import console, load, say
+
+if TYPE_CHECKING:
+    from vdfmu.analysis.modes import Modes
+    from vdfmu.model import Robot
+
+
+def modes(
+    robot: Annotated[str, typer.Argument(help="Name of a shipped robot, or path of a robot file.")],
+    pose: Annotated[
+        str | None,
+        typer.Option(
+            metavar="'Q1 Q2 ...'",
+            help="Positions of the joints in rad or m; default 0, or the middle between end stops that exclude 0.",
+        ),
+    ] = None,
+    path: Annotated[
+        str | None,
+        typer.Option(
+            metavar="SCENARIO",
+            help="Over the desired motion of a scenario, in place of one pose, with a picture.",
+        ),
+    ] = None,
+    dry: Annotated[
+        bool, typer.Option("--dry", help="Keep Coulomb and Stribeck friction, with its slope at rest.")
+    ] = False,
+    out: Annotated[
+        Path | None,
+        typer.Option("--out", "-o", help="Picture of --path; default SCENARIO_modes.png, in this folder."),
+    ] = None,
+    overwrite: OverwriteOption = False,
+) -> None:
+    """Print natural frequencies, damping and shapes of the modes of an arm at rest, with motors free and held."""
+    from vdfmu.errors import UsageError
+
+    if path is not None:
+        if pose is not None:
+            raise UsageError("modes: expected --pose or --path, got both.")
+        _over_path(robot, path, dry, out, overwrite)
+        return
+    if out is not None:
+        raise UsageError("modes: --out is for the picture of --path SCENARIO, which is not given.")
+    from vdfmu.analysis.modes import MOTORS, natural_modes
+    from vdfmu.model import load_robot
+
+    arm = load_robot(robot)
+    q = _pose(arm, pose)
+    for motors in MOTORS:
+        _print(motors, q, natural_modes(arm, q, motors=motors, dry=dry))
+
+
+def _pose(robot: Robot, text: str | None) -> list[float]:
+    from vdfmu.errors import UsageError
+
+    if text is None:
+        stops = zip(robot.q_min, robot.q_max, strict=True) if robot.limits else [(0.0, 0.0)] * robot.n
+        return [0.0 if low <= 0.0 <= high else float(low + high) / 2.0 for low, high in stops]
+    try:
+        return [float(number) for number in text.replace(",", " ").split()]
+    except ValueError:
+        raise UsageError(f"--pose {text}: expected numbers, such as '0.3 -0.5'.") from None
+
+
+def _print(motors: str, q: list[float], found: Modes) -> None:
+    from rich.table import Table
+
+    where = " ".join(f"{number:g}" for number in q)
+    table = Table("Hz", "damping", "spring of joint", "", "displacement of joints 1, 2, ...", box=None)
+    table.title, table.title_justify = f"Motors {motors}, at {where}", "left"
+    for i, (frequency, damping) in enumerate(zip(found.frequency, found.damping, strict=True)):
+        joint = found.joint[i]
+        shapes = {"links": found.links[i]} | ({"rotors": found.rotors[i]} if motors == "free" else {})
+        table.add_row(
+            f"{frequency:.2f}",
+            f"{round(damping, 4) + 0.0:.4f}",  # no minus before what rounds to 0
+            f"{joint + 1} ({100.0 * found.share[i, joint]:.0f} %)",
+            "\n".join(shapes),
+            "\n".join(" ".join(f"{round(v, 2) + 0.0:5.2f}" for v in shape.real) for shape in shapes.values()),
+        )
+    console.print(table)
+    if len(found.rates):
+        say("Not oscillating, 1/s: " + " ".join(f"{round(rate, 3) + 0.0:.4g}" for rate in found.rates))
+    console.print()
+
+
+def _over_path(robot: str, path: str, dry: bool, out: Path | None, overwrite: bool) -> None:
+    from rich.table import Table
+
+    scenario = load(path, robot)
+    target = target_file(out, f"{scenario.name}_modes.png", overwrite)
+    from vdfmu.analysis.modes import MOTORS, modes_along, ranges
+    from vdfmu.report.modes import draw_modes
+    from vdfmu.report.style import save
+
+    times, along = modes_along(scenario, dry=dry)
+    n = scenario.robot.n
+    table = Table("mode", *(f"motors {motors}, Hz" for motors in MOTORS), box=None)
+    columns = [
+        [f"{pair[0]:.2f} to {pair[1]:.2f}" if pair else "does not oscillate" for pair in ranges(along[motors], n)]
+        for motors in MOTORS
+    ]  # fmt: skip
+    for i, cells in enumerate(zip(*columns, strict=True)):
+        table.add_row(str(i + 1), *cells)
+    console.print(table)
+    pairs = {motors: [(each.frequency, each.joint) for each in found] for motors, found in along.items()}
+    save(draw_modes(f"Natural frequencies: {scenario.robot.name}, {scenario.name}", times, pairs), target)
+    say(f"{target}: natural frequencies over the motion, at rest at {len(times)} poses")
