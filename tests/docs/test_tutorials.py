@@ -101,7 +101,12 @@ def run_page(path):
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "page",
-    [*PAGES, ROOT / "docs" / "systems.md", ROOT / "docs" / "reference" / "units.md"],
+    [
+        *PAGES,
+        ROOT / "docs" / "modes.md",
+        ROOT / "docs" / "systems.md",
+        ROOT / "docs" / "reference" / "units.md",
+    ],
     ids=lambda page: page.stem,
 )
 def test_tutorial_runs_and_shows_its_output(page, tmp_path, monkeypatch):

@@ -48,7 +48,7 @@ def linearize(unit: Evaluation, inputs: Sequence[str]) -> Linear:
 
 
 def slopes(unit: Evaluation, calls: Sequence[Call], results: Sequence[str], name: str) -> Floats:
-    """Derivatives of results of the call that the unit's choices take, one after the other, by one argument."""
+    """Differentiate results of the call that the unit's choices take, one after the other, by one argument."""
     (call,) = (
         call for call in calls if all(unit.argument(argument_name(choice))[0] == value for choice, value in call.when)
     )  # fmt: skip
@@ -56,7 +56,9 @@ def slopes(unit: Evaluation, calls: Sequence[Call], results: Sequence[str], name
     given = {group: unit.argument(group) for group in functions.casadi_function(call.function).name_in()}
     product = functions.function(f"{call.function}_forward", **given)
     direction = product.args.get(f"d_{name}")
-    columns = np.zeros((unit.argument(name).size, sum(product.results[f"d_{group}"].size for group in results)))
+    columns = np.zeros(
+        (unit.argument(name).size, sum(product.results[f"d_{group}"].size for group in results))
+    )
     if direction is not None:  # else they do not depend on it
         for i, column in enumerate(columns):
             direction[:] = 0.0

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
+from vdfmu.analysis.margins import Complex
 from vdfmu.analysis.space import linearize
 from vdfmu.arrays import Floats
 from vdfmu.errors import UsageError
@@ -42,8 +44,8 @@ class Modes:
 
     frequency: Floats
     damping: Floats
-    links: npt.NDArray[np.complex128]
-    rotors: npt.NDArray[np.complex128]
+    links: Complex
+    rotors: Complex
     share: Floats
     rates: Floats
 
@@ -88,12 +90,13 @@ def natural_modes(robot: Robot, q: npt.ArrayLike, *, motors: str = "free", dry: 
         states = states[:, : 2 * n]
         states[springs, links] = -stiffness
         A = (A @ states + B @ (brakes @ states))[: 2 * n]
+    s: Any
     s, vectors = np.linalg.eig(A)
     turning = np.abs(s.imag) > _STILL * np.abs(s).max()
     keep = np.flatnonzero(turning & (s.imag > 0.0))
     keep = keep[np.argsort(np.abs(s[keep]))]
     pole, x = s[keep], (states @ vectors[:, keep]).T
-    shapes = np.hstack([x[:, links], x[:, rotors] / pole[:, None]])
+    shapes: Any = np.hstack([x[:, links], x[:, rotors] / pole[:, None]])
     largest = np.abs(shapes).argmax(axis=1)[:, None]
     shapes = shapes / np.take_along_axis(shapes, largest, axis=1)
     energy = np.abs(x[:, springs]) ** 2 / stiffness
@@ -136,8 +139,7 @@ def modes_along(
 
 
 def ranges(along: Sequence[Modes], count: int) -> list[tuple[float, float] | None]:
-    """Lowest and highest frequency [Hz] of each of the `count` fastest modes, from slow to fast; None of one that
-    nowhere oscillates."""
+    """Lowest and highest frequency [Hz] of each of the `count` fastest modes, from slow to fast; None for none."""
     found: list[tuple[float, float] | None] = []
     for place in range(count, 0, -1):
         each = [modes.frequency[-place] for modes in along if len(modes.frequency) >= place]

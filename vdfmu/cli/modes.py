@@ -112,6 +112,8 @@ def _over_path(robot: str, path: str, dry: bool, out: Path | None, overwrite: bo
     for i, cells in enumerate(zip(*columns, strict=True)):
         table.add_row(str(i + 1), *cells)
     console.print(table)
-    pairs = {motors: [(each.frequency, each.joint) for each in found] for motors, found in along.items()}
+    pairs = {
+        motors: [(each.frequency[-n:], each.joint[-n:]) for each in found] for motors, found in along.items()
+    }
     save(draw_modes(f"Natural frequencies: {scenario.robot.name}, {scenario.name}", times, pairs), target)
     say(f"{target}: natural frequencies over the motion, at rest at {len(times)} poses")

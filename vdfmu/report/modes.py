@@ -31,13 +31,12 @@ def draw_modes(
         handle.set(marker="o", markersize=4.0, linestyle="none")
     figure = style.new_figure(
         title,
-        "At rest at each pose of the desired motion. Colour: the joint whose spring has most of the energy of the mode.",
+        "At rest at poses of the desired motion, the fastest modes. Colour: the joint whose spring has most energy.",
         height=2.2 * len(panels) + 1.0,
         legend=handles,
     )
     shown = [figure.add_subplot(len(panels), 1, place + 1) for place in range(len(panels))]
     for axes, (motors, along) in zip(shown, panels.items(), strict=True):
-        axes.set_yscale("log")
         for joint in joints:
             here = [(t, f) for t, (each, of) in zip(times, along, strict=True) for f in each[of == joint]]
             if here:
