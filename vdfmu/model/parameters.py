@@ -15,8 +15,6 @@ import numpy.typing as npt
 from vdfmu.measure import unit_of
 from vdfmu.model.read import LARGEST_NUMBER, POSITIVE
 
-__all__ = ["OPTIONAL", "PARAMETERS", "SPRING_KEYS", "Array", "Parameters", "Row", "read_only", "section"]
-
 Array = npt.NDArray[Any]
 Section = Literal["robot", "payload", "joint", "link", "drive", "friction", "limits"]
 Fold = Literal["never", "always", "zeros", "inertia", "lumped friction", "no kinematic error"]

@@ -12,8 +12,6 @@ from vdfmu.data import data_path
 from vdfmu.errors import ModelError, UsageError
 from vdfmu.model.read import nearest, printable
 
-__all__ = ["locate", "read_bytes", "read_toml", "toml_names"]
-
 _DEEPEST = 50
 """Levels of lists and tables in a file; a robot has 7."""
 _TOO_DEEP = "expected TOML, got lists or tables that are nested too deeply. Correct the brackets."

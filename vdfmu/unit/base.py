@@ -29,8 +29,6 @@ from vdfmu.unit.declaration import (
 if TYPE_CHECKING:
     from vdfmu.unit.run import LinearModel, Solution
 
-__all__ = ["Unit", "Watch", "snake_case", "unit_name"]
-
 
 class Watch(Protocol):
     """Sees what a method of a unit reads and sets, and decides what it reads; see :mod:`vdfmu.unit.trace`."""

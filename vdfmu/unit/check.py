@@ -25,8 +25,6 @@ from vdfmu.unit.declaration import (
 )
 from vdfmu.unit.place import place
 
-__all__ = ["check_unit"]
-
 _NAME = re.compile(r"[A-Za-z](_?[A-Za-z0-9])*_?")
 
 

@@ -26,11 +26,6 @@ from vdfmu.model import Robot
 if TYPE_CHECKING:
     from vdfmu.unit.base import Unit
 
-__all__ = [
-    "JOINTS", "PHASES", "Choice", "Declared", "Derivative", "Input", "Output", "Parameter", "RobotParameters",
-    "Sampled", "State", "Switch", "Terminal",
-]  # fmt: skip
-
 
 class _Joints:
     """The axis of a shape that has an element for each joint, or link."""

@@ -19,8 +19,6 @@ from vdfmu.unit.program import Call
 if TYPE_CHECKING:
     from vdfmu.unit.interface import Interface
 
-__all__ = ["patterns"]
-
 Pattern = npt.NDArray[np.bool_]
 """(N, N): row `i` marks the positions on which position `i` depends."""
 

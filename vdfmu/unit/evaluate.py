@@ -16,8 +16,6 @@ from vdfmu.unit.interface import Interface
 from vdfmu.unit.program import Call
 from vdfmu.unit.trace import argument_name, run
 
-__all__ = ["Evaluation", "Plain", "Traced", "evaluation"]
-
 Floats = npt.NDArray[np.float64]
 
 

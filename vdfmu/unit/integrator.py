@@ -15,8 +15,6 @@ from vdfmu.unit.evaluate import Evaluation
 from vdfmu.unit.motion import Solver
 from vdfmu.unit.trace import argument_name
 
-__all__ = ["Integrator"]
-
 MINIMUM_STEP = 1e-12
 """Smallest internal step [s]: 1e4 times rounding of a time of about 1 s."""
 MAXIMUM_STEPS = 1_000_000

@@ -28,8 +28,6 @@ from vdfmu.unit.program import Program, UnitFunctions
 from vdfmu.unit.trace import argument_name
 from vdfmu.unit.variable import Variable, derivative_variables, scalar_variables
 
-__all__ = ["Array", "Interface", "general_description"]
-
 _CAST = {"Real": float, "Integer": int, "Boolean": bool}
 _TIME = Variable(
     "time", (), "Real", "independent", "continuous", "s", None, None, None, "Time of the simulation"

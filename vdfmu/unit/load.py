@@ -15,8 +15,6 @@ from vdfmu.once import once
 from vdfmu.unit.base import Unit, unit_name
 from vdfmu.unit.place import declarations
 
-__all__ = ["load_units"]
-
 
 @once
 def load_units(file: Path) -> dict[str, type[Unit]]:

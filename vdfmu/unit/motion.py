@@ -10,8 +10,6 @@ import numpy.typing as npt
 
 from vdfmu.unit.evaluate import Evaluation
 
-__all__ = ["TOLERANCE", "Motion", "Solver", "samples"]
-
 Floats = npt.NDArray[np.float64]
 
 TOLERANCE = 1e-12

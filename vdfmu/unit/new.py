@@ -11,8 +11,6 @@ from vdfmu import unit
 from vdfmu.errors import StorageError, UsageError
 from vdfmu.unit.base import snake_case
 
-__all__ = ["new_unit"]
-
 _FORMS = re.compile(r"[A-Z][A-Za-z0-9]*|[a-z][a-z0-9]*(_[a-z0-9]+)*")
 
 _UNIT = '''"""A unit of one's own. To build its FMU: vdfmu build FILE.py"""

@@ -7,8 +7,6 @@ import inspect
 from collections.abc import Iterator
 from pathlib import Path
 
-__all__ = ["declarations", "place", "shown", "source_file"]
-
 
 def source_file(unit: type) -> Path | None:
     """Return the file of a unit; None for one that was typed in."""

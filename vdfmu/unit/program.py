@@ -32,8 +32,6 @@ from vdfmu.unit.place import shown, source_file
 from vdfmu.unit.trace import Leaf, SymbolicWatch, argument_name, leaves, run, state_slices
 from vdfmu.unit.variable import scalar_variables
 
-__all__ = ["SOURCES", "Call", "Program", "UnitFunctions"]
-
 SOURCES = (*KERNEL_SOURCES, "unit", "units")
 """Packages that decide what a traced function of a unit computes."""
 

@@ -17,8 +17,6 @@ from vdfmu.unit.interface import Interface
 from vdfmu.unit.motion import Motion
 from vdfmu.unit.trace import argument_name
 
-__all__ = ["LinearModel", "Solution", "linearize", "simulate"]
-
 Floats = npt.NDArray[np.float64]
 Signal = Callable[[float], npt.ArrayLike] | npt.ArrayLike
 

@@ -17,8 +17,6 @@ from vdfmu.unit.base import Unit
 from vdfmu.unit.declaration import Choice, Declared, Derivative, Output, Sampled, State, Switch
 from vdfmu.unit.place import place, shown, source_file
 
-__all__ = ["Leaf", "SymbolicWatch", "argument_name", "leaves"]
-
 Fixed = Mapping[str, int]
 """Choice or switch to its value."""
 

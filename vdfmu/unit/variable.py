@@ -20,8 +20,6 @@ from vdfmu.model.read import POSITIVE
 from vdfmu.unit.base import Unit
 from vdfmu.unit.declaration import JOINTS, Declared, Derivative, Input, Output, Sampled, State
 
-__all__ = ["NO_LIMIT", "Variable", "derivative_variables", "scalar_variables"]
-
 NO_LIMIT = 1e12
 """Start value of a limit that does not limit; FMI has no portable infinity."""
 

@@ -23,8 +23,6 @@ if sys.platform == "linux":
 
 import helics as h
 
-__all__ = ["Heard", "HelicsLink", "end_broker", "start_broker"]
-
 _QUIET = "--loglevel=no_print --tick=2s"
 """Of brokers and cores: no words, and how often they look after each other; one that is gone is missed after 8 s."""
 _CONNECT = "--timeout=30s"

@@ -30,8 +30,6 @@ from vdfmu.process import end_group
 from vdfmu.progress import counted
 from vdfmu.temporary import temporary_folder
 
-__all__ = ["Job", "compile_libraries", "compile_library", "compiler_version", "native_available"]
-
 _FLAGS = (
     "-std=c11", "-O3", "-ffp-contract=off", "-fno-math-errno", "-fvisibility=hidden",
     "-Wall", "-Wextra", "-I.", "-DDISABLE_PREFIX", "-g0",

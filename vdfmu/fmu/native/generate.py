@@ -22,8 +22,6 @@ from vdfmu.unit.program import Call
 from vdfmu.unit.trace import argument_name
 from vdfmu.unit.variable import Variable
 
-__all__ = ["generated_sources"]
-
 _ROLES = {
     "input": "INPUT",
     "output": "OUTPUT",

@@ -12,8 +12,6 @@ from vdfmu.kernel.c_code import c_prototype, c_texts, is_long
 from vdfmu.kernel.c_table import c_table
 from vdfmu.kernel.derivatives import DIRECTIONS
 
-__all__ = ["avx2_copies", "kernel_files", "kernel_source"]
-
 _WHOLE_DERIVATIVE = 5_000
 """Operations of a derivative that go into one C function; parts compile in half the time and run a quarter longer."""
 _DEFINED = re.compile(r"^void (\w+)\([^;{]*\)\n{", re.MULTILINE)

@@ -11,8 +11,6 @@ from vdfmu.fmu.native.compile import compile_library
 from vdfmu.fmu.native.platforms import PLATFORMS, this_platform
 from vdfmu.temporary import temporary_folder
 
-__all__ = ["SHOWN", "load_library", "loaded"]
-
 _Library = TypeVar("_Library", bound=CDLL)
 
 SHOWN = """#ifdef _WIN32

@@ -24,8 +24,6 @@ from vdfmu.fmu.native.platforms import binaries, chosen_platforms
 from vdfmu.fmu.native.reference_results import reference_files
 from vdfmu.fmu.terminals import icon_files
 
-__all__ = ["build_native_fmus", "fmi_headers", "unit_sources"]
-
 _CONTENT = f"extra/vdfmu/{CONTENT_FILE}"
 _MAJOR: dict[str, Literal[2, 3]] = {"2.0": 2, "3.0": 3}
 _THIRD_PARTY = """

@@ -10,8 +10,6 @@ from dataclasses import dataclass
 
 from vdfmu.errors import FmuError, UsageError
 
-__all__ = ["PLATFORMS", "Platform", "binaries", "chosen_platforms", "this_platform"]
-
 
 @dataclass(frozen=True)
 class Platform:

@@ -22,8 +22,6 @@ from vdfmu.unit.evaluate import Evaluation, Plain, evaluation
 from vdfmu.unit.interface import Interface
 from vdfmu.unit.motion import TOLERANCE, Motion
 
-__all__ = ["FOLDER", "reference_files", "reference_results"]
-
 FOLDER = "extra/org.fmi-standard.fmi-ls-ref"
 INTERVALS = 20
 """Intervals of the experiment: the inputs are constant in each, and the results have a row for its end."""

@@ -15,8 +15,6 @@ from vdfmu.fmu.native.kernels import kernel_source
 from vdfmu.fmu.native.loaded import SHOWN, loaded
 from vdfmu.kernel.c_code import c_prototype
 
-__all__ = ["compiled_rows"]
-
 Floats = npt.NDArray[np.float64]
 
 
