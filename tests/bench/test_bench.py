@@ -210,6 +210,7 @@ def test_growth(report: Report) -> None:
     }  # fmt: skip
 
 
+@pytest.mark.heavy
 def test_growth_of_the_fmus(report: Report, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(fmu_growth, "_JOINTS", (1, 2, 7))
     fmu_growth.run(report, quick=True)
@@ -267,6 +268,7 @@ def test_order(report: Report) -> None:
 
 
 @needs_compiler
+@pytest.mark.heavy
 def test_coupling(report: Report) -> None:
     before = ContinuousStepper.advance
     steps = {a: [1e-3, 5e-4, 2.5e-4] for a in order.ALGORITHMS} | {"iterative": [4e-3, 2e-3, 1e-3]}
@@ -356,6 +358,7 @@ def test_compiled_function_is_the_traced_one(tmp_path: Path, planar: Robot, func
 
 
 @needs_compiler
+@pytest.mark.heavy
 def test_native(report: Report) -> None:
     found = native.study(
         load_scenario("planar_tracking"), stop=0.2, stop_python=0.1, rounds=2, say=report.say
@@ -379,6 +382,7 @@ def test_native(report: Report) -> None:
 
 
 @needs_compiler
+@pytest.mark.heavy
 def test_importers(report: Report) -> None:
     others = [name for name in importers.PACKAGES if not importers.missing(name)]
     found = importers.study(load_scenario("planar_tracking"), others, stop=0.1, rounds=1, say=report.say)
@@ -461,7 +465,7 @@ def test_sweeps(report: Report) -> None:
     )
 
 
-@pytest.mark.slow
+@pytest.mark.heavy
 def test_federation(report: Report, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(federation, "BURNS", (0.0, 1e-4))
     monkeypatch.setattr(federation, "CORES", ("ipc",))

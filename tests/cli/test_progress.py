@@ -35,7 +35,7 @@ def test_each_traced_function_and_each_compiled_file_counts(tmp_path, monkeypatc
     assert len(reports) == count  # nothing is shown after the block
 
 
-@pytest.mark.slow
+@pytest.mark.heavy
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows has no pseudo-terminals of this kind")
 @pytest.mark.parametrize(
     "words", [("build", "--out", "fmus"), ("ssp",), ("container",), ("run", "--stop", "0.01")]

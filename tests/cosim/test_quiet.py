@@ -54,7 +54,7 @@ def test_a_component_that_fails_says_so_once(tmp_path, way):
 
 @pytest.mark.parametrize("number", ["1e300", "-1e300", "1e-300", "0"])
 @pytest.mark.parametrize("name", ["controller.K_p", "trajectory.q_end", "plant.f_v", "plant.q_0"])
-@pytest.mark.slow
+@pytest.mark.heavy
 def test_numbers_that_overflow_or_vanish_warn_of_nothing(tmp_path, name, number):
     text = (data_path("models") / "scenarios" / "planar_tracking.toml").read_text(encoding="utf-8")
     described = re.sub("(?m)^description = .*", 'description = "\u4e2d\u6587 $ _ ^ {"', text)

@@ -81,7 +81,7 @@ def controller(planar: Robot, tmp_path: Path):
 def test_a_flood_of_output_is_not_kept(unit, monkeypatch):
     kept = []
     contained = check_run._contained
-    monkeypatch.setattr(check_run, "_contained", lambda command: kept.append(contained(command)) or kept[-1])
+    monkeypatch.setattr(check_run, "_contained", lambda *a: kept.append(contained(*a)) or kept[-1])
     (problem,) = check_run.run_apart(unit(CODE["flood"])).problems
     assert problem.startswith("the process crashed (exit code 3) in a run of 10 steps: ")
     ((_, words),) = kept
@@ -120,8 +120,8 @@ def test_findings_that_a_unit_wrote_are_bounded(unit, monkeypatch):
     """The process is the unit's: it may write any findings."""
     monkeypatch.setattr(check_run, "_ANSWER_LIMIT", 10)
 
-    def answer(command):
-        Path(command[-2], "findings.json").write_text("[" * 1000)
+    def answer(*arguments):
+        Path(arguments[-2], "findings.json").write_text("[" * 1000)
         return 0, ""
 
     monkeypatch.setattr(check_run, "_contained", answer)

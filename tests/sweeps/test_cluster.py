@@ -161,6 +161,7 @@ def test_without_a_scheduler_it_ends_with_what_is_done(wild, tmp_path, dask, loc
     assert table(again) == local
 
 
+@pytest.mark.heavy
 def test_no_scheduler_is_said(wild, tmp_path):
     begin = time.monotonic()
     with pytest.raises(UsageError, match="no Dask scheduler answers at tcp://127.0.0.1:9"):

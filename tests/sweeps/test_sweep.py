@@ -89,6 +89,7 @@ def test_each_point_is_the_run_of_its_values(tmp_path):
         np.testing.assert_array_equal(row["time"], results.time)
 
 
+@pytest.mark.heavy
 def test_robots_motions_and_payloads_vary_together(tmp_path):
     text = (MODELS / "robots" / "planar_2dof.toml").read_text()
     text = text.replace("[[joints]]", "[payload]\nmass = 0.0\n\n[[joints]]", 1)
