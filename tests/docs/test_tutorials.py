@@ -196,8 +196,8 @@ def test_there_is_a_guide_for_each_tool():
     ]
 
 
-def test_there_are_six_tutorials():
-    names = ["dynamics", "fmpy", "native", "own-controller", "own_robot", "sweep"]
+def test_there_are_seven_tutorials():
+    names = ["dynamics", "fmpy", "native", "own-controller", "own_arm", "own_robot", "sweep"]
     assert [page.stem for page in PAGES] == names
 
 
