@@ -73,10 +73,6 @@ def natural_modes(robot: Robot, q: npt.ArrayLike, *, motors: str = "free", dry: 
     ------
     UsageError
         As of :func:`vdfmu.linearize`; for other `motors`.
-
-    Examples
-    --------
-    >>> modes = vdfmu.natural_modes(vdfmu.load_robot("planar_2dof"), [0.0, 0.0], motors="held")
     """
     if motors not in MOTORS:
         raise UsageError(f"motors: expected {' or '.join(MOTORS)}, got {motors!r}.")

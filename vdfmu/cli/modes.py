@@ -32,7 +32,8 @@ def modes(
         ),
     ] = None,
     dry: Annotated[
-        bool, typer.Option("--dry", help="Keep Coulomb and Stribeck friction, with its slope at rest.")
+        bool,
+        typer.Option("--dry-friction", help="Keep Coulomb and Stribeck friction, with its slope at rest."),
     ] = False,
     out: Annotated[
         Path | None,
@@ -75,7 +76,7 @@ def _print(motors: str, q: list[float], found: Modes) -> None:
     from rich.table import Table
 
     where = " ".join(f"{number:g}" for number in q)
-    table = Table("Hz", "damping", "spring of joint", "", "displacement of joints 1, 2, ...", box=None)
+    table = Table("Hz", "damping", "spring", "", "displacement of joints 1, 2, ...", box=None)
     table.title, table.title_justify = f"Motors {motors}, at {where}", "left"
     for i, (frequency, damping) in enumerate(zip(found.frequency, found.damping, strict=True)):
         joint = found.joint[i]
