@@ -17,7 +17,7 @@ _SECONDS = 10.0
 
 
 class Chunks:
-    """Hands out consecutive points that are not done, as many as take some seconds.
+    """Hands out consecutive points that are not done, as many as take some seconds, and fewer towards the end.
 
     Parameters
     ----------
@@ -46,13 +46,14 @@ class Chunks:
             self._points += 1
             self._seconds += seconds
 
-    def take(self) -> list[Task] | None:
-        """Return the next chunk; None if there is none."""
+    def take(self, parts: int) -> list[Task] | None:
+        """Return the next chunk, by itself at most one of `parts` of what is left; None if there is none."""
         with self._lock:
             size = self._size
             if size is None:
                 mean = self._seconds / self._points if self._points else np.inf
                 size = int(np.clip(_SECONDS / mean, 1, LARGEST)) if mean > 0.0 else LARGEST
+                size = min(size, -(-(len(self._open) - self._next) // parts))
                 size = -(-size // self._together) * self._together
             part = self._open[self._next : self._next + size]
             if not len(part):

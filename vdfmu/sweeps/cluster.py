@@ -127,7 +127,7 @@ def _rounds(
                 sent = client.scatter(job, broadcast=False, hash=False, direct=False)
             while sent is not None and len(out) < places:
                 again = waiting.pop() if waiting else None
-                chunk = chunks.take() if again is None else again[0]
+                chunk = chunks.take(places) if again is None else again[0]
                 if chunk is None:
                     break
                 tries = 1 if again is None else again[1] + 1

@@ -34,7 +34,7 @@ def run_here(
     def work(worker: Worker) -> None:
         rows: list[Row] = []
         try:
-            while (chunk := chunks.take()) is not None:
+            while (chunk := chunks.take(2 * workers)) is not None:
                 rows = []
                 for row in worker.run(chunk):
                     rows.append(row)
