@@ -107,7 +107,7 @@ def test_the_refusal_reaches_a_user_who_left_fmi_logging_off(
 
 
 WITHOUT = """
-import sys
+import ctypes, os, sys
 
 class Blocked:
     def find_spec(self, name, path=None, target=None):
@@ -121,6 +121,9 @@ for _ in range(3):
         fmpy.simulate_fmu(sys.argv[1], stop_time=0.01, debug_logging=True)
     except Exception as error:
         print("raised:", error)
+sys.stdout.flush()
+ctypes.CDLL(None).fflush(None)
+os._exit(0)  # of processes with libraries of pythonfmu that could not start, one in many dies at the end
 """
 
 

@@ -66,7 +66,7 @@ def natural_modes(robot: Robot, q: npt.ArrayLike, *, motors: str = "free", dry: 
     motors : str
         ``free``: the motors keep their torque, the rotors move. ``held``: brakes lock the rotors.
     dry : bool
-        Whether Coulomb and Stribeck friction stay, with the slope at rest of their regularisation: f_s / eps. It makes
+        Whether Coulomb and Stribeck friction stay, with the slope at rest of their regularisation (54). It makes
         most modes of rotors that are free creep.
 
     Raises

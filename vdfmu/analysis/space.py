@@ -13,6 +13,7 @@ import numpy.typing as npt
 from vdfmu.analysis.linear import linearize as linearize_unit
 from vdfmu.analysis.linear import slopes, without_dry_friction
 from vdfmu.arrays import Floats
+from vdfmu.equations.limits import motor_torque
 from vdfmu.errors import UsageError
 from vdfmu.model.robot import Robot, robot_argument
 from vdfmu.unit.evaluate import Evaluation, evaluation
@@ -91,7 +92,7 @@ def linearize(robot: Robot, at: npt.ArrayLike, *, dry: bool = False) -> StateSpa
     at : (n,) [rad or m]
         Positions of the joints.
     dry : bool
-        Whether Coulomb and Stribeck friction stay, with the slope at rest of their regularisation: f_s / eps. Viscous
+        Whether Coulomb and Stribeck friction stay, with the slope at rest of their regularisation (54). Viscous
         friction stays in any case.
 
     Raises
@@ -136,13 +137,14 @@ def _at_rest(robot: Robot, at: npt.ArrayLike) -> Evaluation:
     tau = plant.group("tau")
     tau[:] = plant.group("tau_s") / robot.ell
     if robot.limits:
+        given = motor_torque(robot, tau, np.zeros(robot.n))
         problems = [
             f"joint {i + 1} at {q[i]:g}: expected {robot.q_min[i]:g} to {robot.q_max[i]:g}, between its end stops."
             for i in np.flatnonzero((q < robot.q_min) | (q > robot.q_max))
         ] + [
-            f"joint {i + 1}: expected a motor torque of at most {robot.tau_stall[i]:.4g} N.m, it takes "
+            f"joint {i + 1}: expected a motor torque of at most {abs(given[i]):.4g} N.m, it takes "
             f"{abs(tau[i]):.4g} N.m to hold the arm."
-            for i in np.flatnonzero(np.abs(tau) > robot.tau_stall)
+            for i in np.flatnonzero(np.abs(tau) > np.abs(given))
         ]
         if problems:
             raise UsageError("\n".join(f"{robot.name}: {problem}" for problem in problems))

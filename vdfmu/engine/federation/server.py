@@ -182,4 +182,4 @@ def _from_json(value: Any) -> Value:
 
 if __name__ == "__main__":
     serve(FederateServer, *sys.argv[1:])
-    os._exit(0)  # without the end of HELICS' libraries, in which some processes die
+    os._exit(0)  # without the end of the libraries that are loaded, in which some processes die
