@@ -49,9 +49,7 @@ def linearize(unit: Evaluation, inputs: Sequence[str]) -> Linear:
 
 def slopes(unit: Evaluation, calls: Sequence[Call], results: Sequence[str], name: str) -> Floats:
     """Differentiate results of the call that the unit's choices take, one after the other, by one argument."""
-    (call,) = (
-        call for call in calls if all(unit.argument(argument_name(choice))[0] == value for choice, value in call.when)
-    )  # fmt: skip
+    (call,) = filter(unit.takes, calls)
     functions = unit.interface.functions
     given = {group: unit.argument(group) for group in functions.casadi_function(call.function).name_in()}
     product = functions.function(f"{call.function}_forward", **given)

@@ -121,7 +121,7 @@ class _LaneCode(Code):
         """Text of a step of the solver of a unit."""
         unit, begin = self.system.units[name], self.system.begin(name)
         assert isinstance(unit, Traced)
-        (call,) = (c for c in unit.interface.program.step if self.runs(unit, c))
+        (call,) = (c for c in unit.interface.program.step if unit.takes(c))
         function = self.take(unit.interface.functions.casadi_function(call.function))
         own = {"h": "h", "tolerance": f"m + {begin + unit.interface.reference['tolerance']}"}
         places = [

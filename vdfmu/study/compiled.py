@@ -16,7 +16,6 @@ from vdfmu.kernel.c_code import c_prototype
 from vdfmu.study.wired import Action, Carry, Clock, Run, System
 from vdfmu.unit.evaluate import Traced
 from vdfmu.unit.program import Call
-from vdfmu.unit.trace import argument_name
 
 
 def runs(
@@ -89,12 +88,8 @@ class Code:
             if not isinstance(unit, Traced):
                 raise KernelError(f"{action.unit} has no traced functions.")
             for call in getattr(unit.interface.program, action.method):
-                if self.runs(unit, call):
+                if unit.takes(call):  # choices are fixed: what they leave out is not compiled
                     yield from self.call(action.unit, unit, call)
-
-    def runs(self, unit: Traced, call: Call) -> bool:
-        """Whether a call runs: choices are fixed, and what they leave out is not compiled."""
-        return all(unit.argument(argument_name(choice))[0] == value for choice, value in call.when)
 
     def call(self, name: str, unit: Traced, call: Call) -> Iterator[str]:
         """Yield the lines of a call; what it sets of what it reads is copied when all is calculated."""

@@ -62,6 +62,10 @@ class Evaluation:
         self.derivatives()
         return self.x_dot.copy()
 
+    def takes(self, call: Call) -> bool:
+        """Whether the values of the unit's choices are those for which a call is."""
+        return all(self.argument(argument_name(choice))[0] == value for choice, value in call.when)
+
 
 class Traced(Evaluation):
     """The traced functions, bound to the memory: a call copies nothing."""

@@ -169,7 +169,7 @@ def _jacobian(run: Evaluation, names: Sequence[str]) -> Floats:
     interface, program = run.interface, run.interface.program
     J = np.zeros((interface.size, interface.size))
     for call in (*program.derivatives, *program.outputs):
-        if any(run.argument(argument_name(choice))[0] != value for choice, value in call.when):
+        if not run.takes(call):
             continue
         function = interface.functions.casadi_function(call.function)
         symbols = {name: ca.SX.sym(name, function.numel_in(name)) for name in function.name_in()}
