@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from vdfmu.analysis.margins import Complex
-from vdfmu.analysis.space import linearize
+from vdfmu.analysis.space import StateSpace, linearize
 from vdfmu.arrays import Floats
 from vdfmu.errors import UsageError
 from vdfmu.model import Robot
@@ -76,8 +76,12 @@ def natural_modes(robot: Robot, q: npt.ArrayLike, *, motors: str = "free", dry: 
     """
     if motors not in MOTORS:
         raise UsageError(f"motors: expected {' or '.join(MOTORS)}, got {motors!r}.")
-    system = linearize(robot, q, dry=dry)
-    n, A, B = robot.n, system.A, system.B[:, : robot.n]
+    return _modes(linearize(robot, q, dry=dry), motors)
+
+
+def _modes(system: StateSpace, motors: str) -> Modes:
+    n = len(system.A) // 4
+    A, B = system.A, system.B[:, :n]
     links, speeds, rotors, springs = np.split(np.arange(4 * n), 4)
     stiffness = -np.diag(A[np.ix_(springs, speeds)])  # tau_s_dot = K (kappa_dot (1 - theta_err') - q_dot)
     states = np.eye(4 * n)  # from those of the motion
@@ -129,9 +133,8 @@ def modes_along(
     for t in times:
         run(t)
         poses.append(trajectory.group("q_d").copy())
-    return times, {
-        motors: [natural_modes(scenario.robot, q, motors=motors, dry=dry) for q in poses] for motors in MOTORS
-    }
+    systems = [linearize(scenario.robot, q, dry=dry) for q in poses]
+    return times, {motors: [_modes(system, motors) for system in systems] for motors in MOTORS}
 
 
 def ranges(along: Sequence[Modes], count: int) -> list[tuple[float, float] | None]:
