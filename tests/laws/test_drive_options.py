@@ -247,7 +247,7 @@ def test_traced_plant_with_all_options_has_their_laws_and_slopes(draw, with_opti
 
 
 def test_the_feedforward_knows_backlash_load_loss_and_the_cold_oil_exactly(with_options):
-    """These have no state, or the one that it starts with: torques of the plant along the motion are the feedforward's."""
+    """They have no state, or the one that it starts with: along the motion the plant takes its torques."""
     robot = with_options("load_loss", "backlash", "thermal")
     desired = desired_motion(0.7, np.array([0.4, -0.3]), np.array([1.0, 0.5]), 2.0, 0.0)
     found = feedforward_inverse(robot, desired)
