@@ -76,7 +76,14 @@ def assert_same_runs(rows, others):
                 np.testing.assert_allclose(row[name], values, rtol=0.0, atol=atol, err_msg=name)
 
 
-@pytest.mark.parametrize("scenario", ["tracking", "slider", pytest.param("options", marks=pytest.mark.heavy)])
+_ROBOTS = [
+    pytest.param("tracking", marks=pytest.mark.heavy),
+    "slider",
+    pytest.param("options", marks=pytest.mark.heavy),
+]
+
+
+@pytest.mark.parametrize("scenario", _ROBOTS)
 def test_all_that_can_vary_gives_the_runs_of_the_fmus(bench, with_options, scenario):
     if scenario == "options":
         scenario = dataclasses.replace(load_scenario("planar_tracking", with_options()), stop=0.1)

@@ -39,14 +39,14 @@ def check_run(robot, folder):
     exact = reference("sampled", SystemDescription(scenario, values), step=1e-3, stop=STOP)
     more = [f"plant.{state}" for option, state in MORE.items() if getattr(robot, option)]
     for name in ("plant.q", "plant.tau_s", *more):
-        size = np.abs(exact.array(name)).max()
+        size = np.abs(exact[name]).max()
         assert size > 0.0
         # the bound of the shipped systems, of positions in rad; other states by the arm's stiffness, 1e4 N m/rad, at
         # most, and of bristles, which stick and slip, with their own
         atol = 1e-7 if name == "plant.q" else 1e-3
-        np.testing.assert_allclose(native.array(name), exact.array(name), rtol=1e-6, atol=atol)
+        np.testing.assert_allclose(native[name], exact[name], rtol=1e-6, atol=atol)
         # the same operations in the same order, but for the rounding of functions of the library
-        np.testing.assert_allclose(native.array(name), python.array(name), rtol=1e-9, atol=1e-9)
+        np.testing.assert_allclose(native[name], python[name], rtol=1e-9, atol=1e-9)
     return native
 
 
@@ -54,7 +54,7 @@ def check_run(robot, folder):
 @pytest.mark.parametrize("option", OPTIONS)
 def test_a_drive_with_an_option_runs_as_its_reference(with_options, bare, tmp_path, option):
     with_it = check_run(with_options(option), tmp_path)
-    assert np.abs(with_it.array("plant.q") - bare.array("plant.q")).max() > 1e-8  # it acts
+    assert np.abs(with_it["plant.q"] - bare["plant.q"]).max() > 1e-8  # it acts
 
 
 @pytest.fixture(scope="module")
@@ -80,7 +80,7 @@ def plant(every, tmp_path_factory):
 def test_a_drive_with_all_options_runs_as_its_reference(every, tmp_path):
     native = check_run(every, tmp_path)
     for state in MORE.values():
-        assert np.ptp(native.array(f"plant.{state}"), axis=0).min() > 0.0
+        assert np.ptp(native[f"plant.{state}"], axis=0).min() > 0.0
 
 
 def test_the_plant_with_all_options_is_the_same_in_model_exchange(plant):
