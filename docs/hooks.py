@@ -257,8 +257,8 @@ the `type` of each joint (`"revolute"` or `"prismatic"`) and, under `[sources]`,
 `"joints.link.mass" = ".."` for all joints, `"joints[2].link.mass"` for one. `[payload]` can be missing,
 tables of [options](drives.md#options) such as `[joints.limits]` too, but then of all joints. `gear` and `motor` of a
 joint [name what the catalogue has](drives.md#the-catalogue). Tables `[[visuals]]` say what links look like; nothing
-calculates with them: `joint` (0 for what stands still), `shape` (mesh, box, ellipsoid, cylinder, capsule, sphere), `file` of a mesh,
-`size` (scale of a mesh; sides; half-axes; radius and length along z; radius), `rotation` and `offset` in the link
+calculates with them: `joint` (0 for what stands still), `shape` (mesh, box, ellipsoid, cylinder, capsule, sphere),
+`file` of a mesh, `size` (scale of a mesh; sides; half-axes; radius and length along z; radius), `rotation` and `offset` in the link
 frame, `color` (red, green, blue, opacity). [Robots from URDF and MJCF](importing.md) writes such a file from another.
 
 SI units, angles in rad; a unit in brackets is that of a prismatic joint. Symbols are on the page
