@@ -10,6 +10,7 @@ from typing import Any
 from xml.etree.ElementTree import Element
 
 from mkdocs.structure.files import File
+from reference_pages import command_line_page, scenario_file_page
 
 from vdfmu.fmu.description import model_description
 from vdfmu.fmu.description3 import model_description_3
@@ -57,9 +58,11 @@ def on_page_content(html: str, **_: Any) -> str:
 
 
 def on_files(files: Any, config: Any) -> Any:
-    """Add ``interface.md``, made from the units, and ``robot_file.md``, from that of a robot's parameters."""
+    """Add the pages that are made from the code."""
     files.append(File.generated(config, "interface.md", content=interface_page()))
     files.append(File.generated(config, "robot_file.md", content=robot_file_page()))
+    files.append(File.generated(config, "command_line.md", content=command_line_page()))
+    files.append(File.generated(config, "scenario_file.md", content=scenario_file_page()))
     return files
 
 
@@ -258,8 +261,8 @@ the `type` of each joint (`"revolute"` or `"prismatic"`) and, under `[sources]`,
 tables of [options](drives.md#options) such as `[joints.limits]` too, but then of all joints. `gear` and `motor` of a
 joint [name what the catalogue has](drives.md#the-catalogue). Tables `[[visuals]]` say what links look like; nothing
 calculates with them: `joint` (0 for what stands still), `shape` (mesh, box, ellipsoid, cylinder, capsule, sphere),
-`file` of a mesh, `size` (scale of a mesh; sides; half-axes; radius and length along z; radius), `rotation` and `offset` in the link
-frame, `color` (red, green, blue, opacity). [Robots from URDF and MJCF](importing.md) writes such a file from another.
+`file` of a mesh, `size` (scale of a mesh; sides; half-axes; radius and length along z; radius), `rotation` and
+`offset` in the link frame, `color` (red, green, blue, opacity). [Robots from URDF and MJCF](importing.md) writes such a file from another.
 
 SI units, angles in rad; a unit in brackets is that of a prismatic joint. Symbols are on the page
 [Notation](notation.md). An inertia can also be one number, of a body with the same moment about all axes, or three
