@@ -262,7 +262,8 @@ tables of [options](drives.md#options) such as `[joints.limits]` too, but then o
 joint [name what the catalogue has](drives.md#the-catalogue). Tables `[[visuals]]` say what links look like; nothing
 calculates with them: `joint` (0 for what stands still), `shape` (mesh, box, ellipsoid, cylinder, capsule, sphere),
 `file` of a mesh, `size` (scale of a mesh; sides; half-axes; radius and length along z; radius), `rotation` and
-`offset` in the link frame, `color` (red, green, blue, opacity). [Robots from URDF and MJCF](importing.md) writes such a file from another.
+`offset` in the link frame, `color` (red, green, blue, opacity). [Robots from URDF and MJCF](importing.md) writes such
+a file from another.
 
 SI units, angles in rad; a unit in brackets is that of a prismatic joint. Symbols are on the page
 [Notation](notation.md). An inertia can also be one number, of a body with the same moment about all axes, or three
