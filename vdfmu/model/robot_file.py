@@ -24,7 +24,7 @@ def _keys(name: Section) -> list[str]:
 ROBOT_KEYS = (
     "name", "description", "friction", "rotor_coupling", *_keys("robot"), "payload", "joints", "sources", "visuals",
 )  # fmt: skip
-JOINT_KEYS = ("type", *NAMED, *_keys("joint"), "link", "drive", "friction", *JOINT_OPTIONS)
+JOINT_KEYS = ("type", *_keys("joint"), "link", "drive", "friction", *JOINT_OPTIONS, *NAMED)
 SOURCE_KEYS = tuple(row.path for row in PARAMETERS.values())
 
 
