@@ -1,0 +1,42 @@
+"""Build the documentation into ``site``: write the pages that are made from the code, then all as HTML."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+from interface_pages import interface_page, robot_file_page
+from reference_pages import command_line_page, scenario_file_page
+
+from vdfmu.files import write_whole
+
+DOCS = Path(__file__).resolve().parent
+PAGES = {
+    "interface.md": interface_page,
+    "robot_file.md": robot_file_page,
+    "command_line.md": command_line_page,
+    "scenario_file.md": scenario_file_page,
+}
+"""Page to what makes it; none of them is kept with the sources."""
+
+
+def main() -> int:
+    """Write the pages and build; return the exit code."""
+    for name, page in PAGES.items():
+        write_whole(DOCS / name, [page().encode()])
+    paths = [str(DOCS), str(DOCS.parent), os.environ.get("PYTHONPATH", "")]
+    done = subprocess.run(
+        [sys.executable, "-m", "zensical", "build", "--clean", "--strict"],
+        cwd=DOCS.parent,
+        env=os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, paths))},
+        check=False,
+    )
+    for program in (DOCS.parent / "site").glob("*.py"):  # it copies all that it does not know
+        program.unlink()
+    return done.returncode
+
+
+if __name__ == "__main__":
+    sys.exit(main())
