@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -21,6 +22,8 @@ PAGES = {
 }
 """Page to what makes it; none of them is kept with the sources."""
 
+_SHIM = re.compile(r'src="https://[^"]*iframe-worker[^"]*"')
+
 
 def main() -> int:
     """Write the pages and build; return the exit code."""
@@ -33,8 +36,13 @@ def main() -> int:
         env=os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, paths))},
         check=False,
     )
-    for program in (DOCS.parent / "site").glob("*.py"):  # it copies all that it does not know
+    site = DOCS.parent / "site"
+    for program in site.glob("*.py"):  # it copies all that it does not know
         program.unlink()
+    for page in site.rglob("*.html"):  # what search needs from disk comes with the pages, not from a network
+        root = "../" * (len(page.relative_to(site).parts) - 1)
+        text = _SHIM.sub(f'src="{root}js/iframe-worker.js"', page.read_text(encoding="utf-8"))
+        page.write_text(text, encoding="utf-8")
     return done.returncode
 
 

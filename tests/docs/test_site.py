@@ -31,6 +31,14 @@ def api(tmp_path_factory):
         stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, check=False,
     )  # fmt: skip
     assert done.returncode == 0, done.stdout
+    pages = sorted((folder / "site").rglob("*.html"))
+    assert len(pages) > 30
+    for page in pages:  # nothing comes from a network, and the search has its worker beside it
+        text = page.read_text(encoding="utf-8")
+        loaded = re.findall(r'(?:src|<link[^>]* href)="([^"]+)"', text)
+        assert [url for url in loaded if re.match(r"\w+://|//", url)] == [], page
+        (shim,) = (url for url in loaded if url.endswith("js/iframe-worker.js"))
+        assert (page.parent / shim).exists()
     return (folder / "site" / "api.html").read_text(encoding="utf-8")
 
 
