@@ -9,6 +9,7 @@ import sys
 from pathlib import Path
 
 from interface_pages import interface_page, robot_file_page
+from notebook_pages import NOTEBOOKS, page
 from reference_pages import command_line_page, scenario_file_page
 
 from vdfmu.files import write_whole
@@ -27,8 +28,12 @@ _SHIM = re.compile(r'src="https://[^"]*iframe-worker[^"]*"')
 
 def main() -> int:
     """Write the pages and build; return the exit code."""
-    for name, page in PAGES.items():
-        write_whole(DOCS / name, [page().encode()])
+    for name, made in PAGES.items():
+        write_whole(DOCS / name, [made().encode()])
+    for name in NOTEBOOKS:
+        text, pictures = page(name)
+        for file, content in {f"{name}.md": text.encode(), **pictures}.items():
+            write_whole(DOCS / "notebooks" / file, [content])
     paths = [str(DOCS), str(DOCS.parent), os.environ.get("PYTHONPATH", "")]
     done = subprocess.run(
         [sys.executable, "-m", "zensical", "build", "--clean", "--strict"],
@@ -37,12 +42,12 @@ def main() -> int:
         check=False,
     )
     site = DOCS.parent / "site"
-    for program in site.glob("*.py"):  # it copies all that it does not know
+    for program in (*site.glob("*.py"), *site.rglob("*.ipynb")):  # it copies all that it does not know
         program.unlink()
-    for page in site.rglob("*.html"):  # what search needs from disk comes with the pages, not from a network
-        root = "../" * (len(page.relative_to(site).parts) - 1)
-        text = _SHIM.sub(f'src="{root}js/iframe-worker.js"', page.read_text(encoding="utf-8"))
-        page.write_text(text, encoding="utf-8")
+    for built in site.rglob("*.html"):  # what search needs from disk comes with the pages, not from a network
+        root = "../" * (len(built.relative_to(site).parts) - 1)
+        text = _SHIM.sub(f'src="{root}js/iframe-worker.js"', built.read_text(encoding="utf-8"))
+        built.write_text(text, encoding="utf-8")
     return done.returncode
 
 
