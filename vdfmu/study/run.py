@@ -5,8 +5,10 @@ from __future__ import annotations
 import dataclasses
 import math
 import os
+import platform
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial as bound
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +25,8 @@ from vdfmu.fmu.build import build_notes, choose_backend
 from vdfmu.model import Robot, load_robot
 from vdfmu.once import one_job
 from vdfmu.progress import Progress, showing
+from vdfmu.report.content import arm_of
+from vdfmu.report.page import NAME, Run, write_report
 from vdfmu.scenario import Scenario, load_scenario
 from vdfmu.scenario.check import model_notes
 from vdfmu.scenario.parts import cached_fmus
@@ -50,6 +54,7 @@ RUN_OUTPUTS = (
     *(f"figure_{number}.png" for number in (7, 8, 10, 11, 13, 14)),
     "torques.png",
     "errors.png",
+    "report.html",
 )
 """Files that the run of a scenario writes and replaces."""
 _VISIBLE = 1e-3
@@ -229,6 +234,7 @@ def run(
             "settings": text_settings,
             "warnings": warnings,
             "left_out": list(scenario.system.dropped),
+            "arm": arm_of(scenario.robot, values.get("plant", {})),
         }
         try:
             results = _simulate(
@@ -257,7 +263,7 @@ def run(
             from vdfmu.report.signals import signals_figure
 
             signals_figure(results.thinned(DRAWN), partial)
-        write_summary(summary, partial)
+        _write(results, scenario, partial)
         return results
 
 
@@ -277,8 +283,14 @@ def _run_contrast(scenario: Scenario, folder: Path, formats: Sequence[str]) -> R
     for form in formats:
         results.write(folder / f"results.{form}")
     run_figures(study, scenario, folder)
-    write_summary(results.summary, folder)
+    _write(results, scenario, folder)
     return results
+
+
+def _write(results: Results, scenario: Scenario, folder: Path) -> None:
+    """Write the page and the summary of a complete run."""
+    write_report([Run(scenario.name, results, results.summary, folder / "system.ssp")], folder / NAME)
+    write_summary(results.summary, folder)
 
 
 def _references(
@@ -352,10 +364,19 @@ def _head(scenario: Scenario) -> dict[str, Any]:
         "friction": scenario.robot.friction,
         "joints": scenario.robot.n,
         "vdfmu": __version__,
+        "versions": _versions(),
         "master": scenario.master,
         "adaptive": scenario.adaptive,
         "step": scenario.step,
         "stop": scenario.stop,
         "tolerance": scenario.tolerance,
         "inputs": [table.where for table in scenario.inputs],
+        "plant_factors": {key: np.asarray(f).tolist() for key, f in scenario.plant_factors.items()},
+    }
+
+
+def _versions() -> dict[str, str]:
+    """Versions of what the numbers of a run depend on, beside the package's."""
+    return {"Python": platform.python_version()} | {
+        name: version(name) for name in ("numpy", "scipy", "casadi", "fmpy")
     }

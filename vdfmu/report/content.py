@@ -1,0 +1,217 @@
+"""What the page of a run draws: the arm, figures and recorded signals, thinned and packed for a browser.
+
+A figure or a group of signals has rows of its own: every k-th of the run, and those of the smallest and largest values
+between them, so that no peak is lost. Numbers are single precision, calculated in double; they are those of these
+rows, never between them.
+"""
+
+from __future__ import annotations
+
+import base64
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vdfmu.arrays import Floats
+from vdfmu.engine.cosim.results import Results
+from vdfmu.model import Robot
+from vdfmu.report.joints import UNITS
+from vdfmu.thinning import extremes
+
+FRAMES = 1000
+"""Intervals at most between the rows at equal distances, at which the arm is drawn."""
+EXTREMES = 1000
+"""Stretches of whose values the smallest and the largest are kept, shared among the curves of a figure."""
+_SMALL = {"revolute": ("mrad", 1e3), "prismatic": ("mm", 1e3)}
+_INDEX = re.compile(r"(.+?)(\[[\d,]+\])")
+
+
+class Curve(NamedTuple):
+    """A curve of a figure."""
+
+    label: str
+    joint: int
+    """From 1; 0 for none."""
+    values: Floats
+    """(m,)."""
+    dashed: bool = False
+
+
+class Figure(NamedTuple):
+    """Curves of one unit of measurement over time."""
+
+    key: str
+    title: str
+    unit: str
+    curves: list[Curve]
+
+
+def arm_of(robot: Robot, values: Mapping[str, Any]) -> dict[str, Any]:
+    """Return what draws a robot: geometry, ratios, and the shapes of its file but for meshes.
+
+    Parameters
+    ----------
+    robot : Robot
+    values : mapping of str to value
+        Of the plant, such as ``offset[2,3]``, in place of the robot's.
+    """
+
+    def array(name: str) -> Any:
+        numbers: Floats = np.array(getattr(robot, name), dtype=float)
+        for place in np.ndindex(numbers.shape):
+            index = ",".join(str(i + 1) for i in place)
+            numbers[place] = values.get(f"{name}[{index}]", numbers[place])
+        return numbers.tolist()
+
+    return {
+        "types": list(robot.joint_types),
+        **{name: array(name) for name in ("rotation", "offset", "tool_offset", "gravity", "ell")},
+        "shapes": []
+        if any(v.shape == "mesh" for v in robot.visuals)
+        else [v.to_dict() for v in robot.visuals],
+    }
+
+
+def content_of(results: Results, summary: Mapping[str, Any]) -> dict[str, Any]:
+    """Return what the page of a run draws, ready for JSON.
+
+    Returns
+    -------
+    dict
+        ``arm``: of :func:`arm_of`, None without one. ``frames``: time and, for the arm, joint positions, tracking
+        errors, control torques and torsion at every k-th row. ``figures`` and ``signals``: lists of figures, with
+        rows, time and values as base64 of little-endian numbers, curve by curve.
+    """
+    signals = _Signals(results)
+    arm: Mapping[str, Any] | None = summary.get("arm")
+    q = signals.array("plant.q")
+    shown = None if q is None or arm is None or len(arm["types"]) != q.shape[1] else arm
+    frames = _even(len(results))
+    found: dict[str, Any] = {"time": _packed(results.time[frames], "<f8")}
+    if shown is not None and q is not None:
+        motion = {"q": q, **_motion(signals, q, np.array(shown["ell"]))}
+        found |= {name: _packed(values[frames].T, "<f4") for name, values in motion.items()}
+    figures = [] if shown is None else list(_figures(signals, shown))
+    if summary.get("kind") == "contrast":
+        figures = list(_contrast_figures(signals, summary))
+    return {
+        "arm": shown,
+        "frames": found,
+        "figures": [_thin(figure, results.time) for figure in figures],
+        "signals": [_thin(group, results.time) for group in _groups(results)],
+        "copies": {signal.name: signal.of for signal in results.signals if signal.of},
+    }
+
+
+class _Signals:
+    """Arrays of a run; None for those that were not recorded."""
+
+    def __init__(self, results: Results) -> None:
+        self._results = results
+
+    def array(self, name: str) -> Floats | None:
+        return self._results.array(name).astype(float) if f"{name}[1]" in self._results else None
+
+
+def _motion(signals: _Signals, q: Floats, ell: Floats) -> dict[str, Floats]:
+    """Return tracking errors [rad or m], control torques, link-side [N m or N], and torsion [rad or m]."""
+    q_d, tau, kappa = (signals.array(name) for name in ("trajectory.q_d", "controller.tau", "plant.kappa"))
+    return {
+        **({} if q_d is None else {"error": q_d - q}),
+        **({} if tau is None else {"torque": ell * tau}),
+        **({} if kappa is None else {"torsion": kappa - q}),
+    }
+
+
+def _figures(signals: _Signals, arm: Mapping[str, Any]) -> Iterator[Figure]:
+    """Yield positions, torques, their errors and torsion; joints of other units in figures of their own."""
+    ell = np.array(arm["ell"])
+    q, q_d, tau_m = (signals.array(name) for name in ("plant.q", "trajectory.q_d", "controller.tau_m"))
+    motion = _motion(signals, np.zeros(0) if q is None else q, ell)
+    tau, ff = motion.get("torque"), None if tau_m is None else ell * tau_m
+    for kind, unit in UNITS.items():
+        joints = [i for i, of in enumerate(arm["types"]) if of == kind]
+        suffix = f", {kind}" if len(set(arm["types"])) > 1 else ""
+        small, factor = _SMALL[kind]
+        for key, title, measure, scale, pair in (
+            ("position", "Joint positions", unit.position, unit.factor, {"q": q, "q_d": q_d}),
+            ("tracking", "Position tracking errors", unit.position, unit.factor, {"q_d − q": motion.get("error")}),
+            ("torque", f"Control and feedforward {unit.noun}s, link side", unit.torque, 1.0, {"ℓτ": tau, "ℓτ_m": ff}),
+            ("compensation", f"{unit.noun.capitalize()} compensation errors, link side", unit.torque, 1.0,
+             {"ℓ(τ − τ_m)": None if tau is None or ff is None else tau - ff}),
+            ("torsion", "Torsion of the drives", small, factor, {"κ − q": motion.get("torsion")}),
+        ):  # fmt: skip
+            curves = [
+                Curve(f"joint {i + 1}, {name}" if len(pair) > 1 else f"joint {i + 1}", i + 1, scale * values[:, i], k > 0)
+                for k, (name, values) in enumerate(pair.items())
+                if values is not None
+                for i in joints
+            ]  # fmt: skip
+            if curves:
+                about = "" if len(pair) > 1 else f": {next(iter(pair))}"
+                yield Figure(f"{key}.{kind}", f"{title}{about}{suffix}", measure, curves)
+
+
+def _contrast_figures(signals: _Signals, summary: Mapping[str, Any]) -> Iterator[Figure]:
+    """Yield torques by virtual decomposition and Newton-Euler, and their differences."""
+    vd, ne, low = (signals.array(f"{name}.tau") for name in ("vd", "newton_euler", "newton_euler_low_g"))
+    units: Sequence[str] = summary.get("torque_units") or ["N.m"] * int(summary["joints"])
+    g, low_g = summary["gravities_m_s2"]
+    if vd is None or ne is None or low is None:
+        return
+    for unit in dict.fromkeys(units):
+        joints = [i for i, of in enumerate(units) if of == unit]
+
+        def curves(
+            values: Floats, name: str = "", of: Sequence[int] = joints, dashed: bool = False
+        ) -> list[Curve]:
+            return [Curve(f"joint {i + 1}{name}", i + 1, values[:, i], dashed) for i in of]
+
+        both = curves(vd, ", VD") + curves(ne, ", Newton-Euler", dashed=True)
+        yield Figure(f"torque.{unit}", "Torques by virtual decomposition and Newton-Euler", unit, both)
+        yield Figure(f"rounding.{unit}", "VD minus Newton-Euler", unit, curves(vd - ne))
+        yield Figure(f"gravity.{unit}", f"g = {g:#.4g} minus g = {low_g:#.4g}", unit, curves(vd - low))
+
+
+def _groups(results: Results) -> Iterator[Figure]:
+    """Yield the recorded variables, an array as the curves of one figure; no signal that copies another."""
+    groups: dict[tuple[str, str], list[tuple[str, str]]] = {}
+    for signal in results.signals:
+        if not signal.of:
+            match = _INDEX.fullmatch(signal.name)
+            title, index = match.groups() if match else (signal.name, "")
+            groups.setdefault((title, signal.unit), []).append((index, signal.name))
+    for (title, unit), members in groups.items():
+        curves = [
+            Curve(name.rpartition(".")[2], k + 1 if len(members) > 1 else 0, results[name].astype(float))
+            for k, (_, name) in enumerate(members)
+        ]
+        yield Figure(title, title, unit, curves)
+
+
+def _even(m: int) -> NDArray[np.intp]:
+    """Return every k-th of m rows, k as small as `FRAMES` lets it be, and the last."""
+    return np.unique(np.append(np.arange(0, m, -(-m // FRAMES)), m - 1))
+
+
+def _thin(figure: Figure, time: Floats) -> dict[str, Any]:
+    """Return a figure with fewer rows, packed."""
+    values = np.array([curve.values for curve in figure.curves])
+    m, buckets = len(time), max(1, EXTREMES // len(values))
+    found = [extremes(row, buckets) for row in values]
+    rows = np.unique(np.concatenate([_even(m), *found])) if m else np.zeros(0, dtype=np.intp)
+    return {
+        "key": figure.key,
+        "title": figure.title,
+        "unit": figure.unit,
+        "curves": [[curve.label, curve.joint, int(curve.dashed)] for curve in figure.curves],
+        "time": _packed(time[rows], "<f8"),
+        "values": _packed(values[:, rows], "<f4"),
+    }
+
+
+def _packed(values: NDArray[Any], kind: str) -> str:
+    return base64.b64encode(np.ascontiguousarray(values, dtype=kind).tobytes()).decode()
