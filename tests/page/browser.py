@@ -87,7 +87,7 @@ class Browser:
             self.problems.append(str(facts["exceptionDetails"]))
         elif kind == "Runtime.consoleAPICalled" and facts["type"] in ("error", "warning", "assert"):
             self.problems.append(str(facts["args"]))
-        elif kind == "Log.entryAdded" and facts["entry"]["level"] in ("error", "warning"):
+        elif kind == "Log.entryAdded" and facts["entry"]["level"] == "error":
             self.problems.append(str(facts["entry"]))
         elif kind == "Network.requestWillBeSent":
             self.requests.append(facts["request"]["url"][:200])
@@ -100,18 +100,28 @@ class Browser:
 
     def settle(self) -> None:
         """Wait until what has changed is drawn."""
-        self.run("new Promise(d => requestAnimationFrame(() => requestAnimationFrame(() => setTimeout(d, 30))))")
+        self.run(
+            "new Promise(d => requestAnimationFrame(() => requestAnimationFrame(() => setTimeout(d, 30))))"
+        )
 
-    def open(self, page: Path, width: int = 1280, height: int = 900, scheme: str = "light", motion: str = "") -> None:
+    def open(
+        self, page: Path, width: int = 1280, height: int = 900, scheme: str = "light", motion: str = ""
+    ) -> None:
         """Open a file in a window of a size."""
         self.call(
-            "Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=1, mobile=width < 600
+            "Emulation.setDeviceMetricsOverride",
+            width=width,
+            height=height,
+            deviceScaleFactor=1,
+            mobile=width < 600,
         )
         features = {"prefers-color-scheme": scheme, "prefers-reduced-motion": motion}
         media = [{"name": name, "value": value} for name, value in features.items()]
         self.call("Emulation.setEmulatedMedia", features=media)
         self.call("Page.navigate", url=page.as_uri())
-        self.run("new Promise(d => document.readyState === 'complete' ? d() : addEventListener('load', () => d()))")
+        self.run(
+            "new Promise(d => document.readyState === 'complete' ? d() : addEventListener('load', () => d()))"
+        )
         self.settle()
 
     def key(self, key: str, code: int) -> None:
@@ -135,5 +145,7 @@ class Browser:
                 f"(r => ({{x: r.x + scrollX, y: r.y + scrollY, width: r.width, height: r.height}}))"
                 f"(document.querySelector({selector!r}).getBoundingClientRect())"
             )
-        found = self.call("Page.captureScreenshot", format="png", clip=box | {"scale": 1}, captureBeyondViewport=True)
+        found = self.call(
+            "Page.captureScreenshot", format="png", clip=box | {"scale": 1}, captureBeyondViewport=True
+        )
         return base64.b64decode(found["data"])

@@ -25,6 +25,8 @@ FRAMES = 1000
 """Intervals at most between the rows at equal distances, at which the arm is drawn."""
 EXTREMES = 1000
 """Stretches of whose values the smallest and the largest are kept, shared among the curves of a figure."""
+_BLOCK = 20_000
+"""Rows that are in memory at a time."""
 _SMALL = {"revolute": ("mrad", 1e3), "prismatic": ("mm", 1e3)}
 _INDEX = re.compile(r"(.+?)(\[[\d,]+\])")
 
@@ -85,25 +87,64 @@ def content_of(results: Results, summary: Mapping[str, Any]) -> dict[str, Any]:
         errors, control torques and torsion at every k-th row. ``figures`` and ``signals``: lists of figures, with
         rows, time and values as base64 of little-endian numbers, curve by curve.
     """
-    signals = _Signals(results)
     arm: Mapping[str, Any] | None = summary.get("arm")
-    q = signals.array("plant.q")
-    shown = None if q is None or arm is None or len(arm["types"]) != q.shape[1] else arm
-    frames = _even(len(results))
-    found: dict[str, Any] = {"time": _packed(results.time[frames], "<f8")}
-    if shown is not None and q is not None:
-        motion = {"q": q, **_motion(signals, q, np.array(shown["ell"]))}
-        found |= {name: _packed(values[frames].T, "<f4") for name, values in motion.items()}
-    figures = [] if shown is None else list(_figures(signals, shown))
-    if summary.get("kind") == "contrast":
-        figures = list(_contrast_figures(signals, summary))
+    m, parts = len(results), -(-len(results) // _BLOCK)
+    stride = -(-m // FRAMES)
+    frames, motion = _Table(), dict[str, Floats]()
+    tables: dict[str, dict[str, _Table]] = {"figures": {}, "signals": {}}
+    shown = None
+    for k, part in enumerate(results.blocks(_BLOCK)):
+        even = np.arange(-k * _BLOCK % stride, len(part), stride)  # every k-th row of the whole
+        if k == parts - 1:
+            even = np.union1d(even, len(part) - 1)
+        signals = _Signals(part)
+        q = signals.array("plant.q")
+        shown = None if q is None or arm is None or len(arm["types"]) != q.shape[1] else arm
+        if shown is not None and q is not None:
+            motion = {"q": q, **_motion(signals, q, np.array(shown["ell"]))}
+        frames.add(part.time, [values.T for values in motion.values()], even)
+        figures = [] if shown is None else _figures(signals, shown)
+        if summary.get("kind") == "contrast":
+            figures = _contrast_figures(signals, summary)
+        for kind, found in (("figures", figures), ("signals", _groups(part))):
+            for figure in found:
+                values = np.array([curve.values for curve in figure.curves])
+                buckets = max(1, EXTREMES // (len(values) * parts))
+                rows = [even, *(extremes(row, buckets) for row in values)]
+                table = tables[kind].setdefault(figure.key, _Table(figure))
+                table.add(part.time, [values], np.unique(np.concatenate(rows)))
     return {
         "arm": shown,
-        "frames": found,
-        "figures": [_thin(figure, results.time) for figure in figures],
-        "signals": [_thin(group, results.time) for group in _groups(results)],
+        "frames": frames.packed(list(motion)),
+        **{kind: [table.packed(["values"]) for table in found.values()] for kind, found in tables.items()},
         "copies": {signal.name: signal.of for signal in results.signals if signal.of},
     }
+
+
+class _Table:
+    """Rows of curves, gathered stretch by stretch."""
+
+    def __init__(self, figure: Figure | None = None) -> None:
+        self._facts: dict[str, Any] = {}
+        if figure is not None:
+            curves = [[curve.label, curve.joint, int(curve.dashed)] for curve in figure.curves]
+            self._facts = {"key": figure.key, "title": figure.title, "unit": figure.unit, "curves": curves}
+        self._time: list[Floats] = []
+        self._parts: list[list[Floats]] = []
+
+    def add(self, time: Floats, arrays: Sequence[Floats], rows: NDArray[np.intp]) -> None:
+        """Add the rows of arrays (curves, m)."""
+        self._time.append(time[rows])
+        self._parts.append([array[:, rows] for array in arrays])
+
+    def packed(self, names: Sequence[str]) -> dict[str, Any]:
+        """Return what the figure is, its times, and the arrays by name, curve by curve."""
+        joined = (np.hstack(array) for array in zip(*self._parts, strict=True))
+        return {
+            **self._facts,
+            "time": _packed(np.concatenate(self._time), "<f8"),
+            **{name: _packed(array, "<f4") for name, array in zip(names, joined, strict=True)},
+        }
 
 
 class _Signals:
@@ -132,27 +173,43 @@ def _figures(signals: _Signals, arm: Mapping[str, Any]) -> Iterator[Figure]:
     q, q_d, tau_m = (signals.array(name) for name in ("plant.q", "trajectory.q_d", "controller.tau_m"))
     motion = _motion(signals, np.zeros(0) if q is None else q, ell)
     tau, ff = motion.get("torque"), None if tau_m is None else ell * tau_m
+    e_q, e_tau = motion.get("error"), None if tau is None or ff is None else tau - ff
     for kind, unit in UNITS.items():
         joints = [i for i, of in enumerate(arm["types"]) if of == kind]
         suffix = f", {kind}" if len(set(arm["types"])) > 1 else ""
-        small, factor = _SMALL[kind]
-        for key, title, measure, scale, pair in (
-            ("position", "Joint positions", unit.position, unit.factor, {"q": q, "q_d": q_d}),
-            ("tracking", "Position tracking errors", unit.position, unit.factor, {"q_d − q": motion.get("error")}),
-            ("torque", f"Control and feedforward {unit.noun}s, link side", unit.torque, 1.0, {"ℓτ": tau, "ℓτ_m": ff}),
-            ("compensation", f"{unit.noun.capitalize()} compensation errors, link side", unit.torque, 1.0,
-             {"ℓ(τ − τ_m)": None if tau is None or ff is None else tau - ff}),
-            ("torsion", "Torsion of the drives", small, factor, {"κ − q": motion.get("torsion")}),
-        ):  # fmt: skip
+        noun, (small, scale) = unit.noun, _SMALL[kind]
+        for key, title, measure, factor, shown in (
+            ("position", "Joint positions, desired dashed", unit.position, unit.factor, {"q": q, "q_d": q_d}),
+            ("tracking", "Position tracking errors: q_d − q", unit.position, unit.factor, {"": e_q}),
+            (
+                "torque",
+                f"Control {noun}s, feedforward dashed, link side",
+                unit.torque,
+                1.0,
+                {"ℓτ": tau, "ℓτ_m": ff},
+            ),
+            (
+                "compensation",
+                f"{noun.capitalize()} compensation errors: ℓ(τ − τ_m)",
+                unit.torque,
+                1.0,
+                {"": e_tau},
+            ),
+            ("torsion", "Torsion of the drives: κ − q", small, scale, {"": motion.get("torsion")}),
+        ):
             curves = [
-                Curve(f"joint {i + 1}, {name}" if len(pair) > 1 else f"joint {i + 1}", i + 1, scale * values[:, i], k > 0)
-                for k, (name, values) in enumerate(pair.items())
+                Curve(
+                    ", ".join(filter(None, (f"joint {i + 1}", name))),
+                    i + 1,
+                    factor * values[:, i],
+                    dashed=place > 0,
+                )
+                for place, (name, values) in enumerate(shown.items())
                 if values is not None
                 for i in joints
-            ]  # fmt: skip
+            ]
             if curves:
-                about = "" if len(pair) > 1 else f": {next(iter(pair))}"
-                yield Figure(f"{key}.{kind}", f"{title}{about}{suffix}", measure, curves)
+                yield Figure(f"{key}.{kind}", f"{title}{suffix}", measure, curves)
 
 
 def _contrast_figures(signals: _Signals, summary: Mapping[str, Any]) -> Iterator[Figure]:
@@ -171,7 +228,7 @@ def _contrast_figures(signals: _Signals, summary: Mapping[str, Any]) -> Iterator
             return [Curve(f"joint {i + 1}{name}", i + 1, values[:, i], dashed) for i in of]
 
         both = curves(vd, ", VD") + curves(ne, ", Newton-Euler", dashed=True)
-        yield Figure(f"torque.{unit}", "Torques by virtual decomposition and Newton-Euler", unit, both)
+        yield Figure(f"torque.{unit}", "Torques by virtual decomposition, Newton-Euler dashed", unit, both)
         yield Figure(f"rounding.{unit}", "VD minus Newton-Euler", unit, curves(vd - ne))
         yield Figure(f"gravity.{unit}", f"g = {g:#.4g} minus g = {low_g:#.4g}", unit, curves(vd - low))
 
@@ -192,26 +249,6 @@ def _groups(results: Results) -> Iterator[Figure]:
         yield Figure(title, title, unit, curves)
 
 
-def _even(m: int) -> NDArray[np.intp]:
-    """Return every k-th of m rows, k as small as `FRAMES` lets it be, and the last."""
-    return np.unique(np.append(np.arange(0, m, -(-m // FRAMES)), m - 1))
-
-
-def _thin(figure: Figure, time: Floats) -> dict[str, Any]:
-    """Return a figure with fewer rows, packed."""
-    values = np.array([curve.values for curve in figure.curves])
-    m, buckets = len(time), max(1, EXTREMES // len(values))
-    found = [extremes(row, buckets) for row in values]
-    rows = np.unique(np.concatenate([_even(m), *found])) if m else np.zeros(0, dtype=np.intp)
-    return {
-        "key": figure.key,
-        "title": figure.title,
-        "unit": figure.unit,
-        "curves": [[curve.label, curve.joint, int(curve.dashed)] for curve in figure.curves],
-        "time": _packed(time[rows], "<f8"),
-        "values": _packed(values[:, rows], "<f4"),
-    }
-
-
 def _packed(values: NDArray[Any], kind: str) -> str:
-    return base64.b64encode(np.ascontiguousarray(values, dtype=kind).tobytes()).decode()
+    with np.errstate(over="ignore"):  # what single precision cannot hold is drawn as a gap
+        return base64.b64encode(np.ascontiguousarray(values, dtype=kind).tobytes()).decode()

@@ -30,6 +30,12 @@ MODULES = ("data.js", "chart.js", "figures.js", "arm.js", "player.js", "system.j
 """In an order in which each comes after those that it imports."""
 _VENDOR = ("three_uplot.min.js", "uplot.min.css")
 
+_POLICY = (
+    "<meta http-equiv=\"Content-Security-Policy\" content=\"default-src 'none'; script-src 'unsafe-inline'; "
+    "style-src 'unsafe-inline'; img-src data:\">"
+)
+"""With which a browser refuses every request to a network."""
+
 
 class Run(NamedTuple):
     """A run that a page shows."""
@@ -39,6 +45,16 @@ class Run(NamedTuple):
     summary: Mapping[str, Any]
     package: Path
     """Its ``system.ssp``; a missing one has no diagram."""
+
+
+def newest_run(folder: Path) -> Path:
+    """Return the folder of the newest run in a folder; UsageError if there is none."""
+    found = sorted(folder.glob("*/summary.json"), key=lambda path: path.stat().st_mtime)
+    if not found:
+        raise UsageError(
+            f"{folder}: has no results of a run. Say where they are, or run one: 'vdfmu run tracking'."
+        )
+    return found[-1].parent
 
 
 def read_run(folder: Path) -> Run:
@@ -62,7 +78,13 @@ def read_run(folder: Path) -> Run:
     results = Results.read(table if table.exists() else folder / "results.csv")
     if not len(results):
         raise UsageError(f"{folder}: the results have no rows, so there is nothing to show.")
-    return Run(folder.resolve().name, results, summary, folder / "system.ssp")
+    package = folder / "system.ssp"
+    return Run(
+        folder.resolve().name,
+        results,
+        summary,
+        package if package.exists() else Path(summary.get("package", "")),
+    )
 
 
 def write_report(runs: Sequence[Run], path: Path) -> Path:
@@ -100,11 +122,13 @@ def report_page(runs: Sequence[Run]) -> bytes:
             f'<script type="module">\n{script()}\n</script>',
         ]
     )
-    head = f'<link rel="icon" href="data:,"><style>{_text(_VENDOR[1])}\n{_text("report.css")}</style>'
+    head = (
+        f'{_POLICY}<link rel="icon" href="data:,"><style>{_text(_VENDOR[1])}\n{_text("report.css")}</style>'
+    )
     what = (
         f"{about}, {'one run' if len(runs) == 1 else f'{len(runs)} runs'} of vdfmu {first.get('vdfmu', '')}"
     )
-    return page(" and ".join(names), what.strip(), body, 84, head)
+    return page(", ".join(names), what.strip(), body, 84, head)
 
 
 def script() -> str:
@@ -139,11 +163,12 @@ def _checks(names: Sequence[str], runs: Sequence[Run]) -> Iterator[str]:
         if found:
             rows = "".join(
                 f'<li class="{"pass" if one.passed else "fail"}"><b>{"pass" if one.passed else "fail"}</b> '
-                f"<span>{escape(one.name)}</span> <small>{escape(one.text)}</small></li>"
+                f"{escape(one.name)} <small>{escape(one.text)}</small></li>"
                 for one in found
             )
             title = "Checks" if len(runs) == 1 else f"Checks of {escape(name)}"
-            yield f'<section class="checks" aria-label="{title}"><h2>{title}</h2><ul>{rows}</ul></section>'
+            shown = "" if len(runs) > 1 else ' class="hidden"'
+            yield f'<section class="checks"><h2{shown}>{title}</h2><ul>{rows}</ul></section>'
 
 
 def _tables(names: Sequence[str], runs: Sequence[Run]) -> Iterator[str]:
@@ -174,11 +199,11 @@ def _facts(names: Sequence[str], runs: Sequence[Run]) -> Iterator[str]:
 
 def _facts_of(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
     found = facts(summary)
-    if "settings" in summary and not summary["settings"]:
+    if "scenario" in summary and "settings" in summary and not summary["settings"]:
         found.append(("Settings", "none: all values are those of the scenario"))
     for key, factor in (summary.get("plant_factors") or {}).items():
         found.append((f"Plant, {key}", f"times {factor}, unlike the model of the feedforward"))
-    if "plant" in (summary.get("order") or ()):
+    if "scenario" in summary and "plant" in (summary.get("order") or ()):
         found.append(("Solver", "Rodas4 in the plant, order 4, with error control"))
     versions = {"vdfmu": summary.get("vdfmu"), **(summary.get("versions") or {})}
     return [*found, ("Versions", ", ".join(f"{name} {version}" for name, version in versions.items()))]

@@ -15,7 +15,6 @@ from pathlib import Path
 from typing import Any, ParamSpec
 
 import matplotlib.style
-import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg

@@ -3,7 +3,7 @@
 import { darkScheme, reducedMotion, split, unpack } from "./data.js";
 
 const T = vendor;
-const POSITIVE = new T.Color("#e2570d"), NEGATIVE = new T.Color("#1667c7"), NEUTRAL = new T.Color("#8793a1");
+const POSITIVE = new T.Color("#e2570d"), NEGATIVE = new T.Color("#1667c7"), NEUTRAL = new T.Color("#a3aeba");
 
 /** The frames of an arm. */
 export class Chain {
@@ -132,7 +132,7 @@ export class Scene3D {
     }
     this.box.expandByPoint(point.set(0, 0, 0));
     const heights = [this.box.min, this.box.max].map((p) => p.dot(this.up));
-    this.floor = Math.min(0, ...heights) < -0.02 * this.reach ? Math.min(...heights) - 0.12 * this.reach : 0;
+    this.floor = Math.min(...heights) - (Math.min(...heights) < -0.02 * this.reach ? 0.12 : 0.1) * this.reach;
     return path;
   }
 
@@ -160,8 +160,8 @@ export class Scene3D {
       one.quaternion.copy(lying);
       one.position.copy(this.up).multiplyScalar(this.floor);
     }
-    const r = 0.055 * this.reach, height = Math.max(-this.floor, 0.4 * r);
-    const foot = new T.Mesh(new T.CylinderGeometry(1.25 * r, 1.6 * r, height, 48), solid("#566270"));
+    const r = 0.06 * this.reach, height = -this.floor - 0.6 * r;
+    const foot = new T.Mesh(new T.CylinderGeometry(1.12 * r, 1.5 * r, height, 48), solid("#566270"));
     foot.quaternion.copy(lying);
     foot.position.copy(this.up).multiplyScalar(this.floor + height / 2);
     foot.castShadow = true;
@@ -170,10 +170,10 @@ export class Scene3D {
 
   aim() {
     const centre = this.box.getCenter(new T.Vector3());
-    const size = Math.max(0.6 * this.reach, this.box.getSize(new T.Vector3()).length() / 2 + 0.12 * this.reach);
+    const size = Math.max(0.5 * this.reach, this.box.getSize(new T.Vector3()).length() / 2 + 0.06 * this.reach);
     const turn = new T.Quaternion().setFromUnitVectors(new T.Vector3(0, 0, 1), this.up);
     this.camera.up.copy(this.up);
-    this.camera.position.copy(new T.Vector3(0.95, -1.25, 0.62).normalize().applyQuaternion(turn).multiplyScalar(3.5 * size).add(centre));
+    this.camera.position.copy(new T.Vector3(0.95, -1.25, 0.62).normalize().applyQuaternion(turn).multiplyScalar(3 * size).add(centre));
     Object.assign(this.camera, { near: 0.02 * size, far: 60 * size });
     this.controls?.dispose();
     this.controls = new T.OrbitControls(this.camera, this.renderer.domElement);
@@ -203,7 +203,7 @@ export class Scene3D {
     const values = this.motion[this.quantity] && this.motion.at(this.quantity, t);
     this.actual.marked?.forEach((material, i) => {
       const share = values ? values[i] / (this.peaks()[i] || 1) : 0;
-      material.color.copy(NEUTRAL).lerp(share < 0 ? NEGATIVE : POSITIVE, Math.min(1, Math.abs(share)) ** 0.7);
+      material.color.copy(NEUTRAL).lerp(share < 0 ? NEGATIVE : POSITIVE, Math.min(1, Math.abs(share)));
     });
     const last = this.motion.time.at(-1), first = this.motion.time[0];
     const count = this.path.geometry.index.count;
@@ -245,8 +245,8 @@ function tube(points, radius, color, opacity) {
 
 /** Give the links of a chain bodies: a housing along the axis of each joint, tubes between them, or the robot's own shapes. */
 function dress(chain, arm, { reach, motion }, material) {
-  const n = arm.types.length, r0 = 0.05 * reach;
-  const light = material(darkScheme.matches ? "#dfe6ee" : "#e9edf2"), dark = material("#3f4a57");
+  const n = arm.types.length, r0 = 0.06 * reach;
+  const light = material(darkScheme.matches ? "#dfe6ee" : "#e9edf2"), dark = material("#586473");
   const add = (parent, geometry, look) => {
     const mesh = new T.Mesh(geometry, look);
     mesh.castShadow = mesh.receiveShadow = !look.transparent;
@@ -255,7 +255,7 @@ function dress(chain, arm, { reach, motion }, material) {
   };
   const bodies = [chain.root, ...chain.links];
   const radius = (i) => r0 * (1 - 0.42 * (i / Math.max(1, n - 1)));
-  chain.marked = arm.types.map(() => material("#8793a1"));
+  chain.marked = arm.types.map(() => material("#a3aeba"));
   arm.types.forEach((type, i) => {
     const r = radius(i), link = chain.links[i];
     if (type === "prismatic") {

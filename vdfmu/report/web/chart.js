@@ -15,12 +15,13 @@ export class Chart {
     this.tip = make("div", { class: "tip", hidden: true });
     this.mark = make("div", { class: "mark" });
     this.element = make("figure", { class: "chart", "aria-label": `${title} in ${unit || "no unit"} over time in seconds` },
-      make("figcaption", {}, make("strong", {}, title), " ", this.unitText,
+      make("figcaption", {}, make("span", {}, make("strong", {}, title), " ", this.unitText),
         toggle("log", false, (on) => { this.log = on; this.build(); }, { "aria-label": `${title}: logarithmic scale of absolute values` })),
       this.place);
     new IntersectionObserver(([entry]) => {
       this.seen = entry.isIntersecting;
       if (this.seen && this.stale) this.build();
+      if (this.seen) this.moveMark();
     }, { rootMargin: "200px" }).observe(this.element);
     new ResizeObserver(() => this.plot && this.plot.setSize({ width: this.place.clientWidth, height: HEIGHT })).observe(this.place);
     view.addEventListener("time", () => this.moveMark());
@@ -79,7 +80,7 @@ export class Chart {
       cursor: { y: false, points: { size: 7 }, drag: { x: true, y: false }, dataIdx: nearest },
       scales: { x: { time: false, min, max }, y: this.log ? { distr: 3 } : { range: padded } },
       axes: [
-        { ...axis, size: 30, space: 60, values: (_, splits) => splits.map((v) => (v === splits.at(-1) ? `${text(v)} s` : text(v))) },
+        { ...axis, size: 30, space: 60, values: (_, splits) => splits.map((v, k) => `${text(v)}${k ? "" : " s"}`) },
         { ...axis, size: 54, values: (_, splits) => this.labels(splits) },
       ],
       series: [{}, ...this.unpacked.map((curve) => ({
@@ -114,8 +115,7 @@ export class Chart {
   /** Numbers of the vertical axis; a common power of ten stands beside the unit. */
   labels(splits) {
     const largest = Math.max(...splits.map((v) => Math.abs(v ?? 0)));
-    const exponent = this.log || !largest ? 0 : 3 * Math.floor(Math.log10(largest) / 3);
-    const scaled = exponent < 0 || exponent > 3 ? exponent : 0;
+    const scaled = this.log || !largest || (largest >= 0.01 && largest < 1e5) ? 0 : 3 * Math.floor(Math.log10(largest) / 3);
     this.unitText.textContent = `${scaled ? `10${raised(scaled)} ` : ""}${this.unit}`;
     if (this.log) return splits.map((v) => (v !== null && Math.abs(Math.log10(v) % 1) < 1e-6 ? `10${raised(Math.round(Math.log10(v)))}` : ""));
     return splits.map((v) => text(v / 10 ** scaled, 5));
