@@ -88,8 +88,9 @@ def content_of(results: Results, summary: Mapping[str, Any]) -> dict[str, Any]:
         rows, time and values as base64 of little-endian numbers, curve by curve.
     """
     arm: Mapping[str, Any] | None = summary.get("arm")
+    n = len(arm["types"]) if arm else int(summary.get("joints", 0))
     m, parts = len(results), -(-len(results) // _BLOCK)
-    stride = -(-m // FRAMES)
+    stride = max(1, -(-(m - 1) // FRAMES))
     frames, motion = _Table(), dict[str, Floats]()
     tables: dict[str, dict[str, _Table]] = {"figures": {}, "signals": {}}
     shown = None
@@ -97,16 +98,16 @@ def content_of(results: Results, summary: Mapping[str, Any]) -> dict[str, Any]:
         even = np.arange(-k * _BLOCK % stride, len(part), stride)  # every k-th row of the whole
         if k == parts - 1:
             even = np.union1d(even, len(part) - 1)
-        signals = _Signals(part)
+        signals = _Signals(part, n)
         q = signals.array("plant.q")
-        shown = None if q is None or arm is None or len(arm["types"]) != q.shape[1] else arm
+        shown = None if q is None else arm
         if shown is not None and q is not None:
             motion = {"q": q, **_motion(signals, q, np.array(shown["ell"]))}
         frames.add(part.time, [values.T for values in motion.values()], even)
         figures = [] if shown is None else _figures(signals, shown)
         if summary.get("kind") == "contrast":
             figures = _contrast_figures(signals, summary)
-        for kind, found in (("figures", figures), ("signals", _groups(part))):
+        for kind, found in (("figures", figures), ("signals", _groups(part, n))):
             for figure in found:
                 values = np.array([curve.values for curve in figure.curves])
                 buckets = max(1, EXTREMES // (len(values) * parts))
@@ -148,13 +149,16 @@ class _Table:
 
 
 class _Signals:
-    """Arrays of a run; None for those that were not recorded."""
+    """Arrays of a run with an element a joint; None for those that were not recorded."""
 
-    def __init__(self, results: Results) -> None:
-        self._results = results
+    def __init__(self, results: Results, n: int) -> None:
+        self._results, self._n = results, n
 
     def array(self, name: str) -> Floats | None:
-        return self._results.array(name).astype(float) if f"{name}[1]" in self._results else None
+        names = [f"{name}[{i + 1}]" for i in range(self._n + 1)]
+        if names.pop() in self._results or not all(one in self._results for one in names):
+            return None
+        return np.array([self._results[one] for one in names], dtype=float).T
 
 
 def _motion(signals: _Signals, q: Floats, ell: Floats) -> dict[str, Floats]:
@@ -181,22 +185,10 @@ def _figures(signals: _Signals, arm: Mapping[str, Any]) -> Iterator[Figure]:
         for key, title, measure, factor, shown in (
             ("position", "Joint positions, desired dashed", unit.position, unit.factor, {"q": q, "q_d": q_d}),
             ("tracking", "Position tracking errors: q_d − q", unit.position, unit.factor, {"": e_q}),
-            (
-                "torque",
-                f"Control {noun}s, feedforward dashed, link side",
-                unit.torque,
-                1.0,
-                {"ℓτ": tau, "ℓτ_m": ff},
-            ),
-            (
-                "compensation",
-                f"{noun.capitalize()} compensation errors: ℓ(τ − τ_m)",
-                unit.torque,
-                1.0,
-                {"": e_tau},
-            ),
+            ("torque", f"Control {noun}s, feedforward dashed, link side", unit.torque, 1.0, {"ℓτ": tau, "ℓτ_m": ff}),
+            ("compensation", f"{noun.capitalize()} compensation errors: ℓ(τ − τ_m)", unit.torque, 1.0, {"": e_tau}),
             ("torsion", "Torsion of the drives: κ − q", small, scale, {"": motion.get("torsion")}),
-        ):
+        ):  # fmt: skip
             curves = [
                 Curve(
                     ", ".join(filter(None, (f"joint {i + 1}", name))),
@@ -233,8 +225,8 @@ def _contrast_figures(signals: _Signals, summary: Mapping[str, Any]) -> Iterator
         yield Figure(f"gravity.{unit}", f"g = {g:#.4g} minus g = {low_g:#.4g}", unit, curves(vd - low))
 
 
-def _groups(results: Results) -> Iterator[Figure]:
-    """Yield the recorded variables, an array as the curves of one figure; no signal that copies another."""
+def _groups(results: Results, n: int) -> Iterator[Figure]:
+    """Yield the recorded variables, an array as the curves of one figure; none that copies another. Of n: of joints."""
     groups: dict[tuple[str, str], list[tuple[str, str]]] = {}
     for signal in results.signals:
         if not signal.of:
@@ -243,7 +235,7 @@ def _groups(results: Results) -> Iterator[Figure]:
             groups.setdefault((title, signal.unit), []).append((index, signal.name))
     for (title, unit), members in groups.items():
         curves = [
-            Curve(name.rpartition(".")[2], k + 1 if len(members) > 1 else 0, results[name].astype(float))
+            Curve(name.rpartition(".")[2], k + 1 if len(members) == n else 0, results[name].astype(float))
             for k, (_, name) in enumerate(members)
         ]
         yield Figure(title, title, unit, curves)

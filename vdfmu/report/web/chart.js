@@ -85,7 +85,7 @@ export class Chart {
       ],
       series: [{}, ...this.unpacked.map((curve) => ({
         label: several ? `${runs[curve.run].name}: ${curve.label}` : curve.label,
-        stroke: curve.dashed ? style.getPropertyValue("--ink").trim() : colourOf(curve.joint),
+        stroke: curve.dashed ? style.getPropertyValue("--ink").trim() : colourOf(curve.colour),
         width: curve.dashed ? 1 : this.unpacked.some((one) => one.dashed) ? 2.6 : 1.4,
         dash: curve.dashed ? [5, 4] : DASHES[curve.run % DASHES.length],
         points: { show: false },
@@ -131,7 +131,7 @@ export class Chart {
     if (this.tip.hidden) return;
     this.tip.replaceChildren(make("b", {}, `${text(this.plot.data[0][idxs[rows[0][0] + 1]])} s`), ...rows.map(([k, value]) => {
       const series = this.plot.series[k + 1];
-      const dot = make("i", { style: `background:${this.unpacked[k].dashed ? "var(--ink)" : colourOf(this.unpacked[k].joint)}` });
+      const dot = make("i", { style: `background:${this.unpacked[k].dashed ? "var(--ink)" : colourOf(this.unpacked[k].colour)}` });
       return make("span", {}, dot, `${series.label} `, make("output", {}, `${text(value)} ${this.unit}`));
     }));
     const over = this.plot.over.clientWidth;

@@ -11,9 +11,9 @@ const COLOURS = {
   dark: ["#5db0f0", "#ff8f52", "#3ecfa4", "#ef9fcf", "#f3bd45", "#a5dcff", "#dddddd"],
 };
 
-export const colourOf = (joint) => {
+export const colourOf = (number) => {
   const colours = COLOURS[darkScheme.matches ? "dark" : "light"];
-  return joint > 0 ? colours[(joint - 1) % colours.length] : colours[0];
+  return colours[(number - 1) % colours.length];
 };
 
 /** Array of the little-endian numbers in a base64 text. */
@@ -45,7 +45,7 @@ export function curvesOf(parts) {
   return parts.flatMap(({ run, figure }) => {
     const time = unpack(figure.time, Float64Array);
     const values = split(unpack(figure.values), figure.curves.length);
-    return figure.curves.map(([label, joint, dashed], k) => ({ label, joint, dashed: !!dashed, run, time, values: values[k] }));
+    return figure.curves.map(([label, joint, dashed], k) => ({ label, joint, colour: joint || k + 1, dashed: !!dashed, run, time, values: values[k] }));
   });
 }
 

@@ -12,7 +12,7 @@ const arms = runs.flatMap((run, k) => (run.arm && run.frames.error ? [k] : []));
 const more = arms.length
   ? [{
     title: "Error of the end effector", unit: "mm",
-    curves: () => arms.map((k) => ({ label: "distance", joint: 0, dashed: false, run: k, time: unpack(runs[k].frames.time, Float64Array), values: toolErrors(runs[k]) })),
+    curves: () => arms.map((k) => ({ label: "distance", joint: 0, colour: 1, dashed: false, run: k, time: unpack(runs[k].frames.time, Float64Array), values: toolErrors(runs[k]) })),
   }]
   : [];
 const player = runs.some((run) => run.arm) ? new Player(section("arm")) : null;
