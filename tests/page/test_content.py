@@ -53,7 +53,9 @@ def noise(rows: int, elements: int = 3) -> Results:
 @pytest.fixture(scope="module")
 def planar(tmp_path_factory):
     folder = tmp_path_factory.mktemp("page")
-    return folder, vdfmu.run("planar_tracking", stop=0.2, out=folder, settings={"plant.offset[2,1]": 0.6})
+    return folder, vdfmu.run(
+        "planar_tracking", stop=0.2, out=folder, reference=False, settings={"plant.offset[2,1]": 0.6}
+    )
 
 
 def test_extremes_are_those_of_each_stretch():

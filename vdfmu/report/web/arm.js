@@ -224,6 +224,7 @@ export class Scene3D {
   }
 
   render() {
+    cancelAnimationFrame(this.waiting);
     this.waiting = undefined;
     if (this.controls.enableDamping) this.controls.update();
     this.renderer.render(this.scene, this.camera);

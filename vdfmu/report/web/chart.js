@@ -81,7 +81,7 @@ export class Chart {
       scales: { x: { time: false, min, max }, y: this.log ? { distr: 3 } : { range: padded } },
       axes: [
         { ...axis, size: 30, space: 60, values: (_, splits) => splits.map((v, k) => `${text(v)}${k ? "" : " s"}`) },
-        { ...axis, size: 54, values: (_, splits) => this.labels(splits) },
+        { ...axis, size: 54, ...(this.log && { grid: { ...axis.grid, filter: decades }, ticks: { ...axis.ticks, filter: decades } }), values: (_, splits) => this.labels(splits) },
       ],
       series: [{}, ...this.unpacked.map((curve) => ({
         label: several ? `${runs[curve.run].name}: ${curve.label}` : curve.label,
@@ -94,6 +94,7 @@ export class Chart {
       }))],
       hooks: {
         setCursor: [() => this.showTip()],
+        draw: [() => this.moveMark()],
         setScale: [(plot, key) => key === "x" && plot.status && this.zoomed(plot.scales.x)],
       },
     }, this.table(), this.place);
@@ -103,7 +104,6 @@ export class Chart {
       const box = this.plot.over.getBoundingClientRect();
       this.plot.setCursor({ left: event.touches[0].clientX - box.left, top: 0 });
     }, { passive: true });
-    this.moveMark();
   }
 
   zoomed({ min, max }) {
@@ -117,7 +117,7 @@ export class Chart {
     const largest = Math.max(...splits.map((v) => Math.abs(v ?? 0)));
     const scaled = this.log || !largest || (largest >= 0.01 && largest < 1e5) ? 0 : 3 * Math.floor(Math.log10(largest) / 3);
     this.unitText.textContent = `${scaled ? `10${raised(scaled)} ` : ""}${this.unit}`;
-    if (this.log) return splits.map((v) => (v !== null && Math.abs(Math.log10(v) % 1) < 1e-6 ? `10${raised(Math.round(Math.log10(v)))}` : ""));
+    if (this.log) return decades(null, splits).map((v) => (v === null ? "" : `10${raised(Math.round(Math.log10(v)))}`));
     return splits.map((v) => text(v / 10 ** scaled, 5));
   }
 
@@ -139,7 +139,7 @@ export class Chart {
   }
 
   moveMark() {
-    if (!this.plot || !this.seen) return;
+    if (!this.plot || !this.seen || this.plot.scales.x.min === null) return;
     const place = this.plot.valToPos(view.time, "x");
     this.mark.hidden = place < 0 || place > this.plot.over.clientWidth;
     this.mark.style.transform = `translateX(${place}px)`;
@@ -151,6 +151,11 @@ function padded(_, low, high) {
   if (low === null || high === null) return [-1, 1];
   const span = Math.max(high - low, 1e-6 * Math.max(Math.abs(low), Math.abs(high))) || 1;
   return [low - 0.06 * span, high + 0.06 * span];
+}
+
+/** Powers of ten among the numbers of a logarithmic axis. */
+function decades(_, splits) {
+  return splits.map((v) => (v !== null && Math.abs(Math.log10(v) - Math.round(Math.log10(v))) < 1e-6 ? v : null));
 }
 
 /** Row with a number that is nearest to the pointer: runs have rows of their own. */

@@ -50,7 +50,7 @@ export class Player {
         ...(shown.length > 1 ? [choice("Run", shown.map((run, k) => [k, run.name]), (k) => this.setRun(shown[k]))] : []),
         ...(quantities.length ? [choice("Colour", quantities.map((name) => [name, UNITS[name].words]), (name) => { this.scene.quantity = name; this.show(); })] : []),
         choice("Speed", [[1, "1"], [0.1, "0.1"], [0.3, "0.3"], [3, "3"], [10, "10"]], (speed) => { this.speed = Number(speed); }),
-        ...(this.motion.error ? [choice("Error", powers, (factor) => { this.scene.magnify = Number(factor); this.show(); })] : []),
+        ...(this.motion.error ? [choice("Errors drawn", powers, (factor) => { this.scene.magnify = Number(factor); this.show(); })] : []),
         make("div", { class: "chips", role: "group", "aria-label": "Shown" },
           ...(this.motion.error ? [layer("desired arm", () => [this.scene.desired?.root])] : []),
           layer("path", () => [this.scene.path, this.scene.trace])),
