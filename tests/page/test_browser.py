@@ -73,7 +73,7 @@ def test_the_slider_moves_the_arm(run, browser):
     assert (np.abs(after - before) > 30).mean() > 0.01
     assert browser.run("document.querySelector('.clock').textContent") == "1.00 s"
     value = browser.run("document.querySelector('.readout tr:nth-child(2) .number').textContent")
-    results = Results.from_csv(run / "results.csv")
+    results = Results.read(run / "results.csv")
     assert value == f"{100 * results['controller.tau[2]'][-1]:.3g} N.m"  # ell is 100
 
 
@@ -86,12 +86,12 @@ def test_poses_are_those_of_the_equations(run, browser):
             return [...p, ...chain.tool.matrixWorld.elements];
         });
     })()"""))  # fmt: skip
-    results = Results.from_csv(run / "results.csv")
+    results = Results.read(run / "results.csv")
     # positions of joints in single precision, 2^-24 of at most 2 rad each, at arms of 1.4 m: 6 * 1.2e-7 * 1.4 m
-    np.testing.assert_allclose(found[:, :3], results.array("plant.p_O"), atol=1e-6)
+    np.testing.assert_allclose(found[:, :3], results["plant.p_O"], atol=1e-6)
     robot = vdfmu.load_robot("manipulator_6dof")
     for row in (0, 500, 1000):
-        p, R = forward_kinematics(robot, results.array("plant.q")[row])
+        p, R = forward_kinematics(robot, results["plant.q"][row])
         pose = found[row, 3:].reshape(4, 4).T  # column by column in three.js
         np.testing.assert_allclose(pose[:3, 3], p, atol=1e-6)
         np.testing.assert_allclose(pose[:3, :3], R, atol=1e-6)
@@ -100,12 +100,11 @@ def test_poses_are_those_of_the_equations(run, browser):
 def test_the_error_of_the_end_effector_is_that_of_desired_and_actual_positions(run, browser):
     show(browser, run / "report.html")
     found = np.array(browser.run("Array.from(report.toolErrors(report.runs[0]))"))
-    results = Results.from_csv(run / "results.csv")
+    results = Results.read(run / "results.csv")
     robot = vdfmu.load_robot("manipulator_6dof")
     for row in (100, 500, 900):
         ends = [
-            forward_kinematics(robot, results.array(f"{name}")[row])[0]
-            for name in ("trajectory.q_d", "plant.q")
+            forward_kinematics(robot, results[f"{name}"][row])[0] for name in ("trajectory.q_d", "plant.q")
         ]
         # the errors of joints keep their digits; positions in single precision turn the difference by 1e-6 of itself
         assert found[row] == pytest.approx(1e3 * np.linalg.norm(ends[0] - ends[1]), rel=1e-5)
@@ -113,7 +112,7 @@ def test_the_error_of_the_end_effector_is_that_of_desired_and_actual_positions(r
 
 def test_pointing_shows_the_value_of_the_file(run, browser):
     show(browser, run / "report.html")
-    results = Results.from_csv(run / "results.csv")
+    results = Results.read(run / "results.csv")
     x, y = centre(browser, "#figures .chart:nth-child(2) .u-over")
     browser.mouse("mouseMoved", x, y)
     words = browser.run("document.querySelector('#figures .chart:nth-child(2) .tip').innerText")
@@ -123,7 +122,7 @@ def test_pointing_shows_the_value_of_the_file(run, browser):
     shown = re.findall(r"joint (\d)\s*([−\d.]+)(?:·10([⁻⁰¹²³⁴⁵⁶⁷⁸⁹]+))? deg", words)
     assert [joint for joint, *_ in shown] == list("123456")
     powers = str.maketrans("⁻⁰¹²³⁴⁵⁶⁷⁸⁹", "-0123456789")
-    error = np.degrees(results.array("trajectory.q_d") - results.array("plant.q"))[row]
+    error = np.degrees(results["trajectory.q_d"] - results["plant.q"])[row]
     values = [float(m.replace("−", "-")) * 10.0 ** int((e or "⁰").translate(powers)) for _, m, e in shown]
     np.testing.assert_allclose(values, error, rtol=5e-6)  # six digits
 

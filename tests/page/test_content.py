@@ -70,17 +70,27 @@ def test_extremes_are_those_of_each_stretch():
 def test_no_peak_is_lost_and_rows_are_those_of_the_run(monkeypatch, block):
     monkeypatch.setattr(content, "_BLOCK", block)
     results = noise(9001)
-    results._data["real"][4567, 1] = 1e3
+    results.data["real"][4567, 1] = 1e3
     (figure,) = content_of(results, results.summary)["signals"]
     time, values = curves(figure)
     rows = np.rint(1e3 * time).astype(int)
     assert (np.diff(rows) > 0).all() and rows[0] == 0 and rows[-1] == 9000
     assert set(range(0, 9001, 9)) <= set(rows)  # every 9th row makes FRAMES intervals of 9000
-    np.testing.assert_array_equal(values, results.array("unit.y")[rows].T.astype("<f4"))
+    np.testing.assert_array_equal(values, results["unit.y"][rows].T.astype("<f4"))
     assert values[1].max() == 1e3
     blocks = -(-9001 // block)
     # the even rows and the last; of each curve two in each of its share of EXTREMES; first and last row of each block
     assert len(rows) <= FRAMES + 1 + 2 * EXTREMES + 2 * blocks
+
+
+def test_elements_of_an_array_in_two_units_are_two_figures():
+    signals = [Signal("plant.q[1]", "real", "rad", 0), Signal("plant.q[2]", "real", "m", 1)]
+    results = Results(np.arange(3.0), signals, {"real": np.arange(6.0).reshape(3, 2)}, {"joints": 2})
+    found = content_of(results, results.summary)["signals"]
+    assert [(one["key"], one["title"], one["curves"]) for one in found] == [
+        ("plant.q, rad", "plant.q", [["q[1]", 1, 0]]), ("plant.q, m", "plant.q", [["q[2]", 2, 0]])
+    ]  # fmt: skip
+    assert [curves(one)[1].tolist() for one in found] == [[[0.0, 2.0, 4.0]], [[1.0, 3.0, 5.0]]]
 
 
 def test_memory_does_not_grow_with_the_rows(monkeypatch):
@@ -100,11 +110,11 @@ def test_tracking_errors_keep_their_digits(planar):
     figure = next(one for one in found["figures"] if one["key"] == "tracking.revolute")
     time, values = curves(figure)
     rows = np.rint(1e3 * time).astype(int)
-    error = np.degrees(results.array("trajectory.q_d") - results.array("plant.q"))[rows].T
+    error = np.degrees(results["trajectory.q_d"] - results["plant.q"])[rows].T
     # one rounding to single precision, 2^-24 of the value, which is a difference of numbers 1e6 times as large
     np.testing.assert_allclose(values, error, rtol=1.2e-7, atol=1e-30)
     q = numbers(found["frames"]["q"]).reshape(2, -1)
-    np.testing.assert_array_equal(q, results.array("plant.q").T.astype("<f4"))
+    np.testing.assert_array_equal(q, results["plant.q"].T.astype("<f4"))
     assert folder.joinpath("report.html").exists()
 
 

@@ -8,7 +8,6 @@ rows, never between them.
 from __future__ import annotations
 
 import base64
-import re
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
@@ -27,8 +26,6 @@ EXTREMES = 1000
 """Stretches of whose values the smallest and the largest are kept, shared among the curves of a figure."""
 _BLOCK = 20_000
 """Rows that are in memory at a time."""
-_SMALL = {"revolute": ("mrad", 1e3), "prismatic": ("mm", 1e3)}
-_INDEX = re.compile(r"(.+?)(\[[\d,]+\])")
 
 
 class Curve(NamedTuple):
@@ -155,10 +152,8 @@ class _Signals:
         self._results, self._n = results, n
 
     def array(self, name: str) -> Floats | None:
-        names = [f"{name}[{i + 1}]" for i in range(self._n + 1)]
-        if names.pop() in self._results or not all(one in self._results for one in names):
-            return None
-        return np.array([self._results[one] for one in names], dtype=float).T
+        known = name in self._results.groups and self._results.shape_of(name) == (self._n,)
+        return self._results[name].astype(float) if known else None
 
 
 def _motion(signals: _Signals, q: Floats, ell: Floats) -> dict[str, Floats]:
@@ -181,13 +176,13 @@ def _figures(signals: _Signals, arm: Mapping[str, Any]) -> Iterator[Figure]:
     for kind, unit in UNITS.items():
         joints = [i for i, of in enumerate(arm["types"]) if of == kind]
         suffix = f", {kind}" if len(set(arm["types"])) > 1 else ""
-        noun, (small, scale) = unit.noun, _SMALL[kind]
+        noun = unit.noun
         for key, title, measure, factor, shown in (
             ("position", "Joint positions, desired dashed", unit.position, unit.factor, {"q": q, "q_d": q_d}),
             ("tracking", "Position tracking errors: q_d − q", unit.position, unit.factor, {"": e_q}),
             ("torque", f"Control {noun}s, feedforward dashed, link side", unit.torque, 1.0, {"ℓτ": tau, "ℓτ_m": ff}),
             ("compensation", f"{noun.capitalize()} compensation errors: ℓ(τ − τ_m)", unit.torque, 1.0, {"": e_tau}),
-            ("torsion", "Torsion of the drives: κ − q", small, scale, {"": motion.get("torsion")}),
+            ("torsion", "Torsion of the drives: κ − q", unit.position, unit.factor, {"": motion.get("torsion")}),
         ):  # fmt: skip
             curves = [
                 Curve(
@@ -227,18 +222,17 @@ def _contrast_figures(signals: _Signals, summary: Mapping[str, Any]) -> Iterator
 
 def _groups(results: Results, n: int) -> Iterator[Figure]:
     """Yield the recorded variables, an array as the curves of one figure; none that copies another. Of n: of joints."""
-    groups: dict[tuple[str, str], list[tuple[str, str]]] = {}
-    for signal in results.signals:
-        if not signal.of:
-            match = _INDEX.fullmatch(signal.name)
-            title, index = match.groups() if match else (signal.name, "")
-            groups.setdefault((title, signal.unit), []).append((index, signal.name))
-    for (title, unit), members in groups.items():
-        curves = [
-            Curve(name.rpartition(".")[2], k + 1 if len(members) == n else 0, results[name].astype(float))
-            for k, (_, name) in enumerate(members)
-        ]
-        yield Figure(title, title, unit, curves)
+    copies = {signal.name for signal in results.signals if signal.of}
+    for group, members in results.groups.items():
+        listed = [(k, name) for k, (_, name) in enumerate(sorted(members.items())) if name not in copies]
+        units = dict.fromkeys(results.units[name] for _, name in listed)
+        for unit in units:
+            curves = [
+                Curve(name.rpartition(".")[2], k + 1 if len(members) == n else 0, results[name].astype(float))
+                for k, name in listed
+                if results.units[name] == unit
+            ]
+            yield Figure(f"{group}, {unit}" if len(units) > 1 else group, group, unit, curves)
 
 
 def _packed(values: NDArray[Any], kind: str) -> str:

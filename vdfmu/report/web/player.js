@@ -5,7 +5,7 @@ import { Scene3D } from "./arm.js";
 
 const UNITS = { // factor and unit for revolute and prismatic joints
   torque: { words: "Control torque", revolute: [1, "N.m"], prismatic: [1, "N"] },
-  torsion: { words: "Torsion", revolute: [1e3, "mrad"], prismatic: [1e3, "mm"] },
+  torsion: { words: "Torsion", revolute: [180 / Math.PI, "deg"], prismatic: [1e3, "mm"] },
   error: { words: "Tracking error", revolute: [180 / Math.PI, "deg"], prismatic: [1e3, "mm"] },
 };
 const STEPS = 200;

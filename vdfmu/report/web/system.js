@@ -33,7 +33,8 @@ export function showSystem(section) {
 /** A wire with a broad line over it that takes clicks, and the group of the signal that it carries. */
 function wired(line, copies, signals) {
   const [start, end] = line.querySelector("title").textContent.split(" to ");
-  const key = [start, end, copies[start], copies[end]].filter(Boolean).map(groupOf).find((name) => signals.has(name));
+  const groups = [start, end, copies[start], copies[end]].filter(Boolean).map(groupOf);
+  const key = [...signals.keys()].find((one) => groups.includes(signals.get(one).title));
   const hit = line.cloneNode(true);
   hit.setAttribute("class", key ? "hit" : "hit none");
   line.after(hit);
