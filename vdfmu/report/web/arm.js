@@ -123,13 +123,17 @@ export class Scene3D {
   measure() {
     this.box = new T.Box3();
     const step = Math.max(1, Math.floor(this.motion.time.length / 250));
-    const path = [], point = new T.Vector3();
+    const path = [], point = new T.Vector3(), travelled = [0];
+    let before = null;
     for (let k = 0; k < this.motion.time.length; k += 1) {
       const at = this.actual.toolAt(this.motion.row("q", k));
+      if (before) travelled.push(travelled.at(-1) + at.distanceTo(before));
+      before = at;
       if (k % step === 0 || k === this.motion.time.length - 1) path.push(at);
       for (const link of k % step ? [] : this.actual.links) this.box.expandByPoint(point.setFromMatrixPosition(link.matrixWorld));
       this.box.expandByPoint(at);
     }
+    this.motion.travelled = [travelled];
     this.box.expandByPoint(point.set(0, 0, 0));
     const heights = [this.box.min, this.box.max].map((p) => p.dot(this.up));
     this.floor = Math.min(...heights) - (Math.min(...heights) < -0.02 * this.reach ? 0.12 : 0.1) * this.reach;
@@ -170,7 +174,7 @@ export class Scene3D {
 
   aim() {
     const centre = this.box.getCenter(new T.Vector3());
-    const size = Math.max(0.5 * this.reach, this.box.getSize(new T.Vector3()).length() / 2 + 0.06 * this.reach);
+    const size = Math.max(0.5 * this.reach, this.box.getSize(new T.Vector3()).length() / 2 + 0.1 * this.reach);
     const turn = new T.Quaternion().setFromUnitVectors(new T.Vector3(0, 0, 1), this.up);
     this.camera.up.copy(this.up);
     this.camera.position.copy(new T.Vector3(0.95, -1.25, 0.62).normalize().applyQuaternion(turn).multiplyScalar(3 * size).add(centre));
@@ -205,9 +209,8 @@ export class Scene3D {
       const share = values ? values[i] / (this.peaks()[i] || 1) : 0;
       material.color.copy(NEUTRAL).lerp(share < 0 ? NEGATIVE : POSITIVE, Math.min(1, Math.abs(share)));
     });
-    const last = this.motion.time.at(-1), first = this.motion.time[0];
-    const count = this.path.geometry.index.count;
-    this.path.geometry.setDrawRange(0, 6 * Math.round((count / 6) * Math.min(1, Math.max(0, (t - first) / (last - first || 1)))));
+    const share = this.motion.at("travelled", t)[0] / (this.motion.travelled[0].at(-1) || 1);
+    this.path.geometry.setDrawRange(0, 36 * Math.round((this.path.geometry.index.count / 36) * share)); // 6 sides of 2 triangles
     this.draw();
   }
 
