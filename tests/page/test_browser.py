@@ -184,6 +184,16 @@ def test_keys_play_and_step(run, browser):
     assert 0.02 < browser.run("report.view.time") < 1.0
 
 
+def test_keys_read_the_values_of_a_figure(run, browser):
+    show(browser, run / "report.html", 1280, 1400)
+    centre(browser, "#figures .chart:nth-child(1) .u-over")
+    browser.run("document.querySelector('#figures .plot').focus()")
+    for _ in range(2):
+        browser.key("ArrowRight", 39)
+    words = browser.run("document.querySelector('#figures .tip').innerText")
+    assert words.startswith("0.01 s") and "joint 6, q_d" in words
+
+
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 def test_a_phone_scrolls_down_only(run, browser, scheme):
     show(browser, run / "report.html", *PHONE, scheme=scheme)

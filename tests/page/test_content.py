@@ -11,8 +11,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
 import vdfmu
+from vdfmu.cli.commands import app
 from vdfmu.engine.cosim.results import Results, Signal
 from vdfmu.errors import UsageError
 from vdfmu.report import content, page
@@ -156,6 +158,19 @@ def test_several_runs_stand_beside_each_other(planar):
     assert rows is not None
     cells = re.findall(r"<td[^>]*>([^<]*)</td>", rows[0])
     assert [cells[0], cells[3]] == ["1", "2"] and cells[1] == cells[2]
+
+
+def test_the_command_writes_one_page_of_its_folders(planar, tmp_path, monkeypatch):
+    folder, _ = planar
+    done = CliRunner().invoke(app, ["report", str(folder), str(folder), "--out", str(tmp_path / "both.html")])
+    assert done.exit_code == 0, done.output
+    assert [run["name"] for run in data_of(tmp_path / "both.html")["runs"]] == [
+        f"{folder.name} (1)",
+        f"{folder.name} (2)",
+    ]
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "results").symlink_to(folder.parent)
+    assert newest_run(Path("results")).resolve() == folder.resolve()
 
 
 def test_a_folder_without_a_run_is_said(tmp_path):

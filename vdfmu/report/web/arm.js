@@ -273,7 +273,7 @@ function dress(chain, arm, { reach, motion }, material) {
   });
   if (arm.shapes.length) {
     for (const shape of arm.shapes) {
-      const look = material(new T.Color(...shape.color.slice(0, 3)));
+      const look = material(new T.Color().setRGB(...shape.color.slice(0, 3), "srgb"));
       const mesh = add(bodies[shape.joint] ?? chain.root, shaped(shape), look);
       mesh.setRotationFromMatrix(turned(shape.rotation));
       mesh.position.set(...shape.offset);

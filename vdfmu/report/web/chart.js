@@ -11,8 +11,8 @@ export class Chart {
   constructor(title, unit, curves) {
     Object.assign(this, { unit, curves, log: false, seen: false, stale: true });
     this.unitText = make("span", { class: "unit" }, unit);
-    this.place = make("div", { class: "plot" });
-    this.tip = make("div", { class: "tip", hidden: true });
+    this.place = make("div", { class: "plot", tabindex: 0, "aria-label": `${title}: values at the time shown`, focus: () => this.moveMark(), blur: () => this.plot?.setCursor({ left: -10, top: -10 }) });
+    this.tip = make("div", { class: "tip", role: "status", hidden: true });
     this.mark = make("div", { class: "mark" });
     this.element = make("figure", { class: "chart", "aria-label": `${title} in ${unit || "no unit"} over time in seconds` },
       make("figcaption", {}, make("span", {}, make("strong", {}, title), " ", this.unitText),
@@ -143,6 +143,7 @@ export class Chart {
     const place = this.plot.valToPos(view.time, "x");
     this.mark.hidden = place < 0 || place > this.plot.over.clientWidth;
     this.mark.style.transform = `translateX(${place}px)`;
+    if (document.activeElement === this.place) this.plot.setCursor({ left: place, top: 0 }); // keys read values too
   }
 }
 
