@@ -122,7 +122,7 @@ def report_page(runs: Sequence[Run]) -> bytes:
             f'<script type="module">\n{script()}\n</script>',
         ]
     )
-    head = f"{look()}<style>{_text(_VENDOR[1])}</style>"
+    head = f'{look()}<link rel="icon" href="data:,"><style>{_text(_VENDOR[1])}</style>'
     what = (
         f"{about}, {'one run' if len(runs) == 1 else f'{len(runs)} runs'} of vdfmu {first.get('vdfmu', '')}"
     )
@@ -131,7 +131,7 @@ def report_page(runs: Sequence[Run]) -> bytes:
 
 def look() -> str:
     """Return what a page's head has: its style, light or dark, and the policy with which it asks no network."""
-    return f'{_POLICY}<link rel="icon" href="data:,"><style>{_text("report.css")}</style>'
+    return f"{_POLICY}<style>{_text('report.css')}</style>"
 
 
 def script() -> str:
