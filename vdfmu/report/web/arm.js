@@ -195,7 +195,9 @@ export class Scene3D {
     this.camera.aspect = width / height;
     this.camera.fov = width < height * 1.2 ? 40 : 32;
     this.camera.updateProjectionMatrix();
-    this.render();
+    if (this.sized) this.render(); // at once: a canvas of a new size is empty
+    else this.draw();
+    this.sized = true;
   }
 
   /** Show a time; errors may be drawn larger than they are. */
