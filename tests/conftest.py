@@ -25,7 +25,8 @@ from vdfmu.units import shipped_units
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # as a shell starts what it runs in the background
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
-SHIPPED = ("manipulator_6dof", "planar_2dof", "slider_3dof")
+TYPICAL = ("manipulator_6dof", "planar_2dof", "slider_3dof")
+"""Shipped robots with all that the shipped robots have: what holds for them is not tested with the others again."""
 
 
 @pytest.fixture(scope="session", autouse=True)
@@ -122,9 +123,9 @@ def planar() -> Robot:
     return load_robot("planar_2dof")
 
 
-@pytest.fixture(scope="session", params=SHIPPED)
+@pytest.fixture(scope="session", params=TYPICAL)
 def robot(request: pytest.FixtureRequest) -> Robot:
-    """Return each shipped robot."""
+    """Return each typical robot."""
     return load_robot(request.param)
 
 
@@ -134,9 +135,9 @@ def general() -> Robot:
     return make_general_chain()
 
 
-@pytest.fixture(scope="session", params=(*SHIPPED, "general"))
+@pytest.fixture(scope="session", params=(*TYPICAL, "general"))
 def chain(request: pytest.FixtureRequest) -> Robot:
-    """Return each shipped robot and the random general chain."""
+    """Return each typical robot and the random general chain."""
     return make_general_chain() if request.param == "general" else load_robot(request.param)
 
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy.signal import cont2discrete
 
+from tests.conftest import TYPICAL
 from tests.robots.conftest import ARM
 from vdfmu import run
 from vdfmu.analysis.gains import GROWTH, arm_gains, joint_gains
@@ -58,7 +59,7 @@ def test_all_inertias_that_a_joint_sees_count() -> None:
     assert both[2] >= 0.5
 
 
-@pytest.mark.parametrize("name", ["manipulator_6dof", "planar_2dof", "slider_3dof"])
+@pytest.mark.parametrize("name", TYPICAL)
 def test_the_loops_of_the_whole_arm_keep_clear_of_minus_one(name: str) -> None:
     """The rule knows of no other joint: what coupling takes of its margin of 0.5 is less than a third."""
     scenario = reach_scenario(name)

@@ -199,7 +199,7 @@ def test_every_number_has_its_source(name: str) -> None:
     for i, joint in enumerate(data["joints"], 1):
         for key in ("rotation", "offset"):
             assert robot.source_of(f"joints[{i}].{key}"), key
-        for group in (*groups, "drive", "friction"):
+        for group in (*groups, "drive", "friction", *(("limits",) if robot.limits else ())):
             for key in joint[group]:
                 assert robot.source_of(f"joints[{i}].{group}.{key}"), (i, group, key)
 

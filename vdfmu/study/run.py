@@ -80,6 +80,10 @@ def prepare(
     UsageError, ModelError
         For an unknown name, a bad file or options that do not fit together.
     """
+    if scenario == "reach" and not Path(scenario).exists():
+        from vdfmu.analysis.reach import reach_scenario  # which needs this half of the package
+
+        scenario, robot = reach_scenario(robot), None
     if isinstance(robot, (str, os.PathLike)):
         robot = load_robot(robot)
     if not isinstance(scenario, Scenario):
@@ -130,7 +134,7 @@ def run(
     Parameters
     ----------
     scenario : Scenario, str or path
-        Loaded, or the name of a shipped one, or a file.
+        Loaded, or the name of a shipped one, or a file; "reach" for a first motion of any robot.
     robot : Robot, str or path, optional
         Robot in place of the scenario's.
     step : float [s], optional
