@@ -24,5 +24,5 @@ def test_inverse_and_forward_dynamics_are_pinocchios(
         np.testing.assert_allclose(found, tau, rtol=0, atol=1e-12 * np.abs(tau).max())
         q_ddot = pin.aba(model, data, state.q, state.q_dot, tau, force)
         found = forward_dynamics(robot, state.q, state.q_dot, tau, state.F_e)
-        # The same, times the condition of the mass matrix, some 1e5 with 24 joints, of roundings of which most cancel: 1e-10.
+        # The same, times the condition of the mass matrix, some 1e5 with 24 joints; most of it cancels.
         np.testing.assert_allclose(found, q_ddot, rtol=0, atol=1e-10 * np.abs(q_ddot).max())

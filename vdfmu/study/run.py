@@ -80,7 +80,7 @@ def prepare(
     UsageError, ModelError
         For an unknown name, a bad file or options that do not fit together.
     """
-    if scenario == "reach" and not Path(scenario).exists():
+    if scenario == "reach" and not Path("reach").exists():
         from vdfmu.analysis.reach import reach_scenario  # which needs this half of the package
 
         scenario, robot = reach_scenario(robot), None
