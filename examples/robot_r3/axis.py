@@ -19,8 +19,8 @@ class Axis(Unit):
         i_dot   = 2 D w / R_A (-5 v_C - R_A i - k ell kappa_dot)          armature, with the back electromotive force
         tau     = k i
 
-    So the current follows as a system of second order, of the frequency w and the damping ratio D. The unit starts at
-    rest with the current that holds the arm.
+    So the current follows as a system of second order, of the frequency w and the damping ratio D. The unit starts with
+    the current that holds the arm.
     """
 
     q_d = Input("position", JOINTS, "desired position")

@@ -72,7 +72,9 @@ def test_the_loops_of_the_whole_arm_keep_clear_of_minus_one(name: str) -> None:
 def test_the_loops_of_every_other_shipped_arm_do_too(name: str) -> None:
     scenario = reach_scenario(name)
     motion = scenario.sections["trajectory"]
-    assert np.abs(np.subtract(motion["q_end"], motion["q_start"])).sum() < 4.1  # rad: a long arm does not coil
+    assert (
+        np.abs(np.subtract(motion["q_end"], motion["q_start"])).sum() < 4.1
+    )  # rad: a long arm does not coil
     loops = ArmLoops(scenario, growth=GROWTH)
     assert loops.margins(delay=0).modulus.min() > 0.7
     assert loops.margins(delay=1).modulus.min() > 0.25  # the Panda stretches joints 1, 3 and 5 along one axis
