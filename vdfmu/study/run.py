@@ -80,10 +80,6 @@ def prepare(
     UsageError, ModelError
         For an unknown name, a bad file or options that do not fit together.
     """
-    if scenario == "reach" and not Path("reach").exists():
-        from vdfmu.analysis.reach import reach_scenario  # which needs this half of the package
-
-        scenario, robot = reach_scenario(robot), None
     if isinstance(robot, (str, os.PathLike)):
         robot = load_robot(robot)
     if not isinstance(scenario, Scenario):
@@ -134,7 +130,7 @@ def run(
     Parameters
     ----------
     scenario : Scenario, str or path
-        Loaded, or the name of a shipped one, or a file; "reach" for a first motion of any robot.
+        Loaded, or the name of a shipped one, or a file; of `vdfmu.run` also "reach", a first motion of any robot.
     robot : Robot, str or path, optional
         Robot in place of the scenario's.
     step : float [s], optional
