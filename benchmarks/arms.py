@@ -73,7 +73,7 @@ def _ran(name: str) -> dict[str, float]:
         built = processor_time()
         results = vdfmu.simulate(package, stop=scenario.stop, step=scenario.step)
         ended = processor_time()
-    error = np.abs(results.array("trajectory.q_d") - results.array("plant.q"))
+    error = np.abs(results["trajectory.q_d"] - results["plant.q"])
     return {
         "build": built - began, "second": (ended - built) / float(results.time[-1]),
         "largest": float(error.max()), "final": float(error[-1].max()),

@@ -40,9 +40,9 @@ def simulated(**options):
     """Run the scenario; return time and the same signals, with the library's signs."""
     results = vdfmu.run(Path(__file__).with_name("scenario.toml"), overwrite=True, **options)
     ell = vdfmu.load_robot(Path(__file__).with_name("robot.toml")).ell
-    q = results.array("plant.q")
-    deflection = ROTATION * ell * (q - results.array("plant.kappa"))
-    return results.time, q, ROTATION * results.array("axis.i"), deflection[:, :3]
+    q = results["plant.q"]
+    deflection = ROTATION * ell * (q - results["plant.kappa"])
+    return results.time, q, ROTATION * results["axis.i"], deflection[:, :3]
 
 
 def main(path):

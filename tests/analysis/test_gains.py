@@ -126,9 +126,9 @@ def test_an_imported_or_shipped_arm_moves_well_at_once(
     scenario = reach_scenario(robot)
     results = run("reach", robot=robot, out=tmp_path / "results", reference=False)
     assert results.summary["scenario"] == f"{robot.name}_reach"
-    torque = results.array("controller.tau") * robot.ell
+    torque = results["controller.tau"] * robot.ell
     # The torque is held over a step, on average half a step late: the feedback of a deviation balances that.
     late = np.abs(np.diff(torque, axis=0)).max(axis=0)
-    error = np.abs(results.array("trajectory.q_d") - results.array("plant.q")).max(axis=0)
+    error = np.abs(results["trajectory.q_d"] - results["plant.q"]).max(axis=0)
     assert (error < late / np.array(scenario.sections["controller"]["K_p"])).all()
-    assert np.abs(results.array("plant.q")[-1] - scenario.sections["trajectory"]["q_end"]).max() < 1e-4
+    assert np.abs(results["plant.q"][-1] - scenario.sections["trajectory"]["q_end"]).max() < 1e-4
