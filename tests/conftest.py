@@ -85,6 +85,7 @@ def make_general_chain() -> Robot:
             inertia=np.array([random_inertia(random, 0.1) for _ in range(n)]),
             gravity=np.array([1.0, -2.0, 9.5]),
             tool_offset=np.array([0.05, -0.1, 0.2]),
+            tool_rotation=random_rotation(np.random.default_rng(20240503)),
             ell=per_joint(100.0, 600.0),
             I_m=per_joint(1e-3, 1e-2),
             K_f0=per_joint(15e3, 2e6),

@@ -39,7 +39,7 @@ def test_positions_are_the_published_ones(scenario) -> None:
     found = reference(
         "continuous", SystemDescription(scenario, system_values(scenario, {})), step=step, stop=scenario.stop
     )
-    q = found.array("plant.q")
+    q = found["plant.q"]
     for t, published in PUBLISHED.items():
         error = np.abs(q[round(t / step)] - published)
         # Dassl's relative tolerance of 1e-6 at positions of up to 2 rad; without the dampers of the gears 2e-4.

@@ -51,6 +51,7 @@ def robot_from_dict(data: Mapping[str, Any], where: str = "robot") -> Robot:
     whole = _numbers(file, "robot") | {row.name: np.zeros(row.shape) for row in section("payload")}
     if "payload" in file.data:
         whole |= _numbers(file.table("payload", _keys("payload")), "payload")
+    check_rotation(problems, "tool_rotation", np.asarray(whole["tool_rotation"]))
     sources = _sources(file)
     expected = "one table [[joints]] for each joint"
     joints = file.value("joints", expected)
