@@ -93,7 +93,7 @@ def test_models_are_listed_and_shown(tmp_path):
     assert "Table 1" in shown.stdout
 
 
-@pytest.mark.parametrize("name", [*TYPICAL, "scara_4dof"])
+@pytest.mark.parametrize("name", TYPICAL)
 def test_a_robot_is_shown_whole_in_80_columns(tmp_path, name):
     """No word is cut: every number, heading and word of a source is there as it is in a wide terminal."""
     narrow, wide = (

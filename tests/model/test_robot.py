@@ -88,6 +88,7 @@ def test_round_trip_of_random_robots(chain: list[dict[str, Any]], friction: str,
         "rotor_coupling": coupling,
         "gravity": [0.0, 0.0, 9.81],
         "tool_offset": [0.1, 0.0, 0.0],
+        "tool_rotation": [[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]],
         "joints": chain,
         "sources": {"joints[1].link.mass": "drawn"},
     }
