@@ -31,7 +31,7 @@ def run(report: Report, quick: bool = False) -> None:
         "arms", TITLE,
         [("robot", "s"), ("joints", "d"), ("mass [kg]", ".3g"), ("length [m]", ".3g"), ("lowest mode [Hz]", ".3g"),
          ("margin", ".2f"), ("margin, one sample late", ".2f"), ("motion [s]", ".3g"), ("largest error", ".1e"),
-         ("final error", ".1e"), ("build [s]", ".0f"), ("processor time of a second [s]", ".2g")],
+         ("final error", ".1e"), ("build [s]", ".0f"), ("processor [s/s]", ".2g")],
     )  # fmt: skip
     for name in ("planar_2dof", "scara_4dof") if quick else robot_names():
         report.say(name)
