@@ -58,7 +58,11 @@ def robot_file_page() -> str:
                 f"`{row.key}`",
                 unit + (f" [{prismatic}]" if prismatic != unit else ""),
                 ", ".join(part for part in (size, low, high) if part),
-                "" if row.default is None else f"{row.default:g}",
+                ""
+                if row.default is None
+                else f"{row.default:g}"
+                if isinstance(row.default, float)
+                else "unit matrix",
                 row.equation,
                 _text(row.text[0].lower() + row.text[1:].replace(", Eq. {}", "").replace(" of Eq. {}", "")),
             )

@@ -26,7 +26,8 @@ from vdfmu.units import shipped_units
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # as a shell starts what it runs in the background
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
-SHIPPED = ("manipulator_6dof", "planar_2dof", "slider_3dof")
+TYPICAL = ("manipulator_6dof", "planar_2dof", "slider_3dof")
+"""Shipped robots with all that the shipped robots have: what holds for them is not tested with the others again."""
 
 
 @pytest.fixture(scope="session", autouse=True)
@@ -85,6 +86,7 @@ def make_general_chain() -> Robot:
             inertia=np.array([random_inertia(random, 0.1) for _ in range(n)]),
             gravity=np.array([1.0, -2.0, 9.5]),
             tool_offset=np.array([0.05, -0.1, 0.2]),
+            tool_rotation=random_rotation(np.random.default_rng(20240503)),
             ell=per_joint(100.0, 600.0),
             I_m=per_joint(1e-3, 1e-2),
             K_f0=per_joint(15e3, 2e6),
@@ -123,9 +125,9 @@ def planar() -> Robot:
     return load_robot("planar_2dof")
 
 
-@pytest.fixture(scope="session", params=SHIPPED)
+@pytest.fixture(scope="session", params=TYPICAL)
 def robot(request: pytest.FixtureRequest) -> Robot:
-    """Return each shipped robot."""
+    """Return each typical robot."""
     return load_robot(request.param)
 
 
@@ -135,9 +137,9 @@ def general() -> Robot:
     return make_general_chain()
 
 
-@pytest.fixture(scope="session", params=(*SHIPPED, "general"))
+@pytest.fixture(scope="session", params=(*TYPICAL, "general"))
 def chain(request: pytest.FixtureRequest) -> Robot:
-    """Return each shipped robot and the random general chain."""
+    """Return each typical robot and the random general chain."""
     return make_general_chain() if request.param == "general" else load_robot(request.param)
 
 

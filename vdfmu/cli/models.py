@@ -36,6 +36,8 @@ def show_model(
     name: Annotated[str, typer.Argument(help="Name of a robot or scenario, or path of a robot's TOML file.")],
 ) -> None:
     """Show a robot's parameters with their sources, or a scenario's file."""
+    import numpy as np
+
     from vdfmu.data import data_path
     from vdfmu.model import load_robot
     from vdfmu.model.parameters import OPTIONAL, PARAMETERS, section
@@ -49,8 +51,9 @@ def show_model(
     robot = load_robot(name)
     console.print(f"[bold]{escape(robot.name)}[/bold]: {escape(robot.description)}")
     for row in section("robot"):
-        number = _number(getattr(robot, row.name))
-        console.print(f"{row.name} {number}: {robot.source_of(row.path) or 'no source'}", markup=False)
+        source, array = robot.source_of(row.path), getattr(robot, row.name)
+        if source or row.default is None or (array != np.full(row.shape, row.default)).any():
+            console.print(f"{row.name} {_number(array)}: {source or 'no source'}", markup=False)
     console.print(f"friction {robot.friction}, rotor_coupling {str(robot.rotor_coupling).lower()}")
     if robot.payload:
         load = [f"{row.name} {_number(getattr(robot, row.name))}" for row in section("payload")]

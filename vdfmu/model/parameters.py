@@ -58,8 +58,8 @@ class Row:
         Largest absolute value, in SI units, far above that of any machine.
     smallest : float or None
         Smallest value. `POSITIVE` stands for "above 0", None for minus the largest.
-    default : float or None
-        Of every entry, where the file says nothing. None: the file must have it.
+    default : float, matrix or None
+        Of every entry, or of all, where the file says nothing. None: the file must have it.
     shape : tuple of int
         Of one joint, or of what there is once.
     fold : str
@@ -80,7 +80,7 @@ class Row:
     equation: str = ""
     largest: float = LARGEST_NUMBER
     smallest: float | None = None
-    default: float | None = None
+    default: Any = None
     shape: tuple[int, ...] = ()
     fold: Fold = "never"
     hint: str = ""
@@ -147,6 +147,7 @@ def _row(*row: Any, **rest: Any) -> Any:
 
 
 _VECTOR, _MATRIX = (3,), (3, 3)
+_ALIGNED = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 _MOMENTS = "One number (isotropic), 3 principal moments or a symmetric 3 x 3 matrix will do."
 
 
@@ -161,6 +162,9 @@ class Parameters:
     tool_offset: Array = _row(
         "robot", "m", "Origin of the end-effector frame {O} in the last link frame", "(44)", 1e4, default=0.0,
         shape=_VECTOR, fold="zeros", given="tip")
+    tool_rotation: Array = _row(
+        "robot", "1", "Rotation matrix from {O} to the last link frame", "(44)", default=_ALIGNED, shape=_MATRIX,
+        fold="always", given="tip_axes")
     payload_mass: Array = _row(
         "payload", "kg", "Mass of the payload", "(51)", 1e6, 0.0, hint="Give 0 for none; it can be set at run time.")
     payload_centroid: Array = _row(

@@ -52,6 +52,9 @@ def robot_from_dict(data: Mapping[str, Any], where: str = "robot") -> Robot:
     whole = _numbers(file, "robot") | {row.name: np.zeros(row.shape) for row in section("payload")}
     if "payload" in file.data:
         whole |= _numbers(file.table("payload", _keys("payload")), "payload")
+    for row in section("robot"):
+        if row.shape == (3, 3):
+            check_rotation(problems, row.key, np.asarray(whole[row.name]))
     sources = _sources(file)
     expected = "one table [[joints]] for each joint"
     joints = file.value("joints", expected)

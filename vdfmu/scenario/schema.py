@@ -9,6 +9,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+import numpy as np
+
 from vdfmu.engine.algorithms import ALGORITHMS
 from vdfmu.model.catalogue import NAMED, catalogue
 from vdfmu.model.parameters import JOINT_OPTIONS, PARAMETERS, Row, Section, section
@@ -169,7 +171,7 @@ def _row(row: Row) -> Schema:
     units = dict.fromkeys(row.unit(joint) for joint in JOINT_TYPES)
     text: Schema = {"description": f"{row.description} [{' or '.join(units)}]"}
     if row.default is not None:
-        text["default"] = row.default
+        text["default"] = np.asarray(row.default).tolist()
     shaped = number
     for size in reversed(row.shape):
         shaped = {"type": "array", "items": shaped, "minItems": size, "maxItems": size}
