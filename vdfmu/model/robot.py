@@ -18,6 +18,8 @@ from vdfmu.model.visual import Visual
 
 JOINT_TYPES = ("revolute", "prismatic")
 FRICTION_ARRANGEMENTS = ("lumped", "split")
+ENDS = ("moving_base", "coupled_tool")
+"""Flags of a robot that couple an end of it to what is around it."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -46,6 +48,10 @@ class Robot(Parameters):
         Whether the last link carries a body of its own; the fields ``payload_`` count only then.
     limits : bool
         Whether joints have end stops and motors a torque-speed line; the fields of ``[joints.limits]`` count only then.
+    moving_base : bool
+        Whether the base moves, as inputs of the plant say; else it is at rest in {I}.
+    coupled_tool : bool
+        Whether the plant shows how its end effector moves, and takes a load that has a mass.
     visuals : tuple of Visual
         What the links look like; nothing calculates with it.
     """
@@ -58,6 +64,8 @@ class Robot(Parameters):
     sources: Mapping[str, str]
     payload: bool = False
     limits: bool = False
+    moving_base: bool = False
+    coupled_tool: bool = False
     visuals: tuple[Visual, ...] = ()
 
     @property
@@ -80,6 +88,7 @@ class Robot(Parameters):
             "description": self.description,
             "friction": self.friction,
             "rotor_coupling": self.rotor_coupling,
+            **{flag: True for flag in ENDS if getattr(self, flag)},
             **numbers("robot", ()),
             **({"payload": numbers("payload", ())} if self.payload else {}),
             "joints": [

@@ -10,7 +10,7 @@ import numpy as np
 from vdfmu.model.check import check_drive, check_friction, check_inertia, check_rotation, check_stops
 from vdfmu.model.parameters import PARAMETERS, Row, Section, read_only, section
 from vdfmu.model.read import POSITIVE, FloatArray, Problems, Table, nearest, shape_of, shown
-from vdfmu.model.robot import FRICTION_ARRANGEMENTS, JOINT_TYPES, Robot, joint_free, robot_argument
+from vdfmu.model.robot import ENDS, FRICTION_ARRANGEMENTS, JOINT_TYPES, Robot, joint_free, robot_argument
 from vdfmu.model.visual import read_visuals
 
 Numbers = dict[str, float | FloatArray]
@@ -21,7 +21,8 @@ def _keys(name: Section) -> list[str]:
 
 
 ROBOT_KEYS = (
-    "name", "description", "friction", "rotor_coupling", *_keys("robot"), "payload", "joints", "sources", "visuals",
+    "name", "description", "friction", "rotor_coupling", *ENDS, *_keys("robot"), "payload", "joints", "sources",
+    "visuals",
 )  # fmt: skip
 JOINT_KEYS = ("type", *_keys("joint"), "link", "drive", "friction", "limits")
 SOURCE_KEYS = tuple(row.path for row in PARAMETERS.values())
@@ -48,6 +49,7 @@ def robot_from_dict(data: Mapping[str, Any], where: str = "robot") -> Robot:
     description = file.text("description", "")
     friction = file.text("friction", "lumped", FRICTION_ARRANGEMENTS)
     rotor_coupling = file.flag("rotor_coupling", True)
+    flags = {flag: file.flag(flag, False) for flag in ENDS}
     whole = _numbers(file, "robot") | {row.name: np.zeros(row.shape) for row in section("payload")}
     if "payload" in file.data:
         whole |= _numbers(file.table("payload", _keys("payload")), "payload")
@@ -81,6 +83,7 @@ def robot_from_dict(data: Mapping[str, Any], where: str = "robot") -> Robot:
         sources=sources,
         payload="payload" in file.data,
         limits=limits,
+        **flags,
         visuals=visuals,
         **{name: read_only(array) for name, array in arrays.items()},
     )

@@ -11,7 +11,7 @@ from typing import Any
 
 from vdfmu.engine.algorithms import ALGORITHMS
 from vdfmu.model.parameters import PARAMETERS, Row, Section, section
-from vdfmu.model.robot import FRICTION_ARRANGEMENTS, JOINT_TYPES
+from vdfmu.model.robot import ENDS, FRICTION_ARRANGEMENTS, JOINT_TYPES
 from vdfmu.model.visual import SHAPES
 from vdfmu.scenario.load import load_system
 from vdfmu.scenario.parts import units_of
@@ -39,6 +39,7 @@ def robot_schema() -> Schema:
         "description": _TEXT,
         "friction": {"enum": list(FRICTION_ARRANGEMENTS)},
         "rotor_coupling": {"type": "boolean"},
+        **{flag: {"type": "boolean"} for flag in ENDS},
         "payload": payload,
         "joints": {"type": "array", "minItems": 1, "items": joint},
         "sources": {"type": "object", "description": "Key of this file to where its number is from"},

@@ -89,8 +89,8 @@ class Unit:
     """Joints from which on :meth:`balance` is linearised with what it hands to :meth:`cut` as unknowns of their own."""
     experiment_stop: ClassVar[float] = 1.0
     """End of the experiment of the FMU's reference results [s]."""
-    declared: ClassVar[Mapping[str, Declared]] = {}
-    """All variables by name."""
+    declared: Mapping[str, Declared] = {}
+    """All variables by name; on an instance those for its robot."""
     robot_fields: ClassVar[tuple[str, ...] | None] = None
     """Fields of the :class:`RobotParameters`; empty: all; None: the unit has none."""
     _watch: Watch | None = None
@@ -125,6 +125,7 @@ class Unit:
                 f"{type(self).__name__} needs a robot, for its joints. Give one: robot=load_robot(..)."
             )
         self.of_robot = robot
+        self.declared = {name: d for name, d in self.declared.items() if d.is_of(robot)}
         self.store: dict[str, Any] = {}
         self.t = 0.0
         for name, declared in self.declared.items():
@@ -336,7 +337,7 @@ def _start_parameter(state: State) -> Parameter:
     text = state.text if isinstance(state.text, str) else list(state.text)
     text = f"start of {text or state.name}" if isinstance(text, str) else [f"start of {one}" for one in text]
     return Parameter(
-        state.unit, state.shape, text, start=state.start, minimum=state.minimum, maximum=state.maximum
+        state.unit, state.shape, text, start=state.start, minimum=state.minimum, maximum=state.maximum, when=state.when
     )
 
 

@@ -38,6 +38,8 @@ def check_unit(unit: type[Unit], robot: Robot | None) -> None:
     """
     found = [*_of_unit(unit)]
     for declared in unit.declared.values():
+        if declared.when and declared.when not in Robot.__dataclass_fields__:
+            found.append((declared.name, f"{declared.name}: when: expected a flag of a robot, got {declared.when!r}"))
         found += [(declared.name, problem) for problem in _of_variable(unit, declared, robot)]
     if found:
         raise UnitError(

@@ -62,6 +62,8 @@ class Declared:
     start : number, array_like or function of a robot
         Start value, broadcast to the shape.
     minimum, maximum : float, optional
+    when : str, optional
+        Flag of the robot, ``"moving_base"``: an arm without it has no such variable, and the unit's methods leave it alone.
     """
 
     causality: ClassVar[str] = "parameter"
@@ -80,12 +82,14 @@ class Declared:
         start: Any = 0.0,
         minimum: float | None = None,
         maximum: float | None = None,
+        when: str = "",
     ) -> None:
         self.unit = unit
         self.shape = shape if isinstance(shape, tuple) else (shape,)
         self.text = text
         self.start = start
         self.minimum, self.maximum = minimum, maximum
+        self.when = when
 
     def __set_name__(self, owner: type, name: str) -> None:
         self.name = name
@@ -103,6 +107,10 @@ class Declared:
     def sizes(self, n: int) -> tuple[int, ...]:
         """Shape for a robot of `n` joints."""
         return tuple(n if isinstance(axis, _Joints) else axis for axis in self.shape)
+
+    def is_of(self, robot: Robot | None) -> bool:
+        """Whether the unit has the variable for a robot."""
+        return not self.when or bool(getattr(robot, self.when, False))
 
     def start_value(self, robot: Robot | None) -> np.ndarray[Any, Any]:
         """Start value in the shape for a robot; UnitError if it does not fit."""
@@ -151,7 +159,7 @@ class Derivative(Declared):
     set_by = "derivatives"
 
     def __init__(self, state: State) -> None:
-        super().__init__(state.unit, state.shape, state.text)
+        super().__init__(state.unit, state.shape, state.text, when=state.when)
         self.state = state
 
 
@@ -170,9 +178,10 @@ class Parameter(Declared):
         start: Any = 0.0,
         minimum: float | None = None,
         maximum: float | None = None,
+        when: str = "",
         tunable: bool = False,
     ) -> None:
-        super().__init__(unit, shape, text, start=start, minimum=minimum, maximum=maximum)
+        super().__init__(unit, shape, text, start=start, minimum=minimum, maximum=maximum, when=when)
         self.variability = "tunable" if tunable else "fixed"
 
 

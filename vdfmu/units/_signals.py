@@ -19,10 +19,24 @@ DESIRED = {
 """Unit, shape and text of the desired motion."""
 
 
+WRENCH = (3 * ("N",) + 3 * ("N.m",), 6)
+"""Units and shape of a force and a moment."""
+MASS = (3 * (3 * ("kg",) + 3 * ("kg.m",)) + 3 * (3 * ("kg.m",) + 3 * ("kg.m2",)), (6, 6))
+"""Units and shape of a mass matrix of Eq. (60)."""
+VELOCITY = (3 * ("m/s",) + 3 * ("rad/s",), 6)
+"""Units and shape of a linear and an angular velocity."""
+ACCELERATION = (3 * ("m/s2",) + 3 * ("rad/s2",), 6)
+"""Units and shape of the acceleration of a point and an angular acceleration."""
+
+
+def six(linear: str, angular: str) -> list[str]:
+    """Texts of a 6-vector."""
+    return [f"{linear if k < 3 else angular}, axis {k % 3 + 1}" for k in range(6)]
+
+
 def wrench(text: str) -> Input:
     """Wrench at the end effector, (6,), in {O}."""
-    texts = [f"{'Force' if k < 3 else 'Moment'} {text} in {{O}}, axis {k % 3 + 1}" for k in range(6)]
-    return Input(3 * ("N",) + 3 * ("N.m",), 6, texts)
+    return Input(*WRENCH, six(f"Force {text} in {{O}}", f"Moment {text} in {{O}}"))
 
 
 def gain(unit: str, text: str, start: float) -> Parameter:
