@@ -88,7 +88,8 @@ def scenario_schema(system: str = "system") -> Schema:
 def system_schema() -> Schema:
     """Return the schema of a system file."""
     box = {"type": "array", "items": {"type": "number"}, "minItems": 4, "maxItems": 4}
-    part = {"anyOf": [_TEXT, box, _table({"unit": _TEXT, "box": box}, [])]}
+    ends = {flag: {"type": "boolean"} for flag in ENDS}
+    part = {"anyOf": [_TEXT, box, _table({"unit": _TEXT, "box": box, "robot": _TEXT, **ends}, [])]}
     keys: Schema = {
         "extends": _TEXT,
         "name": _TEXT,
