@@ -39,6 +39,21 @@ def wrench(text: str) -> Input:
     return Input(*WRENCH, six(f"Force {text} in {{O}}", f"Moment {text} in {{O}}"))
 
 
+def base_motion() -> tuple[Input, Input, Input]:
+    """Rotation, velocity and acceleration of a moving base."""
+    return (
+        Input("1", (3, 3), "Rotation matrix of the base in {I}", start=np.eye(3), when="moving_base"),
+        Input(
+            *VELOCITY, six("Velocity of the base in {S}", "Angular velocity of the base in {S}"), when="moving_base"
+        ),
+        Input(
+            *ACCELERATION,
+            six("Acceleration of the origin of {S} in {S}", "Angular acceleration of the base in {S}"),
+            when="moving_base",
+        ),
+    )
+
+
 def gain(unit: str, text: str, start: float) -> Parameter:
     """Tunable parameter of each joint, not below 0."""
     return Parameter(unit, JOINTS, text, start=start, minimum=0.0, tunable=True)

@@ -29,7 +29,7 @@ from vdfmu.unit import (
     Terminal,
     Unit,
 )
-from vdfmu.units._signals import ACCELERATION, MASS, VELOCITY, WRENCH, six, wave_wrench, wrench
+from vdfmu.units._signals import ACCELERATION, MASS, VELOCITY, WRENCH, base_motion, six, wave_wrench, wrench
 
 
 class Plant(Unit):
@@ -71,15 +71,7 @@ class Plant(Unit):
     F_e = wrench("of the arm on its surroundings")
     M_e = Input(*MASS, "Apparent mass matrix of the load at the end effector in {O}", when="coupled_tool")
     p_S = Input("m", 3, "Position of the base frame {S} in {I}, axis", when="moving_base")
-    R_S = Input("1", (3, 3), "Rotation matrix of the base in {I}", start=np.eye(3), when="moving_base")
-    V_S = Input(
-        *VELOCITY, six("Velocity of the base in {S}", "Angular velocity of the base in {S}"), when="moving_base"
-    )
-    A_S = Input(
-        *ACCELERATION,
-        six("Acceleration of the origin of {S} in {S}", "Angular acceleration of the base in {S}"),
-        when="moving_base",
-    )
+    R_S, V_S, A_S = base_motion()
     q = State("position", JOINTS, "position of the link")
     q_dot = State("velocity", JOINTS, "velocity of the link")
     kappa_dot = State("velocity", JOINTS, "velocity of the rotor divided by ell")
@@ -200,6 +192,6 @@ class Plant(Unit):
         self.tau = (hold + push) / self.robot.ell
         self.F_e = wave_wrench(self.t)
         if self.robot.moving_base:
-            self.V_S, self.A_S = 0.1 * np.sin(2.0 * self.t + np.arange(6.0)), 0.2 * np.cos(2.0 * self.t + np.arange(6.0))
+            self.V_S, self.A_S = wave_wrench(self.t), 2.0 * wave_wrench(self.t + 0.5 * np.pi)
         if self.robot.coupled_tool:
             self.M_e = np.diag(3 * [0.1] + 3 * [0.001])
