@@ -14,7 +14,7 @@ from mkdocs.structure.files import File
 from vdfmu.fmu.description import model_description
 from vdfmu.fmu.description3 import model_description_3
 from vdfmu.model import load_robot
-from vdfmu.model.parameters import PARAMETERS
+from vdfmu.model.parameters import JOINT_OPTIONS, PARAMETERS
 from vdfmu.model.read import POSITIVE
 from vdfmu.unit.interface import Array, Interface, general_description
 from vdfmu.unit.variable import Variable
@@ -120,7 +120,7 @@ _TABLES = {
     "joints.link": "[joints.link]",
     "joints.drive": "[joints.drive]",
     "joints.friction": "[joints.friction]",
-    "joints.limits": "[joints.limits]",
+    **{f"joints.{option}": f"[joints.{option}]" for option in JOINT_OPTIONS},
 }
 _TITLES = {
     "input": "Inputs",
@@ -255,7 +255,7 @@ file is reported at once. Beside the numbers below it has `name` and `descriptio
 `"split"`, default lumped), `rotor_coupling` (default `true`, [the rotor as a body](model.md#the-rotor-as-a-body)),
 the `type` of each joint (`"revolute"` or `"prismatic"`) and, under `[sources]`, where numbers are from:
 `"joints.link.mass" = ".."` for all joints, `"joints[2].link.mass"` for one. `[payload]` can be missing,
-`[joints.limits]` too, but then of all joints. Tables `[[visuals]]` say what links look like; nothing calculates with
+tables of [options](drives.md#options) such as `[joints.limits]` too, but then of all joints. Tables `[[visuals]]` say what links look like; nothing calculates with
 them: `joint` (0 for what stands still), `shape` (mesh, box, ellipsoid, cylinder, capsule, sphere), `file` of a mesh,
 `size` (scale of a mesh; sides; half-axes; radius and length along z; radius), `rotation` and `offset` in the link
 frame, `color` (red, green, blue, opacity). [Robots from URDF and MJCF](importing.md) writes such a file from another.

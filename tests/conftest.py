@@ -15,7 +15,7 @@ from vdfmu.kernel import Kernel
 from vdfmu.kernel.cache import cache_folder
 from vdfmu.kernel.structure import values
 from vdfmu.model import Robot, check_robot, load_robot
-from vdfmu.model.parameters import section
+from vdfmu.model.parameters import JOINT_OPTIONS, section
 from vdfmu.unit.evaluate import Traced
 from vdfmu.unit.integrator import Integrator
 from vdfmu.unit.interface import Interface
@@ -102,7 +102,7 @@ def make_general_chain() -> Robot:
             rotor_coupling=True,
             sources={},
             payload=True,
-            **{row.name: np.zeros(n) for row in section("limits")},
+            **{row.name: np.zeros(n) for option in JOINT_OPTIONS for row in section(option)},
             payload_mass=np.array(1.7),
             payload_centroid=np.array([-0.04, 0.07, 0.1]),
             payload_inertia=1.7 * random_inertia(np.random.default_rng(20240502), 0.1),

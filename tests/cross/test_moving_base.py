@@ -127,7 +127,7 @@ def test_the_balance_of_forces_is_that_of_the_derivative(chain, draw):
         M_e = mass_matrix(2.0, random.normal(size=3), random_inertia(random, 0.3))
         ends = Ends(ride.base(chain), M_e)
         x_dot = plant_derivative(chain, state.x, state.tau, state.F_e, ends)
-        _, q_ddot, kappa_ddot, _ = split_state(x_dot)
+        _, q_ddot, kappa_ddot, _ = np.split(x_dot, 4)
         links, rotors = balance(chain, state.x, q_ddot, state.tau, state.F_e, ends=ends)
         # the torques that cancel: those of the joints, and what accelerations of 1e3 rad/s2 make of the inertia
         np.testing.assert_allclose(links, 0.0, atol=CLOSE * np.abs(q_ddot).max())
@@ -211,7 +211,7 @@ def test_two_arms_accelerate_as_the_arm_of_all_their_joints(chain, draw, coupled
     one = part(whole, slice(0, 1), tool_offset=tool, payload=False)
     two = part(whole, slice(1, n), offset=offset)
     for state, ride in zip(draw(whole, 10, seed=24), rides(10, 25), strict=True):
-        x, base = split_state(state.x), ride.base(whole)
+        x, base = split_state(whole, state.x)[:4], ride.base(whole)
         x_1, x_2 = (np.concatenate([s[joints] for s in x]) for joints in (slice(0, 1), slice(1, n)))
         R_O = ride.R_S @ plant_outputs(one, x_1).R_O
         V_O, _ = tool_motion(one, x_1, state.tau[:1], np.zeros(6), Ends(base))
@@ -223,8 +223,8 @@ def test_two_arms_accelerate_as_the_arm_of_all_their_joints(chain, draw, coupled
         found_2 = plant_derivative(
             two, x_2, state.tau[1:], state.F_e, Ends(moving_base(two, R_O, V_O[3:], A_O))
         )
-        found = [np.concatenate(pair) for pair in zip(split_state(found_1), split_state(found_2), strict=True)]
-        expected = split_state(plant_derivative(whole, state.x, state.tau, state.F_e, Ends(base)))
+        found = [np.concatenate(pair) for pair in zip(np.split(found_1, 4), np.split(found_2, 4), strict=True)]
+        expected = np.split(plant_derivative(whole, state.x, state.tau, state.F_e, Ends(base)), 4)
         for a, b in zip(found, expected, strict=True):
             close(a, b)
 
@@ -282,7 +282,7 @@ def test_the_feedforward_of_a_base_that_turns_steadily_is_the_exact_inverse(chai
     torques = feedforward_inverse(chain, desired(t), np.zeros(6), base(t))
     motion = desired(t)
     x = np.concatenate([motion.q_d, motion.q_d_dot, torques.kappa_dot_d, torques.tau_s])
-    x_dot = split_state(plant_derivative(chain, x, torques.tau_m, np.zeros(6), Ends(base(t))))
+    x_dot = split_state(chain, plant_derivative(chain, x, torques.tau_m, np.zeros(6), Ends(base(t))))
     # of a coupled rotor's torque the feedforward leaves out D' I_m D_ddot, see `desired_drive_motion`
     close(x_dot.q_dot, motion.q_d_ddot, 1e-9)
     gains = Gains(*(np.zeros(n) for _ in range(4)))

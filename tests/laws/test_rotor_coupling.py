@@ -116,7 +116,7 @@ def test_angular_momentum_changes_by_the_torque_of_the_base_alone(coupled, plant
     derivative = plant_function(robot, "derivatives")
 
     def momentum(x):
-        state = split_state(x)
+        state = split_state(robot, x)
         motion = link_motion(robot, state.q, state.q_dot, np.zeros(6))
         V_D = rotor_velocities(robot, motion.V_B, state.kappa_dot)
         H, U = 0.0, np.eye(6)

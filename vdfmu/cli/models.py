@@ -38,7 +38,7 @@ def show_model(
     """Show a robot's parameters with their sources, or a scenario's file."""
     from vdfmu.data import data_path
     from vdfmu.model import load_robot
-    from vdfmu.model.parameters import PARAMETERS, section
+    from vdfmu.model.parameters import OPTIONAL, PARAMETERS, section
     from vdfmu.scenario import scenario_names
 
     if name in scenario_names():
@@ -57,7 +57,7 @@ def show_model(
         console.print(", ".join(load))
     shown = [row for row in PARAMETERS.values() if row.per_joint and row.fold != "always"]
     for part, group in groupby(shown, lambda row: row.section):
-        if part == "limits" and not robot.limits:
+        if part in OPTIONAL and not getattr(robot, part):
             continue
         rows = list(group)
         table = Table(title=part.capitalize(), title_justify="left", show_edge=False)

@@ -8,7 +8,7 @@ from typing import Any, cast
 import numpy as np
 
 from vdfmu.model.check import check_drive, check_friction, check_inertia, check_rotation, check_stops
-from vdfmu.model.parameters import PARAMETERS, Row, Section, read_only, section
+from vdfmu.model.parameters import JOINT_OPTIONS, PARAMETERS, Row, Section, read_only, section
 from vdfmu.model.read import POSITIVE, FloatArray, Problems, Table, nearest, shape_of, shown
 from vdfmu.model.robot import ENDS, FRICTION_ARRANGEMENTS, JOINT_TYPES, Robot, joint_free, robot_argument
 from vdfmu.model.visual import read_visuals
@@ -24,7 +24,7 @@ ROBOT_KEYS = (
     "name", "description", "friction", "rotor_coupling", *ENDS, *_keys("robot"), "payload", "joints", "sources",
     "visuals",
 )  # fmt: skip
-JOINT_KEYS = ("type", *_keys("joint"), "link", "drive", "friction", "limits")
+JOINT_KEYS = ("type", *_keys("joint"), "link", "drive", "friction", *JOINT_OPTIONS)
 SOURCE_KEYS = tuple(row.path for row in PARAMETERS.values())
 
 
@@ -62,12 +62,13 @@ def robot_from_dict(data: Mapping[str, Any], where: str = "robot") -> Robot:
     read = [
         _joint(problems, joint, f"joints[{i}]") for i, joint in enumerate(cast("list[Any]", joints or []), 1)
     ]
-    limits = any(joint["limits"] for joint in read)
+    options = {option: any(joint[option] for joint in read) for option in JOINT_OPTIONS}
     for i, joint in enumerate(read, 1):
-        if limits and not joint["limits"]:
-            problems.add(
-                f"joints[{i}].limits", "a table, as other joints have", "nothing", "Give it to all or none."
-            )
+        for option in JOINT_OPTIONS:
+            if options[option] and not joint[option]:
+                problems.add(
+                    f"joints[{i}].{option}", "a table, as other joints have", "nothing", "Give it to all or none."
+                )
     visuals = read_visuals(problems, file.data.get("visuals", []), len(read))
     problems.raise_any()
     arrays: dict[str, Any] = {
@@ -82,7 +83,7 @@ def robot_from_dict(data: Mapping[str, Any], where: str = "robot") -> Robot:
         rotor_coupling=rotor_coupling,
         sources=sources,
         payload="payload" in file.data,
-        limits=limits,
+        **options,
         **flags,
         visuals=visuals,
         **{name: read_only(array) for name, array in arrays.items()},
@@ -106,14 +107,15 @@ def _joint(problems: Problems, data: object, path: str) -> dict[str, Any]:
     """Read one [[joints]] table: field of `Robot` to this joint's value."""
     table = Table(problems, data, path, JOINT_KEYS)
     kind = table.text("type", choices=JOINT_TYPES)
-    joint: dict[str, Any] = {"type": kind, "limits": "limits" in table.data} | _numbers(table, "joint", kind)
+    options = {option: option in table.data for option in JOINT_OPTIONS}
+    joint: dict[str, Any] = {"type": kind, **options} | _numbers(table, "joint", kind)
     check_rotation(problems, f"{path}.rotation", joint["rotation"])
-    parts: tuple[Section, ...] = ("link", "drive", "friction", *(("limits",) if joint["limits"] else ()))
+    parts: tuple[Section, ...] = ("link", "drive", "friction", *(part for part in JOINT_OPTIONS if options[part]))
     for part in parts:
         joint |= _numbers(table.table(part, _keys(part)), part, kind)
     check_drive(problems, f"{path}.drive", joint["ell"], joint["theta_err_amplitude"])
     check_friction(problems, f"{path}.friction", joint["f_c"], joint["f_s"])
-    if joint["limits"]:
+    if options["limits"]:
         check_stops(problems, f"{path}.limits", joint["q_min"], joint["q_max"])
     return joint
 

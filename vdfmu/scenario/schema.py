@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from vdfmu.engine.algorithms import ALGORITHMS
-from vdfmu.model.parameters import PARAMETERS, Row, Section, section
+from vdfmu.model.parameters import JOINT_OPTIONS, PARAMETERS, Row, Section, section
 from vdfmu.model.robot import ENDS, FRICTION_ARRANGEMENTS, JOINT_TYPES
 from vdfmu.model.visual import SHAPES
 from vdfmu.scenario.load import load_system
@@ -28,7 +28,7 @@ _SIGNAL: Schema = {"type": "string", "pattern": r"^[^.]+\.[^.]+$"}
 def robot_schema() -> Schema:
     """Return the schema of a robot file."""
     payload = _table(_rows("payload"), _required("payload"))
-    parts: tuple[Section, ...] = ("link", "drive", "friction", "limits")
+    parts: tuple[Section, ...] = ("link", "drive", "friction", *JOINT_OPTIONS)
     tables = {part: _table(_rows(part), _required(part)) for part in parts}
     joint = _table(
         {"type": {"enum": list(JOINT_TYPES)}} | _rows("joint") | tables,

@@ -63,7 +63,7 @@ class Declared:
         Start value, broadcast to the shape.
     minimum, maximum : float, optional
     when : str, optional
-        Flag of the robot, ``"moving_base"``: an arm without it has no such variable, and the unit's methods leave it alone.
+        Optional section of a robot file: the unit of a robot without it lacks the variable.
     """
 
     causality: ClassVar[str] = "parameter"
@@ -82,7 +82,7 @@ class Declared:
         start: Any = 0.0,
         minimum: float | None = None,
         maximum: float | None = None,
-        when: str = "",
+        when: str | None = None,
     ) -> None:
         self.unit = unit
         self.shape = shape if isinstance(shape, tuple) else (shape,)
@@ -107,10 +107,6 @@ class Declared:
     def sizes(self, n: int) -> tuple[int, ...]:
         """Shape for a robot of `n` joints."""
         return tuple(n if isinstance(axis, _Joints) else axis for axis in self.shape)
-
-    def is_of(self, robot: Robot | None) -> bool:
-        """Whether the unit has the variable for a robot."""
-        return not self.when or bool(getattr(robot, self.when, False))
 
     def start_value(self, robot: Robot | None) -> np.ndarray[Any, Any]:
         """Start value in the shape for a robot; UnitError if it does not fit."""
@@ -178,7 +174,7 @@ class Parameter(Declared):
         start: Any = 0.0,
         minimum: float | None = None,
         maximum: float | None = None,
-        when: str = "",
+        when: str | None = None,
         tunable: bool = False,
     ) -> None:
         super().__init__(unit, shape, text, start=start, minimum=minimum, maximum=maximum, when=when)
