@@ -44,13 +44,15 @@ class Ride(NamedTuple):
     A_S: np.ndarray
 
     def base(self, robot):
+        """Return it as the equations take it."""
         return moving_base(robot, self.R_S, self.V_S[3:], self.A_S)
 
 
 def rides(count, seed):
     random = np.random.default_rng(seed)
     return [
-        Ride(random_rotation(random), random.normal(size=6), 3.0 * random.normal(size=6)) for _ in range(count)
+        Ride(random_rotation(random), random.normal(size=6), 3.0 * random.normal(size=6))
+        for _ in range(count)
     ]
 
 
@@ -163,9 +165,7 @@ def test_a_base_that_turns_about_the_axis_of_joint_1_is_joint_1(chain, draw):
     for state in draw(chain, 5, seed=20):
         pose, ride = turned(chain, 0.7, 1.3, -2.1)
         first = np.eye(chain.n)[0]
-        found = inverse_dynamics(
-            chain, state.q, state.q_dot, state.q_ddot, state.F_e, base=ride.base(chain)
-        )
+        found = inverse_dynamics(chain, state.q, state.q_dot, state.q_ddot, state.F_e, base=ride.base(chain))
         moved = state.q + 0.7 * first, state.q_dot + 1.3 * first, state.q_ddot - 2.1 * first
         close(found, inverse_dynamics(chain, *moved, state.F_e), 1e-12)
         shown = plant_outputs(dataclasses.replace(chain, rotor_coupling=False), state.x, pose)
@@ -223,7 +223,9 @@ def test_two_arms_accelerate_as_the_arm_of_all_their_joints(chain, draw, coupled
         found_2 = plant_derivative(
             two, x_2, state.tau[1:], state.F_e, Ends(moving_base(two, R_O, V_O[3:], A_O))
         )
-        found = [np.concatenate(pair) for pair in zip(np.split(found_1, 4), np.split(found_2, 4), strict=True)]
+        found = [
+            np.concatenate(pair) for pair in zip(np.split(found_1, 4), np.split(found_2, 4), strict=True)
+        ]
         expected = np.split(plant_derivative(whole, state.x, state.tau, state.F_e, Ends(base)), 4)
         for a, b in zip(found, expected, strict=True):
             close(a, b)
@@ -286,7 +288,7 @@ def test_the_feedforward_of_a_base_that_turns_steadily_is_the_exact_inverse(chai
     # of a coupled rotor's torque the feedforward leaves out D' I_m D_ddot, see `desired_drive_motion`
     close(x_dot.q_dot, motion.q_d_ddot, 1e-9)
     gains = Gains(*(np.zeros(n) for _ in range(4)))
-    vdc = feedforward_vdc(chain, gains, motion, motion.q_d, motion.q_d_dot, torques.kappa_dot_d, None, base(t))
+    vdc = feedforward_vdc(
+        chain, gains, motion, motion.q_d, motion.q_d_dot, torques.kappa_dot_d, None, base(t)
+    )
     close(vdc.tau_m, torques.tau_m, 1e-9)
-
-

@@ -1,8 +1,8 @@
-"""What an arm stands on and what it carries: a moving base, and a load that has a mass. Not in the paper; off by default.
+"""What an arm stands on and what it carries: a moving base, a load that has a mass. Not in the paper; off by default.
 
-Virtual decomposition cuts a system into subsystems that know of each other what acts at the cutting point: a motion one
-way, a wrench the other. Of what hangs on an arm the wrench depends on the acceleration of the cutting point, ``F_e + M_e
-A_O``, and the acceleration on the wrench. What is handed over is therefore M_e and F_e, which depend on no acceleration.
+Virtual decomposition cuts a system into subsystems that know of each other what acts at the cutting point: a motion
+one way, a wrench the other. Of what hangs on an arm the wrench depends on the acceleration of the cutting point,
+``M_e A_O + F_e``, and the acceleration on the wrench. What is handed over is M_e and F_e: they need no acceleration.
 """
 
 from __future__ import annotations

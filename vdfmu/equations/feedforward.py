@@ -68,7 +68,9 @@ def _base_jets(base: Base) -> Base:
     turning, zero = skew(base.V_S[3:]), np.zeros(6)
     g_S_dot = -(turning @ base.g_S)
     g_S_ddot = -(skew(base.V_S_dot[3:]) @ base.g_S) - turning @ g_S_dot
-    V_S_dot = np.concatenate([np.zeros(3), base.V_S_dot[3:]])  # the linear velocity stays 0: see `moving_base`
+    V_S_dot = np.concatenate(
+        [np.zeros(3), base.V_S_dot[3:]]
+    )  # the linear velocity stays 0: see `moving_base`
     return Base(
         jets(base.g_S, g_S_dot, g_S_ddot), jets(base.V_S, V_S_dot, zero), jets(base.V_S_dot, zero, zero)
     )

@@ -151,7 +151,7 @@ def apparent_load(
     rotors: Rotors | None = None,
     ends: Ends = FREE,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """What an arm is for its base: a load whose wrench is ``F_S = M_S A_S + F_S0``, by the same recursion, one link on.
+    """Return what an arm is for its base, a load of the wrench ``M_S A_S + F_S0``, by the same recursion one link on.
 
     Parameters
     ----------

@@ -21,7 +21,7 @@ from vdfmu.equations.spatial import cross_motion, joint_axis
 
 
 class Motion(NamedTuple):
-    """Motion of all links: force transformations U_AB[i] (32), velocities V_B[i] (29)-(31) and V_B_dot[i]; of the base."""
+    """Motion of base and links: force transformations U_AB[i] (32), velocities V_B[i] (29)-(31) and V_B_dot[i]."""
 
     U_AB: list[np.ndarray]
     V_B: list[np.ndarray]

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from vdfmu.equations.attachment import Base, moving_base
 from vdfmu.equations.trajectory import Desired, desired_motion
 from vdfmu.unit import JOINTS, Input, Parameter
 
@@ -44,7 +45,9 @@ def base_motion() -> tuple[Input, Input, Input]:
     return (
         Input("1", (3, 3), "Rotation matrix of the base in {I}", start=np.eye(3), when="moving_base"),
         Input(
-            *VELOCITY, six("Velocity of the base in {S}", "Angular velocity of the base in {S}"), when="moving_base"
+            *VELOCITY,
+            six("Velocity of the base in {S}", "Angular velocity of the base in {S}"),
+            when="moving_base",
         ),
         Input(
             *ACCELERATION,
@@ -52,6 +55,11 @@ def base_motion() -> tuple[Input, Input, Input]:
             when="moving_base",
         ),
     )
+
+
+def base_of(unit: Any) -> Base | None:
+    """Return the motion of the base that a unit is given; None where its robot's is at rest."""
+    return moving_base(unit.robot, unit.R_S, unit.V_S[3:], unit.A_S) if unit.of_robot.moving_base else None
 
 
 def gain(unit: str, text: str, start: float) -> Parameter:

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from vdfmu.equations.attachment import moving_base
 from vdfmu.equations.feedforward import Gains, feedforward_inverse, feedforward_vdc
 from vdfmu.equations.trajectory import Desired
 from vdfmu.unit import JOINTS, Choice, Input, Output, RobotParameters, Terminal, Unit
-from vdfmu.units._signals import DESIRED, base_motion, gain, small_motion, wave_wrench, wrench
+from vdfmu.units._signals import DESIRED, base_motion, base_of, gain, small_motion, wave_wrench, wrench
 
 
 class Feedforward(Unit):
@@ -74,9 +73,7 @@ class Feedforward(Unit):
     def outputs(self) -> None:
         """Torques and rotor velocities of the mode."""
         desired = Desired(self.q_d, self.q_d_dot, self.q_d_ddot, self.q_d_dddot, self.q_d_ddddot)
-        base = None
-        if self.robot.moving_base:
-            base = moving_base(self.robot, self.R_S, self.V_S[3:], self.A_S)
+        base = base_of(self)
         if self.mode == "inverse":
             found = feedforward_inverse(self.robot, desired, self.F_e_d, base)
         else:

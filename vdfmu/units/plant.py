@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from vdfmu.equations.attachment import Ends, moving_base
+from vdfmu.equations.attachment import Ends
 from vdfmu.equations.flexible_joint import rotor_position, spring_rate
 from vdfmu.equations.plant import (
     BasePose,
@@ -33,7 +33,17 @@ from vdfmu.unit import (
     Terminal,
     Unit,
 )
-from vdfmu.units._signals import ACCELERATION, MASS, VELOCITY, WRENCH, base_motion, six, wave_wrench, wrench
+from vdfmu.units._signals import (
+    ACCELERATION,
+    MASS,
+    VELOCITY,
+    WRENCH,
+    base_motion,
+    base_of,
+    six,
+    wave_wrench,
+    wrench,
+)
 
 
 class Plant(Unit):
@@ -109,12 +119,17 @@ class Plant(Unit):
         when="coupled_tool",
     )
     F_S = Output(
-        *WRENCH, six("Force of the base on the arm in {S}", "Moment of the base on the arm in {S}"), when="moving_base"
+        *WRENCH,
+        six("Force of the base on the arm in {S}", "Moment of the base on the arm in {S}"),
+        when="moving_base",
     )
     M_S = Output(*MASS, "Apparent mass matrix of the arm at its base in {S}", when="moving_base")
     F_S0 = Output(
         *WRENCH,
-        six("Force of the base on the arm at A_S = 0 in {S}", "Moment of the base on the arm at A_S = 0 in {S}"),
+        six(
+            "Force of the base on the arm at A_S = 0 in {S}",
+            "Moment of the base on the arm at A_S = 0 in {S}",
+        ),
         when="moving_base",
     )
     q_0 = Parameter("position", JOINTS, "start position of the link")
@@ -139,9 +154,17 @@ class Plant(Unit):
             "Motor torques and motion of the joints",
         ),
         Terminal(
-            "end_effector", "right", ("F_e", "p_O", "R_O", "V_O", "A_O", "M_e"), "Wrench and pose of the end effector"
+            "end_effector",
+            "right",
+            ("F_e", "p_O", "R_O", "V_O", "A_O", "M_e"),
+            "Wrench and pose of the end effector",
         ),
-        Terminal("base", "bottom", ("p_S", "R_S", "V_S", "A_S", "F_S", "M_S", "F_S0"), "Motion and wrench of the base"),
+        Terminal(
+            "base",
+            "bottom",
+            ("p_S", "R_S", "V_S", "A_S", "F_S", "M_S", "F_S0"),
+            "Motion and wrench of the base",
+        ),
     )
     # positions, rotors and springs are each tied to their own joint; the links' dense block last
     elimination = ("q", "T_j", "i_m", "tau_z", "tau_h", "kappa_dot", "tau_s", "q_dot")
@@ -152,12 +175,7 @@ class Plant(Unit):
         return np.concatenate([getattr(self, name) for name in state_names(self.of_robot)])
 
     def _ends(self) -> Ends:
-        """What the arm stands on and carries."""
-        robot = self.robot
-        return Ends(
-            moving_base(robot, self.R_S, self.V_S[3:], self.A_S) if robot.moving_base else None,
-            self.M_e if robot.coupled_tool else None,
-        )
+        return Ends(base_of(self), self.M_e if self.robot.coupled_tool else None)
 
     def start(self) -> None:
         """Rest under the wrench on a base at rest, or what the parameters say."""
@@ -177,15 +195,13 @@ class Plant(Unit):
         robot, x = self.robot, self._x()
         base = BasePose(self.p_S, self.R_S, self.V_S) if robot.moving_base else None
         self.kappa, self.p_O, self.R_O, self.E_kin, self.E_pot, self.E_spring = plant_outputs(robot, x, base)
-        if robot.moving_base or robot.coupled_tool:
-            ends = self._ends()
         if robot.coupled_tool:
-            V_O, self.A_O = tool_motion(robot, x, self.tau, self.F_e, ends)
+            V_O, self.A_O = tool_motion(robot, x, self.tau, self.F_e, self._ends())
             if base is not None:
                 V_O = V_O + np.concatenate([self.R_O.T @ (base.R_S @ base.V_S[:3]), np.zeros(3)])
             self.V_O = V_O
-        if robot.moving_base:
-            self.M_S, self.F_S0 = base_load(robot, x, self.tau, self.F_e, ends)
+        if base is not None:
+            self.M_S, self.F_S0 = base_load(robot, x, self.tau, self.F_e, self._ends())
             self.F_S = self.M_S @ self.A_S + self.F_S0
 
     def derivatives(self) -> None:
