@@ -450,8 +450,8 @@ def test_what_cannot_be_run_is_said_before_the_first_point(wild, tmp_path, over,
         (["feedforward.mode=*1, 2"], "expected numbers to multiply"),
         (["robot=planar_2dof, nowhere"], "nowhere"),
         (
-            ["plant.payload_mass=1, 2"],
-            r"optional table \[payload\] of a robot's file, which planar_2dof has not",
+            ["plant.q_max=1, 2"],
+            r"optional table \[limits\] of a robot's file, which planar_2dof has not",
         ),
         (["plant.F_e=*lin(1, 2, 2)"], "not all 0"),
         (

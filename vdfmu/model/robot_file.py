@@ -50,9 +50,9 @@ def robot_from_dict(data: Mapping[str, Any], where: str = "robot") -> Robot:
     friction = file.text("friction", "lumped", FRICTION_ARRANGEMENTS)
     rotor_coupling = file.flag("rotor_coupling", True)
     flags = {flag: file.flag(flag, False) for flag in ENDS}
-    whole = _numbers(file, "robot") | {row.name: np.zeros(row.shape) for row in section("payload")}
+    whole = section_numbers(file, "robot") | {row.name: np.zeros(row.shape) for row in section("payload")}
     if "payload" in file.data:
-        whole |= _numbers(file.table("payload", _keys("payload")), "payload")
+        whole |= section_numbers(file.table("payload", _keys("payload")), "payload")
     sources = _sources(file)
     expected = "one table [[joints]] for each joint"
     joints = file.value("joints", expected)
@@ -108,11 +108,11 @@ def _joint(problems: Problems, data: object, path: str) -> dict[str, Any]:
     table = Table(problems, data, path, JOINT_KEYS)
     kind = table.text("type", choices=JOINT_TYPES)
     options = {option: option in table.data for option in JOINT_OPTIONS}
-    joint: dict[str, Any] = {"type": kind, **options} | _numbers(table, "joint", kind)
+    joint: dict[str, Any] = {"type": kind, **options} | section_numbers(table, "joint", kind)
     check_rotation(problems, f"{path}.rotation", joint["rotation"])
     parts: tuple[Section, ...] = ("link", "drive", "friction", *(part for part in JOINT_OPTIONS if options[part]))
     for part in parts:
-        joint |= _numbers(table.table(part, _keys(part)), part, kind)
+        joint |= section_numbers(table.table(part, _keys(part)), part, kind)
     check_drive(problems, f"{path}.drive", joint["ell"], joint["theta_err_amplitude"])
     check_friction(problems, f"{path}.friction", joint["f_c"], joint["f_s"])
     if options["limits"]:
@@ -120,7 +120,7 @@ def _joint(problems: Problems, data: object, path: str) -> dict[str, Any]:
     return joint
 
 
-def _numbers(table: Table, part: Section, joint_type: str = "revolute") -> Numbers:
+def section_numbers(table: Table, part: Section, joint_type: str = "revolute") -> Numbers:
     """Read the numbers of a section: field of `Robot` to its value."""
     found: Numbers = {}
     for row in section(part):

@@ -79,6 +79,7 @@ def scenario_schema(system: str = "system") -> Schema:
         "tolerance": share | {"description": "Tolerance of the solvers"},
         "inputs": _TEXT | {"description": "CSV file of signals for inputs that nothing is connected to"},
         "input_hold": {"type": "boolean", "description": "Hold these until the next row"},
+        "payload": _table(_rows("payload") | {"known": {"type": "boolean"}}, _required("payload")),
         "plant_factors": _table(factors, []),
         "paper": _table(paper, []),
     }

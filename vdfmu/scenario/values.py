@@ -124,7 +124,7 @@ def robot_parameters(component: str, table: Variables, scenario: Scenario) -> Va
     """Return a component's parameters that describe the robot: the scenario's plant for ``plant``, else nominal."""
     if not isinstance(table, Interface) or table.unit.robot_fields is None:
         return {}
-    robot = scenario.plant_robot if component == "plant" else scenario.robot
+    robot = scenario.plant_robot if component == "plant" else scenario.known_robot
     own = scenario.system.parts[component].robot
     return {
         p.name: float(getattr(own or robot, p.field)[p.index])
