@@ -62,6 +62,18 @@ def base_of(unit: Any) -> Base | None:
     return moving_base(unit.robot, unit.R_S, unit.V_S[3:], unit.A_S) if unit.of_robot.moving_base else None
 
 
+def tool_motion() -> tuple[Input, Input, Input]:
+    """Pose and velocity of the end effector, as a plant with coupled_tool shows them."""
+    return (
+        Input("m", 3, "Position of the end effector in {I}, axis"),
+        Input("1", (3, 3), "Rotation matrix of the end effector in {I}", start=np.eye(3)),
+        Input(
+            *VELOCITY,
+            six("Velocity of the end effector in {O}", "Angular velocity of the end effector in {O}"),
+        ),
+    )
+
+
 def gain(unit: str, text: str, start: float) -> Parameter:
     """Tunable parameter of each joint, not below 0."""
     return Parameter(unit, JOINTS, text, start=start, minimum=0.0, tunable=True)
