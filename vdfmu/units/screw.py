@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from vdfmu.equations.contact import normal_force, screw_torque
-from vdfmu.unit import Derivative, Output, Parameter, State, Terminal, Unit, where
+from vdfmu.unit import Derivative, Output, Parameter, State, Terminal, Unit, clip, where
 from vdfmu.units._signals import WRENCH, six, tool_motion
 
 
@@ -19,11 +19,12 @@ class Screw(Unit):
         turn_dot = omega                                      while N > 0, else 0; omega: turning of {O} about a
         T        = (T_0 + T_1 turn) tanh(omega / eps)         thread: grows with the turns that are in
                  + k_seat (turn - turn_seat) max(0, 1 + c_seat omega)       the head is seated, beyond turn_seat
-        F_e      = [R_O' N a, R_O' T a]                       wrench of the arm on the screw, in {O}; T while N > 0
+                   and at most r_cam N, where the bit slips out of the head
+        F_e      = [R_O' N a, R_O' T a]                       wrench of the arm on the screw, in {O}
 
-    a is the direction of `axis`, into the material. Steps: as of a wall, below 2 (c N + d) / k along the axis, and
-    2 (c_seat T + d) / k_seat about it, d the damping of the arm in that direction; thread friction wants
-    (T_0 + T_1 turn) h / eps below the arm's inertia about the axis, at standstill.
+    a is the direction of `axis`, into the material. A wrench that is held over a step h is stable for
+    ``k h / 2 < d < 2 m / h``, as at a wall: along the axis with ``d = c N``, about it, with the arm's inertia for m, in
+    the thread with ``d = (T_0 + T_1 turn) / eps`` and no stiffness, at the seat with k_seat and c_seat T.
     """
 
     p_O, R_O, V_O = tool_motion()
@@ -43,12 +44,13 @@ class Screw(Unit):
     pitch = Parameter("m", text="Way of the screw in one turn", start=1e-3, minimum=0.0)
     T_0 = Parameter("N.m", text="Torque where the thread begins", start=0.1, minimum=0.0, tunable=True)
     T_1 = Parameter("N.m/rad", text="Rise of the torque with the turn", start=0.02, minimum=0.0, tunable=True)
-    eps = Parameter("rad/s", text="Speed that regularises the friction", start=0.1, minimum=1e-9)
+    eps = Parameter("rad/s", text="Speed that regularises the friction", start=1.0, minimum=1e-9)
     turn_seat = Parameter("rad", text="Turn at which the head is seated", start=20.0)
     k_seat = Parameter(
         "N.m/rad", text="Rise of the torque with the turn of a seated head", start=5.0, minimum=0.0
     )
     c_seat = Parameter("s/rad", text="Damping of the seated head over its torque", start=0.1, minimum=0.0)
+    r_cam = Parameter("m", text="Torque that the head takes over the axial force", start=0.05, minimum=0.0)
     k = Parameter("N/m", text="Axial stiffness of head and bit", start=2e4, minimum=0.0, tunable=True)
     c = Parameter("s/m", text="Axial damping over stiffness and depth", start=2.0, minimum=0.0, tunable=True)
     terminals = (
@@ -69,7 +71,7 @@ class Screw(Unit):
         a_O, self.N, speed = self._contact()
         thread = screw_torque(self.T_0, self.T_1, self.eps, self.turn, speed)
         seat = normal_force(self.k_seat, self.c_seat, self.turn - self.turn_seat, speed)
-        self.T = where(self.N > 0.0, thread + seat, 0.0)
+        self.T = clip(thread + seat, -self.r_cam * self.N, self.r_cam * self.N)
         self.F_e = np.concatenate([self.N * a_O, self.T * a_O])
 
     def derivatives(self) -> None:

@@ -19,9 +19,9 @@ class Wall(Unit):
         T     = mu N v_t / sqrt(|v_t|^2 + eps^2)          along the sliding velocity v_t
         F_e   = [R_O' (N n + T), 0]                       wrench of the arm on the wall, in {O}
 
-    n is the direction of `normal`, into the wall. A wrench that is held over a step h acts h/2 late and so gives
-    energy back like a damper of -k h/2: the contact is stable for steps below 2 (c N + d) / k, d the damping of the arm
-    at its end.
+    n is the direction of `normal`, into the wall. A wrench that is held over a step h is stable for
+    ``k h / 2 < d < 2 m / h``, d the damping and m the apparent mass of the arm in the direction: along the normal
+    ``d = c N`` and more by the arm's own; in the plane k is 0 and ``d = mu N / eps``.
     """
 
     p_O, R_O, V_O = tool_motion()
@@ -35,7 +35,7 @@ class Wall(Unit):
     k = Parameter("N/m", text="Stiffness", start=2e4, minimum=0.0, tunable=True)
     c = Parameter("s/m", text="Damping over stiffness and depth", start=2.0, minimum=0.0, tunable=True)
     mu = Parameter("1", text="Coefficient of friction", start=0.3, minimum=0.0, tunable=True)
-    eps = Parameter("m/s", text="Speed that regularises the direction of friction", start=1e-2, minimum=1e-9)
+    eps = Parameter("m/s", text="Speed that regularises the direction of friction", start=0.1, minimum=1e-9)
     terminals = (
         Terminal("end_effector", "left", ("p_O", "R_O", "V_O", "F_e"), "Motion and wrench of the tool"),
     )
