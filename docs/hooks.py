@@ -18,7 +18,7 @@ from vdfmu.model.parameters import JOINT_OPTIONS, PARAMETERS
 from vdfmu.model.read import POSITIVE
 from vdfmu.unit.interface import Array, Interface, general_description
 from vdfmu.unit.variable import Variable
-from vdfmu.units import shipped_units
+from vdfmu.units import package_units, shipped_units
 
 with warnings.catch_warnings():  # it opens its font in a way that Python 3.11 calls deprecated
     warnings.simplefilter("ignore", DeprecationWarning)
@@ -67,9 +67,10 @@ def interface_page() -> str:
     """Return the reference of all variables of the units, in markdown."""
     arm, slider = load_robot("manipulator_6dof"), load_robot("slider_3dof")
     lines = [_HEAD]
-    for unit in shipped_units().values():
-        interface = Interface(unit, arm)
-        prismatic = {v.group: v.unit for v in Interface(unit, slider) if v.index[:1] == (1,)}
+    for unit in package_units().values():
+        interface = Interface(unit, arm if unit.needs_robot() else None)
+        joints = Interface(unit, slider) if unit.needs_robot() else ()
+        prismatic = {v.group: v.unit for v in joints if v.index[:1] == (1,)}
         lines += [f"## {interface.model_name}", "", f"{interface.description}. Unit `{interface.name}`."]
         for causality, title in _TITLES.items():
             groups = [

@@ -37,7 +37,7 @@ def scenario_file(tmp_path):
 
 
 def solved(scenario, stop, **settings):
-    """Sampled reference of a scenario."""
+    """Return the positions of the sampled reference of a scenario."""
     values = system_values(scenario, {"plant.tolerance": 1e-9} | settings)
     return reference("sampled", SystemDescription(scenario, values), step=1e-3, stop=stop).array("plant.q")
 
