@@ -27,7 +27,7 @@ class Rotors(NamedTuple):
 class _Articulated(NamedTuple):
     """What passes 1 and 2 leave for each link: the acceleration of its base is all that is missing."""
 
-    placements: Any
+    placements: list[tuple[np.ndarray, np.ndarray]]
     U_AB: Any
     c_B: Any
     """Part of V_B_dot that is quadratic in velocities."""

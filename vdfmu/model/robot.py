@@ -99,7 +99,7 @@ class Robot(Parameters):
         def numbers(name: Section, entry: Any) -> dict[str, Any]:
             return {row.key: getattr(self, row.name)[entry].tolist() for row in section(name)}
 
-        options = [part for part in JOINT_OPTIONS if getattr(self, part)]
+        options: list[Section] = [part for part in JOINT_OPTIONS if getattr(self, part)]
         parts: tuple[Section, ...] = ("link", "drive", "friction", *options)
         return {
             "name": self.name,

@@ -72,7 +72,7 @@ def robot_from_dict(data: Mapping[str, Any], where: str = "robot") -> Robot:
     visuals = read_visuals(problems, file.data.get("visuals", []), len(read))
     problems.raise_any()
     arrays: dict[str, Any] = {
-        name: whole[name] if name in whole else [joint.get(name, 0.0) for joint in read]
+        name: read_only(whole[name] if name in whole else [joint.get(name, 0.0) for joint in read])
         for name in PARAMETERS
     }
     return Robot(
@@ -83,10 +83,8 @@ def robot_from_dict(data: Mapping[str, Any], where: str = "robot") -> Robot:
         rotor_coupling=rotor_coupling,
         sources=sources,
         payload="payload" in file.data,
-        **options,
-        **flags,
         visuals=visuals,
-        **{name: read_only(array) for name, array in arrays.items()},
+        **{**options, **flags, **arrays},
     )
 
 

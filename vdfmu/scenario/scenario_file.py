@@ -91,10 +91,10 @@ def read_scenario(
     if "friction" in file.data:
         friction = file.text("friction", choices=FRICTION_ARRANGEMENTS)
         robot = robot and dataclasses.replace(robot, friction=friction)
-    known = True
+    payload_known = True
     if "payload" in file.data:
         load = file.table("payload", [*(row.key for row in section("payload")), "known"])
-        known = load.flag("known", True)
+        payload_known = load.flag("known", True)
         numbers = section_numbers(load, "payload")
         robot = robot and dataclasses.replace(
             robot, payload=True, **{key: read_only(number) for key, number in numbers.items()}
@@ -145,7 +145,7 @@ def read_scenario(
         paper=paper,
         inputs=inputs,
         input_hold=input_hold,
-        payload_known=known,
+        payload_known=payload_known,
     )
 
 
