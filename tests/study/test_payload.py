@@ -39,7 +39,7 @@ def scenario_file(tmp_path):
 def solved(scenario, stop, **settings):
     """Return the positions of the sampled reference of a scenario."""
     values = system_values(scenario, {"plant.tolerance": 1e-9} | settings)
-    return reference("sampled", SystemDescription(scenario, values), step=1e-3, stop=stop).array("plant.q")
+    return reference("sampled", SystemDescription(scenario, values), step=1e-3, stop=stop)["plant.q"]
 
 
 def test_a_known_payload_is_that_of_plant_and_feedforward(scenario_file):

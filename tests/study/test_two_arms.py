@@ -78,7 +78,7 @@ def both(tmp_path):
 def positions(results, scenario):
     """Positions of all joints, of one arm or of two."""
     plants = [name for name in scenario.system.parts if name.startswith("plant")]
-    return np.hstack([results.array(f"{plant}.q") for plant in plants])
+    return np.hstack([results[f"{plant}.q"] for plant in plants])
 
 
 def test_without_sampling_they_are_one_arm(both):

@@ -67,11 +67,15 @@ def robot_from_dict(data: Mapping[str, Any], where: str = "robot") -> Robot:
         for option in JOINT_OPTIONS:
             if options[option] and not joint[option]:
                 problems.add(
-                    f"joints[{i}].{option}", "a table, as other joints have", "nothing", "Give it to all or none."
+                    f"joints[{i}].{option}",
+                    "a table, as other joints have",
+                    "nothing",
+                    "Give it to all or none.",
                 )
     visuals = read_visuals(problems, file.data.get("visuals", []), len(read))
     problems.raise_any()
-    arrays: dict[str, Any] = {
+    fields: dict[str, Any] = options | flags
+    fields |= {
         name: read_only(whole[name] if name in whole else [joint.get(name, 0.0) for joint in read])
         for name in PARAMETERS
     }
@@ -84,7 +88,7 @@ def robot_from_dict(data: Mapping[str, Any], where: str = "robot") -> Robot:
         sources=sources,
         payload="payload" in file.data,
         visuals=visuals,
-        **{**options, **flags, **arrays},
+        **fields,
     )
 
 
@@ -108,7 +112,12 @@ def _joint(problems: Problems, data: object, path: str) -> dict[str, Any]:
     options = {option: option in table.data for option in JOINT_OPTIONS}
     joint: dict[str, Any] = {"type": kind, **options} | section_numbers(table, "joint", kind)
     check_rotation(problems, f"{path}.rotation", joint["rotation"])
-    parts: tuple[Section, ...] = ("link", "drive", "friction", *(part for part in JOINT_OPTIONS if options[part]))
+    parts: tuple[Section, ...] = (
+        "link",
+        "drive",
+        "friction",
+        *(part for part in JOINT_OPTIONS if options[part]),
+    )
     for part in parts:
         joint |= section_numbers(table.table(part, _keys(part)), part, kind)
     check_drive(problems, f"{path}.drive", joint["ell"], joint["theta_err_amplitude"])

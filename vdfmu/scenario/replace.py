@@ -22,7 +22,7 @@ def with_payload(scenario: Scenario, names: Iterable[str]) -> Scenario:
     Parameters
     ----------
     names : iterable of str
-        Of settings: ``plant.payload_mass``, ``robot.payload_centroid[1]``.
+        Of settings: ``plant.payload_mass``, ``robot.payload_inertia[1,1]``.
     """
     fields = {name.partition(".")[2].partition("[")[0] for name in names}
     rows = section("payload")

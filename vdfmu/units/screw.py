@@ -17,14 +17,14 @@ class Screw(Unit):
         depth    = a' p_O - distance - pitch turn / (2 pi)    of the bit in the head, which goes on as the screw turns
         N        = k depth max(0, 1 + c depth_dot)            axial force, for a depth above 0; else 0
         turn_dot = omega                                      while N > 0, else 0; omega: turning of {O} about a
-        T        = (T_0 + T_1 turn) tanh(omega / eps)         thread: grows with the turns that are in
+        T        = (T_0 + T_1 turn) tanh(omega / omega_eps)         thread: grows with the turns that are in
                  + k_seat (turn - turn_seat) max(0, 1 + c_seat omega)       the head is seated, beyond turn_seat
                    and at most r_cam N, where the bit slips out of the head
         F_e      = [R_O' N a, R_O' T a]                       wrench of the arm on the screw, in {O}
 
     a is the direction of `axis`, into the material. A wrench that is held over a step h is stable for
     ``k h / 2 < d < 2 m / h``, as at a wall: along the axis with ``d = c N``, about it, with the arm's inertia for m, in
-    the thread with ``d = (T_0 + T_1 turn) / eps`` and no stiffness, at the seat with k_seat and c_seat T.
+    the thread with ``d = (T_0 + T_1 turn) / omega_eps`` and no stiffness, at the seat with k_seat and c_seat T.
     """
 
     p_O, R_O, V_O = tool_motion()
@@ -44,7 +44,7 @@ class Screw(Unit):
     pitch = Parameter("m", text="Way of the screw in one turn", start=1e-3, minimum=0.0)
     T_0 = Parameter("N.m", text="Torque where the thread begins", start=0.1, minimum=0.0, tunable=True)
     T_1 = Parameter("N.m/rad", text="Rise of the torque with the turn", start=0.02, minimum=0.0, tunable=True)
-    eps = Parameter("rad/s", text="Speed that regularises the friction", start=1.0, minimum=1e-9)
+    omega_eps = Parameter("rad/s", text="Speed that regularises the friction", start=1.0, minimum=1e-9)
     turn_seat = Parameter("rad", text="Turn at which the head is seated", start=20.0)
     k_seat = Parameter(
         "N.m/rad", text="Rise of the torque with the turn of a seated head", start=5.0, minimum=0.0
@@ -69,7 +69,7 @@ class Screw(Unit):
     def outputs(self) -> None:
         """Wrench of the arm on the screw."""
         a_O, self.N, speed = self._contact()
-        thread = screw_torque(self.T_0, self.T_1, self.eps, self.turn, speed)
+        thread = screw_torque(self.T_0, self.T_1, self.omega_eps, self.turn, speed)
         seat = normal_force(self.k_seat, self.c_seat, self.turn - self.turn_seat, speed)
         self.T = clip(thread + seat, -self.r_cam * self.N, self.r_cam * self.N)
         self.F_e = np.concatenate([self.N * a_O, self.T * a_O])
