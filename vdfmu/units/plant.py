@@ -232,5 +232,3 @@ class Plant(Unit):
         self.F_e = wave_wrench(self.t)
         if self.robot.moving_base:
             self.V_S, self.A_S = wave_wrench(self.t), 2.0 * wave_wrench(self.t + 0.5 * np.pi)
-        if self.robot.coupled_tool:
-            self.M_e = np.diag(3 * [0.1] + 3 * [0.001])
