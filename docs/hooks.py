@@ -254,6 +254,7 @@ built. The same table gives the checks of the file, the fields of `Robot` and th
 A robot is one TOML file. [Write a robot](tutorials/own_robot.md#write-a-robot) has an example; every problem of a
 file is reported at once. Beside the numbers below it has `name` and `description`, `friction` (`"lumped"` or
 `"split"`, default lumped), `rotor_coupling` (default `true`, [the rotor as a body](model.md#the-rotor-as-a-body)),
+`moving_base` and `coupled_tool` (default `false`, [what is around an arm](world.md)),
 the `type` of each joint (`"revolute"` or `"prismatic"`) and, under `[sources]`, where numbers are from:
 `"joints.link.mass" = ".."` for all joints, `"joints[2].link.mass"` for one. `[payload]` can be missing,
 tables of [options](drives.md#options) such as `[joints.limits]` too, but then of all joints. Tables `[[visuals]]` say what links look like; nothing calculates with
