@@ -25,15 +25,35 @@ if TYPE_CHECKING:
 
 console = Terminal(highlight=False)
 
+
+def complete_scenario(incomplete: str) -> list[str]:
+    """Complete the name of a scenario in the shell."""
+    from vdfmu.scenario.load import scenario_names
+
+    return [name for name in (*scenario_names(), "reach") if name.startswith(incomplete)]
+
+
+def complete_robot(incomplete: str) -> list[str]:
+    """Complete the name of a robot in the shell."""
+    from vdfmu.model import robot_names
+
+    return [name for name in robot_names() if name.startswith(incomplete)]
+
+
 ScenarioArgument = Annotated[
     str,
     typer.Argument(
-        help="Name of a shipped scenario, reach for a first motion of any robot, or path of a TOML file."
+        help="Name of a shipped scenario, reach for a first motion of any robot, or path of a TOML file.",
+        autocompletion=complete_scenario,
     ),
 ]
 RobotOption = Annotated[
     str | None,
-    typer.Option("--robot", help="Robot in place of the scenario's: a name or the path of a TOML file."),
+    typer.Option(
+        "--robot",
+        help="Robot in place of the scenario's: a name or the path of a TOML file.",
+        autocompletion=complete_robot,
+    ),
 ]
 BackendOption = Annotated[
     str | None,
