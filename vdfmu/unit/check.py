@@ -59,7 +59,10 @@ def _of_unit(unit: type[Unit]) -> Iterator[tuple[str, str]]:
             )
     for name, declared in unit.declared.items():
         if declared.when is not None and declared.when not in (*OPTIONAL, *ENDS):
-            yield name, f"{name}: when: expected one of {', '.join((*OPTIONAL, *ENDS))}, got {declared.when!r}"
+            yield (
+                name,
+                f"{name}: when: expected one of {', '.join((*OPTIONAL, *ENDS))}, got {declared.when!r}",
+            )
         if isinstance(declared, Derivative) and declared.state not in states:
             yield name, f"{name} is the derivative of what is not a continuous state of the unit"
     sampled = any(isinstance(d, Sampled) for d in unit.declared.values())
