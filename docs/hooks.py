@@ -260,10 +260,12 @@ file is reported at once. Beside the numbers below it has `name` and `descriptio
 `moving_base` and `coupled_tool` (default `false`, [what is around an arm](world.md)),
 the `type` of each joint (`"revolute"` or `"prismatic"`) and, under `[sources]`, where numbers are from:
 `"joints.link.mass" = ".."` for all joints, `"joints[2].link.mass"` for one. `[payload]` can be missing,
-tables of [options](drives.md#options) such as `[joints.limits]` too, but then of all joints. Tables `[[visuals]]` say what links look like; nothing calculates with
-them: `joint` (0 for what stands still), `shape` (mesh, box, ellipsoid, cylinder, capsule, sphere), `file` of a mesh,
-`size` (scale of a mesh; sides; half-axes; radius and length along z; radius), `rotation` and `offset` in the link
-frame, `color` (red, green, blue, opacity). [Robots from URDF and MJCF](importing.md) writes such a file from another.
+tables of [options](drives.md#options) such as `[joints.limits]` too, but then of all joints. `gear` and `motor` of a
+joint [name what the catalogue has](drives.md#the-catalogue). Tables `[[visuals]]` say what links look like; nothing
+calculates with them: `joint` (0 for what stands still), `shape` (mesh, box, ellipsoid, cylinder, capsule, sphere),
+`file` of a mesh, `size` (scale of a mesh; sides; half-axes; radius and length along z; radius), `rotation` and
+`offset` in the link frame, `color` (red, green, blue, opacity). [Robots from URDF and MJCF](importing.md) writes such
+a file from another.
 
 SI units, angles in rad; a unit in brackets is that of a prismatic joint. Symbols are on the page
 [Notation](notation.md). An inertia can also be one number, of a body with the same moment about all axes, or three

@@ -6,15 +6,16 @@ import os
 import signal
 from collections.abc import Iterator
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
 
+from vdfmu.equations.plant import state_names
 from vdfmu.kernel import Kernel
 from vdfmu.kernel.cache import cache_folder
 from vdfmu.kernel.structure import values
-from vdfmu.model import Robot, check_robot, load_robot
+from vdfmu.model import Robot, check_robot, load_robot, robot_from_dict
 from vdfmu.model.parameters import JOINT_OPTIONS, section
 from vdfmu.unit.evaluate import Traced
 from vdfmu.unit.integrator import Integrator
@@ -140,6 +141,32 @@ def chain(request: pytest.FixtureRequest) -> Robot:
     return make_general_chain() if request.param == "general" else load_robot(request.param)
 
 
+OPTIONS: dict[str, dict[str, float]] = {
+    "hysteresis": {"K_h": 5e3, "f_h": 3.0},
+    "load_loss": {"mu_l": 0.2},
+    "backlash": {"w_gap": 2e-4, "tau_gap": 0.5},
+    "bristles": {"sigma_0": 2e4, "sigma_1": 50.0},
+    "winding": {"k_t": 0.1, "R_w": 0.5, "L_w": 1e-3, "U_max": 48.0, "i_max": 20.0, "w_i": 3e3},
+    "thermal": {"T_ref": 293.15, "T_v": 20.0, "T_amb": 300.0, "C_th": 500.0, "G_th": 2.0},
+}
+"""What drives may have beside the paper's, each by itself a table of a robot file."""
+
+
+def make_optional(*options: str, name: str = "planar_2dof", **changes: Any) -> Robot:
+    """Return a shipped robot with options, the same at all joints; `changes` by name of the parameter."""
+    data = load_robot(name).to_dict()
+    for joint in data["joints"]:
+        for option in options:
+            joint[option] = {key: changes.get(key, value) for key, value in OPTIONS[option].items()}
+    return robot_from_dict(data)
+
+
+@pytest.fixture(scope="session")
+def with_options():
+    """Return the function ``with_options("hysteresis", ..)``; by default with all."""
+    return lambda *options, **changes: make_optional(*(options or OPTIONS), **changes)
+
+
 class Draw(NamedTuple):
     """A random state with inputs: angles over the full turn, velocities and accelerations of a few units."""
 
@@ -207,7 +234,8 @@ def plant_function(functions_of):
 
     def bound(robot: Robot, name: str):
         function, p = functions_of("plant", robot).function(f"plant_{name}"), values(robot)
-        shape = (4 * robot.n, 4 * robot.n) if name == "jacobian" else (4 * robot.n,)
+        m = len(state_names(robot)) * robot.n
+        shape = (m, m) if name == "jacobian" else (m,)
         return lambda x, tau, F_e: function(p, x, tau, F_e).reshape(shape, order="F")
 
     return bound

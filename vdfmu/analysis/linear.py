@@ -77,7 +77,7 @@ def without_dry_friction(unit: Evaluation) -> None:
 
 
 def lively(states: Iterable[str], dry: bool) -> npt.NDArray[np.intp]:
-    """Indices of the plant's states that move within seconds: temperatures do not, nor bristles without dry friction."""
+    """Return indices of states of the plant but temperatures, which take minutes, and bristles that are not `dry`."""
     still = {"T_j"} if dry else {"T_j", "tau_z"}
     return np.array([i for i, name in enumerate(states) if name.split("[")[0] not in still], dtype=np.intp)
 

@@ -82,9 +82,9 @@ class StateSpace:
 def linearize(robot: Robot, at: npt.ArrayLike, *, dry: bool = False) -> StateSpace:
     """Linearise the plant of an arm at rest at a pose, exactly: by differentiation of its equations.
 
-    Motors and springs hold the arm against gravity. States are q, q_dot, kappa_dot, tau_s, and those of
-    [options](drives.md#options) that the arm has; inputs the motor torques tau and the wrench F_e of the arm on its surroundings; outputs the states, the rotors' positions kappa and the end
-    effector's p_O, all as of the unit Plant.
+    Motors and springs hold the arm against gravity. States are q, q_dot, kappa_dot, tau_s, and those of options that
+    the arm has; inputs the motor torques tau and the wrench F_e of the arm on its surroundings; outputs the states, the
+    rotors' positions kappa and the end effector's p_O, all as of the unit Plant.
 
     Parameters
     ----------

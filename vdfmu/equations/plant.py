@@ -98,14 +98,18 @@ def _torques(robot: Any, state: State, tau: np.ndarray) -> tuple[np.ndarray, np.
     return tau_l, rotor_torque(robot, tau, load, xi_m)  # after (11)
 
 
+def _stretch(robot: Any, state: State) -> Any:
+    """Rate at which the drives are deformed: (n,) [rad/s or m/s]."""
+    kappa = rotor_position(robot, state.q, state.tau_s)
+    return stretch_rate(robot, kappa, state.kappa_dot, state.q_dot)
+
+
 def drive_losses(robot: Any, state: State) -> Any:
     """Power that friction and hysteresis turn into heat, never negative: (n,) [W]."""
     load = drive_torque(robot, state)
     loss = friction_loss(robot, state.q_dot, state.kappa_dot, load, state.tau_z, state.T_j)
     if robot.hysteresis:
-        kappa = rotor_position(robot, state.q, state.tau_s)
-        stretch = stretch_rate(robot, kappa, state.kappa_dot, state.q_dot)
-        loss = loss + dahl_loss(stretch, state.tau_h, robot.f_h)
+        loss = loss + dahl_loss(_stretch(robot, state), state.tau_h, robot.f_h)
     return loss
 
 
@@ -114,9 +118,7 @@ def option_rates(robot: Any, x: np.ndarray, tau: np.ndarray) -> dict[str, Any]:
     state = split_state(robot, x)
     rates: dict[str, Any] = {}
     if robot.hysteresis:
-        kappa = rotor_position(robot, state.q, state.tau_s)
-        stretch = stretch_rate(robot, kappa, state.kappa_dot, state.q_dot)
-        rates["tau_h"] = dahl_rate(robot.K_h, stretch, state.tau_h, robot.f_h)
+        rates["tau_h"] = dahl_rate(robot.K_h, _stretch(robot, state), state.tau_h, robot.f_h)
     if robot.bristles:
         rates["tau_z"] = bristles_rate(robot, state.q_dot, state.kappa_dot, state.tau_z)
     if robot.winding:

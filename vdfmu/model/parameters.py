@@ -229,7 +229,8 @@ class Parameters:
         "backlash", "torque", "torque that takes up 71 % of the backlash, link-side", "", 1e9, POSITIVE)
     sigma_0: Array = _row("bristles", "stiffness", "stiffness of the bristles, link-side", "", 1e12, POSITIVE)
     sigma_1: Array = _row("bristles", "damping", "damping of the bristles, link-side", "", 1e9, 0.0)
-    k_t: Array = _row("winding", "N.m/A", "torque constant of the motor, and its back-EMF in V.s/rad", "", 1e6, POSITIVE)
+    k_t: Array = _row(
+        "winding", "N.m/A", "torque constant of the motor, and its back-EMF in V.s/rad", "", 1e6, POSITIVE)
     R_w: Array = _row("winding", "Ohm", "resistance of the winding", "", 1e9, 0.0)
     L_w: Array = _row("winding", "H", "inductance of the winding", "", 1e6, POSITIVE)
     U_max: Array = _row("winding", "V", "largest voltage", "", 1e9, POSITIVE)

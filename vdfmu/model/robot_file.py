@@ -7,6 +7,7 @@ from typing import Any, cast
 
 import numpy as np
 
+from vdfmu.model.catalogue import NAMED, completed
 from vdfmu.model.check import check_drive, check_friction, check_inertia, check_rotation, check_stops
 from vdfmu.model.parameters import JOINT_OPTIONS, PARAMETERS, Row, Section, read_only, section
 from vdfmu.model.read import POSITIVE, FloatArray, Problems, Table, nearest, shape_of, shown
@@ -24,7 +25,7 @@ ROBOT_KEYS = (
     "name", "description", "friction", "rotor_coupling", *ENDS, *_keys("robot"), "payload", "joints", "sources",
     "visuals",
 )  # fmt: skip
-JOINT_KEYS = ("type", *_keys("joint"), "link", "drive", "friction", *JOINT_OPTIONS)
+JOINT_KEYS = ("type", *NAMED, *_keys("joint"), "link", "drive", "friction", *JOINT_OPTIONS)
 SOURCE_KEYS = tuple(row.path for row in PARAMETERS.values())
 
 
@@ -59,9 +60,12 @@ def robot_from_dict(data: Mapping[str, Any], where: str = "robot") -> Robot:
     if joints is not None and (not isinstance(joints, list) or not joints):
         problems.add("joints", expected, shown(joints), "Write [[joints]] in double brackets, at least once.")
         joints = None
-    read = [
-        _joint(problems, joint, f"joints[{i}]") for i, joint in enumerate(cast("list[Any]", joints or []), 1)
-    ]
+    read: list[dict[str, Any]] = []
+    of_catalogue: dict[str, str] = {}
+    for i, joint in enumerate(cast("list[Any]", joints or []), 1):
+        joint, where_from = completed(problems, joint, f"joints[{i}]")
+        of_catalogue |= where_from
+        read.append(_joint(problems, joint, f"joints[{i}]"))
     options = {option: any(joint[option] for joint in read) for option in JOINT_OPTIONS}
     for i, joint in enumerate(read, 1):
         for option in JOINT_OPTIONS:
@@ -74,8 +78,7 @@ def robot_from_dict(data: Mapping[str, Any], where: str = "robot") -> Robot:
                 )
     visuals = read_visuals(problems, file.data.get("visuals", []), len(read))
     problems.raise_any()
-    fields: dict[str, Any] = options | flags
-    fields |= {
+    arrays: dict[str, Any] = {
         name: read_only(whole[name] if name in whole else [joint.get(name, 0.0) for joint in read])
         for name in PARAMETERS
     }
@@ -85,10 +88,12 @@ def robot_from_dict(data: Mapping[str, Any], where: str = "robot") -> Robot:
         joint_types=tuple(cast(str, joint["type"]) for joint in read),
         friction=friction,
         rotor_coupling=rotor_coupling,
-        sources=sources,
+        sources=of_catalogue | sources,
         payload="payload" in file.data,
         visuals=visuals,
-        **fields,
+        **options,
+        **flags,
+        **arrays,
     )
 
 

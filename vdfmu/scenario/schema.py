@@ -10,6 +10,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from vdfmu.engine.algorithms import ALGORITHMS
+from vdfmu.model.catalogue import NAMED, catalogue
 from vdfmu.model.parameters import JOINT_OPTIONS, PARAMETERS, Row, Section, section
 from vdfmu.model.robot import ENDS, FRICTION_ARRANGEMENTS, JOINT_TYPES
 from vdfmu.model.visual import SHAPES
@@ -30,9 +31,10 @@ def robot_schema() -> Schema:
     payload = _table(_rows("payload"), _required("payload"))
     parts: tuple[Section, ...] = ("link", "drive", "friction", *JOINT_OPTIONS)
     tables = {part: _table(_rows(part), _required(part)) for part in parts}
+    named: Schema = {what: {"enum": list(catalogue()[f"{what}s"])} for what in NAMED}
     joint = _table(
-        {"type": {"enum": list(JOINT_TYPES)}} | _rows("joint") | tables,
-        ["type", *_required("joint"), "link", "drive", "friction"],
+        {"type": {"enum": list(JOINT_TYPES)}} | named | _rows("joint") | tables,
+        ["type", *_required("joint"), "link"],
     )
     keys: Schema = {
         "name": _TEXT,

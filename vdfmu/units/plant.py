@@ -66,7 +66,9 @@ class Plant(Unit):
         lumped: xi_l = 0, xi_m = xi(kappa_dot) / ell
         split:  xi_l = xi(q_dot), xi_m = f_ck tanh(kappa_dot / eps)               (54)-(55)
 
-    A robot with rotor_coupling has rotors as bodies that turn with the links, (4), (7), (11).
+    A robot with rotor_coupling has rotors as bodies that turn with the links, (4), (7), (11). Drives and motors may
+    have options, some with states of their own: hysteresis (tau_h), friction that holds at rest (tau_z), a winding with
+    its current loop (i_m), a temperature (T_j), load-dependent loss, backlash.
 
     The springs start with the torque that holds the arm under F_e unless equilibrium is false. Outputs depend on the
     state alone. Friction is regularised by tanh(v / eps), so the equations are smooth and there are no events; sticking
