@@ -22,7 +22,7 @@ bench: $(VENV)/bench  ## measure times and growth exponents
 	$(BIN)/python -m benchmarks
 
 docs: $(VENV)/docs  ## build the documentation into site/; a warning is an error
-	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
+	$(BIN)/python docs/make.py
 
 lint: $(VENV)/dev  ## ruff and pyright
 	$(BIN)/ruff check .

@@ -95,7 +95,7 @@ def new_figure(
     Title and, in a line of its own, a legend stand above that space, the caption below: neither hides
     data.
     """
-    figure = Figure(figsize=(width, height), dpi=DPI, layout="constrained")
+    figure = _Picture(figsize=(width, height), dpi=DPI, layout="constrained")
     FigureCanvasAgg(figure)
     left = _MARGIN / width
     figure.text(left, 1.0 - _MARGIN / height, title, va="top", fontsize=12.0, fontweight="bold")
@@ -208,6 +208,16 @@ def thin(time: Floats, values: Floats, buckets: int = 1000) -> tuple[Floats, Flo
     extremes = [np.argmin(low[places], axis=1), np.argmax(high[places], axis=1)]
     rows = np.unique([0, m - 1, *(first[:, 0] + extremes).ravel()])
     return time[rows], values[rows]
+
+
+class _Picture(Figure):
+    """A figure that a notebook shows, also without pyplot."""
+
+    def _repr_png_(self) -> bytes:
+        stream = io.BytesIO()
+        with matplotlib.style.context(["default", _RC]):
+            _png(self, stream)
+        return stream.getvalue()
 
 
 def save(figure: Figure, path: Path) -> Path:
