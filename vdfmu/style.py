@@ -15,7 +15,6 @@ from pathlib import Path
 from typing import Any, ParamSpec
 
 import matplotlib.style
-import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -26,6 +25,7 @@ from matplotlib.ticker import ScalarFormatter
 from vdfmu.arrays import Floats
 from vdfmu.errors import UsageError
 from vdfmu.files import write_whole
+from vdfmu.thinning import extremes
 
 P = ParamSpec("P")
 
@@ -198,15 +198,9 @@ def thin(time: Floats, values: Floats, buckets: int = 1000) -> tuple[Floats, Flo
     So no peak is lost, and a curve of many points looks the same at the resolution of the picture.
     Up to ``2 * buckets`` points all are kept.
     """
-    m = len(values)
-    if m <= 2 * buckets:
+    if len(values) <= 2 * buckets:
         return time, values
-    edges = np.linspace(0, m, buckets + 1).astype(int)
-    first, last = edges[:-1, None], edges[1:, None]
-    places = np.minimum(first + np.arange(np.max(last - first)), last - 1)  # the last repeats in shorter ones
-    low, high = np.where(np.isnan(values), [[np.inf], [-np.inf]], values)
-    extremes = [np.argmin(low[places], axis=1), np.argmax(high[places], axis=1)]
-    rows = np.unique([0, m - 1, *(first[:, 0] + extremes).ravel()])
+    rows = extremes(values, buckets)
     return time[rows], values[rows]
 
 
