@@ -13,16 +13,17 @@ from vdfmu.model.parameters import JOINT_OPTIONS, PARAMETERS
 from vdfmu.model.read import POSITIVE
 from vdfmu.unit.interface import Array, Interface, general_description
 from vdfmu.unit.variable import Variable
-from vdfmu.units import shipped_units
+from vdfmu.units import package_units, shipped_units
 
 
 def interface_page() -> str:
     """Return the reference of all variables of the units, in markdown."""
     arm, slider = load_robot("manipulator_6dof"), load_robot("slider_3dof")
     lines = [_HEAD]
-    for unit in shipped_units().values():
-        interface = Interface(unit, arm)
-        prismatic = {v.group: v.unit for v in Interface(unit, slider) if v.index[:1] == (1,)}
+    for unit in package_units().values():
+        interface = Interface(unit, arm if unit.needs_robot() else None)
+        joints = Interface(unit, slider) if unit.needs_robot() else ()
+        prismatic = {v.group: v.unit for v in joints if v.index[:1] == (1,)}
         lines += [f"## {interface.model_name}", "", f"{interface.description}. Unit `{interface.name}`."]
         for causality, title in _TITLES.items():
             groups = [
@@ -210,6 +211,7 @@ built. The same table gives the checks of the file, the fields of `Robot` and th
 A robot is one TOML file. [Write a robot](tutorials/own_robot.md#write-a-robot) has an example; every problem of a
 file is reported at once. Beside the numbers below it has `name` and `description`, `friction` (`"lumped"` or
 `"split"`, default lumped), `rotor_coupling` (default `true`, [the rotor as a body](model.md#the-rotor-as-a-body)),
+`moving_base` and `coupled_tool` (default `false`, [what is around an arm](world.md)),
 the `type` of each joint (`"revolute"` or `"prismatic"`) and, under `[sources]`, where numbers are from:
 `"joints.link.mass" = ".."` for all joints, `"joints[2].link.mass"` for one. `[payload]` can be missing,
 tables of [options](drives.md#options) such as `[joints.limits]` too, but then of all joints. `gear` and `motor` of a

@@ -35,12 +35,15 @@ def test_shipped_names() -> None:
         "contrast",
         "estimation",
         "planar_tracking",
+        "screw",
         "slider_tracking",
         "tracking",
         "tracking_split",
         "tracking_tuned",
+        "two_arms",
         "two_joint",
         "two_joint_table5",
+        "wall",
     ]
 
 

@@ -80,18 +80,19 @@ def rotor_force(robot: Any, i: int, V_D: np.ndarray, tau_k: Any) -> np.ndarray:
     return _z_tau * tau_k + coriolis_force(*rotor_body(robot, i), V_D)
 
 
-def rotor_velocities(robot: Any, V_B: list[np.ndarray], kappa_dot: Any) -> list[np.ndarray]:
+def rotor_velocities(robot: Any, V_B: list[np.ndarray], kappa_dot: Any, V_S: Any = None) -> list[np.ndarray]:
     """Velocity of every rotor, Eq. (4): n times (6,) [m/s, rad/s] in {D_i}.
 
-    The base of the first joint is at rest. U_BD is constant, so that of accelerations V_B_dot and kappa_ddot the same
-    line makes the derivatives V_D_dot.
+    U_BD is constant, so that of accelerations V_B_dot and kappa_ddot the same line makes the derivatives V_D_dot.
 
     Parameters
     ----------
     V_B : n times (6,) [m/s, rad/s] velocities of the links
     kappa_dot : (n,) [rad/s] rotor speed divided by ell
+    V_S : (6,) [m/s, rad/s], optional
+        Velocity of the base of the first joint; None: at rest.
     """
-    bases = [np.zeros(6), *V_B[:-1]]
+    bases = [np.zeros(6) if V_S is None else V_S, *V_B[:-1]]
     return [
         rotor_velocity(V_A, rotor_transform(robot, i), robot.ell[i], kappa_dot[i])
         for i, V_A in enumerate(bases)
@@ -107,8 +108,9 @@ def rotor_forces(robot: Any, motion: Any, kappa_dot: Any, kappa_ddot: Any) -> li
         Of the links.
     kappa_dot, kappa_ddot : (n,) [rad/s, rad/s2] rotor speed and acceleration divided by ell
     """
-    V_D = rotor_velocities(robot, motion.V_B, kappa_dot)
-    V_D_dot = rotor_velocities(robot, motion.V_B_dot, kappa_ddot)
+    V_S, V_S_dot = motion.base[1:] if motion.base else (None, None)
+    V_D = rotor_velocities(robot, motion.V_B, kappa_dot, V_S)
+    V_D_dot = rotor_velocities(robot, motion.V_B_dot, kappa_ddot, V_S_dot)
     no_weight = np.zeros(3)
     return [net_force(*rotor_body(robot, i), no_weight, V_D[i], V_D_dot[i]) for i in range(robot.n)]
 
@@ -137,6 +139,8 @@ def rotor_acceleration(robot: Any, tau_k: Any, motion: Any = None) -> Any:
     if motion is None:
         return kappa_ddot
     carried = zeros((robot.n,), kappa_ddot, *motion.V_B_dot)
+    if motion.base is not None:
+        carried[0] = (rotor_transform(robot, 0).T @ motion.base.V_S_dot)[5]
     for i in range(1, robot.n):
         carried[i] = (rotor_transform(robot, i).T @ motion.V_B_dot[i - 1])[5]
     return kappa_ddot - carried / robot.ell

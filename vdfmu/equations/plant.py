@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from vdfmu.equations.attachment import FREE, Base, Ends, tool_acceleration
 from vdfmu.equations.dahl import dahl_energy, dahl_loss, dahl_rate
 from vdfmu.equations.flexible_joint import (
     elastic_energy,
@@ -17,7 +18,7 @@ from vdfmu.equations.flexible_joint import (
     spring_rate,
     stretch_rate,
 )
-from vdfmu.equations.forward_dynamics import Rotors, forward_dynamics
+from vdfmu.equations.forward_dynamics import Rotors, apparent_load, forward_dynamics
 from vdfmu.equations.friction import bristles_rate, friction_loss, joint_friction
 from vdfmu.equations.inverse_dynamics import (
     Cut,
@@ -27,7 +28,7 @@ from vdfmu.equations.inverse_dynamics import (
     link_motion,
     whole,
 )
-from vdfmu.equations.kinematics import end_effector_pose, joint_placements
+from vdfmu.equations.kinematics import end_effector_pose, joint_placements, tool_transform
 from vdfmu.equations.limits import motor_torque, stop_energy, stop_torque
 from vdfmu.equations.rigid_body import link_body, mass_matrix
 from vdfmu.equations.thermal import temperature_rate
@@ -139,7 +140,9 @@ def rest_state(robot: Any, tau_s: Any) -> dict[str, Any]:
     return rest
 
 
-def plant_derivative(robot: Any, x: np.ndarray, tau: np.ndarray, F_e: np.ndarray) -> np.ndarray:
+def plant_derivative(
+    robot: Any, x: np.ndarray, tau: np.ndarray, F_e: np.ndarray, ends: Ends = FREE
+) -> np.ndarray:
     """Right-hand side of the plant.
 
     Parameters
@@ -147,6 +150,8 @@ def plant_derivative(robot: Any, x: np.ndarray, tau: np.ndarray, F_e: np.ndarray
     x : (4 n,) state, longer with options
     tau : (n,) [N m] motor torques, motor-side; with `winding` those that are asked for
     F_e : (6,) [N, N m] wrench that the arm exerts on its surroundings, in {O}
+    ends : Ends
+        Motion of the base, and mass of the load.
 
     Returns
     -------
@@ -156,23 +161,29 @@ def plant_derivative(robot: Any, x: np.ndarray, tau: np.ndarray, F_e: np.ndarray
     tau_l, tau_k = _torques(robot, state, tau)
     kappa = rotor_position(robot, q, tau_s)
     if robot.rotor_coupling:  # links and rotors as bodies: (4), (7), (9)-(11), (44)-(47)
-        q_ddot = forward_dynamics(robot, q, q_dot, tau_l, F_e, Rotors(kappa_dot, tau_k))
-        kappa_ddot = rotor_acceleration(robot, tau_k, link_motion(robot, q, q_dot, q_ddot))
+        q_ddot = forward_dynamics(robot, q, q_dot, tau_l, F_e, Rotors(kappa_dot, tau_k), ends)
+        kappa_ddot = rotor_acceleration(robot, tau_k, link_motion(robot, q, q_dot, q_ddot, base=ends.base))
     else:  # rotors in pure rotation: (56), and (46) without their reaction
-        q_ddot = forward_dynamics(robot, q, q_dot, tau_l, F_e)
+        q_ddot = forward_dynamics(robot, q, q_dot, tau_l, F_e, ends=ends)
         kappa_ddot = rotor_acceleration(robot, tau_k)
     tau_s_dot = spring_rate(robot, kappa, kappa_dot, q_dot, tau_s)  # springs: (2)-(3)
     return np.concatenate([q_dot, q_ddot, kappa_ddot, tau_s_dot, *option_rates(robot, x, tau).values()])
 
 
 def balance(
-    robot: Any, x: np.ndarray, q_ddot: np.ndarray, tau: np.ndarray, F_e: np.ndarray, cut: Cut = whole
+    robot: Any,
+    x: np.ndarray,
+    q_ddot: np.ndarray,
+    tau: np.ndarray,
+    F_e: np.ndarray,
+    cut: Cut = whole,
+    ends: Ends = FREE,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the plant's equations of motion in implicit form, which are short to differentiate.
 
     Parameters
     ----------
-    x, tau, F_e : as in :func:`plant_derivative`
+    x, tau, F_e, ends : as in :func:`plant_derivative`
     q_ddot : (n,) [rad/s2 or m/s2]
     cut : see :data:`~vdfmu.equations.inverse_dynamics.Cut`
 
@@ -183,37 +194,58 @@ def balance(
     """
     state = split_state(robot, x)
     tau_l, tau_k = _torques(robot, state, tau)
-    motion = link_motion(robot, state.q, state.q_dot, q_ddot, cut)
+    motion = link_motion(robot, state.q, state.q_dot, q_ddot, cut, ends.base)
+    if ends.M_e is not None:
+        F_e = F_e + ends.M_e @ tool_acceleration(robot, motion.V_B[-1], motion.V_B_dot[-1])
     F_Dk = None
     if robot.rotor_coupling:
-        V_D = rotor_velocities(robot, motion.V_B, state.kappa_dot)
+        V_D = rotor_velocities(robot, motion.V_B, state.kappa_dot, ends.base and ends.base.V_S)
         F_Dk = [rotor_force(robot, i, V_D[i], tau_k[i]) for i in range(robot.n)]
     torques = joint_torques(robot, link_forces(robot, motion, F_e, F_Dk, cut))
     return tau_l - torques, rotor_acceleration(robot, tau_k, motion if robot.rotor_coupling else None)
 
 
-def equilibrium_torque(robot: Any, q: np.ndarray, F_e: np.ndarray | None = None) -> np.ndarray:
-    """Spring torques that hold the arm at rest at `q` under the wrench `F_e` : (n,) [N m or N], link-side."""
+def equilibrium_torque(
+    robot: Any, q: np.ndarray, F_e: np.ndarray | None = None, R_S: np.ndarray | None = None
+) -> np.ndarray:
+    """Spring torques that hold the arm at rest at `q` under the wrench `F_e` : (n,) [N m or N], link-side.
+
+    `R_S` : (3, 3) rotation in {I} of a base, at rest here; None: that of {I}.
+    """
     zero = np.zeros(robot.n)
-    return inverse_dynamics(robot, q, zero, zero, F_e)
+    base = None if R_S is None else Base(R_S.T @ robot.gravity, np.zeros(6), np.zeros(6))
+    return inverse_dynamics(robot, q, zero, zero, F_e, base=base)
 
 
-def plant_outputs(robot: Any, x: np.ndarray) -> Outputs:
-    """Return the outputs of the plant. They depend on its state alone: the plant has no direct feed-through.
+class BasePose(NamedTuple):
+    """Place p_S [m] and rotation R_S of the base frame {S} in {I}, and its velocity V_S in {S}."""
+
+    p_S: Any
+    R_S: Any
+    V_S: Any
+
+
+def plant_outputs(robot: Any, x: np.ndarray, base: BasePose | None = None) -> Outputs:
+    """Return the outputs of the plant. They depend on its state, and on the motion of its base, alone.
 
     The rotor's kinetic energy is ``J_r s^2 / 2`` with ``J_r = I_m / ell`` and s its speed about its axis, the z
     component of V_D (4); in pure rotation (56) that is ``ell kappa_dot``. The potential energy is zero with all
     centres of mass at the height of the origin of {I}.
     """
     q, q_dot, kappa_dot, tau_s, *_ = state = split_state(robot, x)
-    motion = link_motion(robot, q, q_dot, np.zeros(robot.n))
     p_O, R_O = end_effector_pose(robot, q)
+    p, R, moving = np.zeros(3), np.eye(3), None
+    if base is not None:
+        p, R = base.p_S, base.R_S
+        p_O, R_O = p + R @ p_O, R @ R_O
+        moving = Base(R.T @ robot.gravity, base.V_S, np.zeros(6))
+    motion = link_motion(robot, q, q_dot, np.zeros(robot.n), base=moving)
     spin = kappa_dot
     if robot.rotor_coupling:
-        spin = np.array([V_D[5] for V_D in rotor_velocities(robot, motion.V_B, kappa_dot)]) / robot.ell
+        V_D = rotor_velocities(robot, motion.V_B, kappa_dot, moving and moving.V_S)
+        spin = np.array([V_Dk[5] for V_Dk in V_D]) / robot.ell
     E_kin = 0.5 * (robot.I_m * robot.ell) @ (spin * spin)
     E_pot = 0.0
-    p, R = np.zeros(3), np.eye(3)
     for i, (R_AB, p_AB) in enumerate(joint_placements(robot, q)):
         V_B = motion.V_B[i]
         m_B, r_B, I_B = link_body(robot, i)
@@ -229,3 +261,33 @@ def plant_outputs(robot: Any, x: np.ndarray) -> Outputs:
     if robot.limits:
         E_spring = E_spring + np.sum(stop_energy(robot, q))
     return Outputs(rotor_position(robot, q, tau_s), p_O, R_O, E_kin, E_pot, E_spring)
+
+
+def base_load(
+    robot: Any, x: np.ndarray, tau: np.ndarray, F_e: np.ndarray, ends: Ends
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return what the plant is for its base: M_S : (6, 6) and F_S0 : (6,) of :func:`apparent_load`.
+
+    Parameters
+    ----------
+    x, tau, F_e, ends : as in :func:`plant_derivative`
+    """
+    state = split_state(robot, x)
+    tau_l, tau_k = _torques(robot, state, tau)
+    rotors = Rotors(state.kappa_dot, tau_k) if robot.rotor_coupling else None
+    return apparent_load(robot, state.q, state.q_dot, tau_l, F_e, rotors, ends)
+
+
+def tool_motion(
+    robot: Any, x: np.ndarray, tau: np.ndarray, F_e: np.ndarray, ends: Ends
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return velocity V_O and acceleration A_O of the end-effector frame {O}, (6,) each, in {O}.
+
+    V_O is relative to the frame in which ``ends.base`` has no linear velocity; A_O is that of
+    :func:`~vdfmu.equations.attachment.tool_acceleration`.
+    """
+    n, state = robot.n, split_state(robot, x)
+    q_ddot = plant_derivative(robot, x, tau, F_e, ends)[n : 2 * n]
+    motion = link_motion(robot, state.q, state.q_dot, q_ddot, base=ends.base)
+    V_B, V_B_dot = motion.V_B[-1], motion.V_B_dot[-1]
+    return tool_transform(robot).T @ V_B, tool_acceleration(robot, V_B, V_B_dot)

@@ -38,10 +38,11 @@ def terminals_and_icons(interface: Interface, fmi: Literal[2, 3]) -> Element:
     extent = _extent(-100, -100, 100, 100)
     SubElement(picture, "CoordinateSystem", extent | {"suggestedScalingFactorTo_mm": "0.1"})
     SubElement(picture, "Icon", extent)
-    if not interface.unit.terminals:
+    has_some = [t for t in interface.unit.terminals if any(group in interface.groups for group in t.groups)]
+    if not has_some:
         return root
     terminals = SubElement(root, "Terminals")
-    for terminal in interface.unit.terminals:
+    for terminal in has_some:
         element = SubElement(
             terminals,
             "Terminal",

@@ -28,6 +28,8 @@ from vdfmu.model.visual import Visual
 
 JOINT_TYPES = ("revolute", "prismatic")
 FRICTION_ARRANGEMENTS = ("lumped", "split")
+ENDS = ("moving_base", "coupled_tool")
+"""Flags of a robot that couple an end of it to what is around it."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -57,6 +59,10 @@ class Robot(Parameters):
     limits, hysteresis, load_loss, backlash, bristles, winding, thermal : bool
         Whether joints have end stops and motors a torque-speed line; what else drives and motors have. The fields of
         ``[joints.limits]`` and so on count only then.
+    moving_base : bool
+        Whether the base moves, as inputs of the plant say; else it is at rest in {I}.
+    coupled_tool : bool
+        Whether the plant shows how its end effector moves, and takes a load that has a mass.
     visuals : tuple of Visual
         What the links look like; nothing calculates with it.
     """
@@ -75,6 +81,8 @@ class Robot(Parameters):
     bristles: bool = False
     winding: bool = False
     thermal: bool = False
+    moving_base: bool = False
+    coupled_tool: bool = False
     visuals: tuple[Visual, ...] = ()
 
     @property
@@ -98,6 +106,7 @@ class Robot(Parameters):
             "description": self.description,
             "friction": self.friction,
             "rotor_coupling": self.rotor_coupling,
+            **{flag: True for flag in ENDS if getattr(self, flag)},
             **numbers("robot", ()),
             **({"payload": numbers("payload", ())} if self.payload else {}),
             "joints": [

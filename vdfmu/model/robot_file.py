@@ -11,7 +11,7 @@ from vdfmu.model.catalogue import NAMED, completed
 from vdfmu.model.check import check_drive, check_friction, check_inertia, check_rotation, check_stops
 from vdfmu.model.parameters import JOINT_OPTIONS, PARAMETERS, Row, Section, read_only, section
 from vdfmu.model.read import POSITIVE, FloatArray, Problems, Table, nearest, shape_of, shown
-from vdfmu.model.robot import FRICTION_ARRANGEMENTS, JOINT_TYPES, Robot, joint_free, robot_argument
+from vdfmu.model.robot import ENDS, FRICTION_ARRANGEMENTS, JOINT_TYPES, Robot, joint_free, robot_argument
 from vdfmu.model.visual import read_visuals
 
 Numbers = dict[str, float | FloatArray]
@@ -22,7 +22,8 @@ def _keys(name: Section) -> list[str]:
 
 
 ROBOT_KEYS = (
-    "name", "description", "friction", "rotor_coupling", *_keys("robot"), "payload", "joints", "sources", "visuals",
+    "name", "description", "friction", "rotor_coupling", *ENDS, *_keys("robot"), "payload", "joints", "sources",
+    "visuals",
 )  # fmt: skip
 JOINT_KEYS = ("type", *_keys("joint"), "link", "drive", "friction", *JOINT_OPTIONS, *NAMED)
 SOURCE_KEYS = tuple(row.path for row in PARAMETERS.values())
@@ -49,9 +50,10 @@ def robot_from_dict(data: Mapping[str, Any], where: str = "robot") -> Robot:
     description = file.text("description", "")
     friction = file.text("friction", "lumped", FRICTION_ARRANGEMENTS)
     rotor_coupling = file.flag("rotor_coupling", True)
-    whole = _numbers(file, "robot") | {row.name: np.zeros(row.shape) for row in section("payload")}
+    flags = {flag: file.flag(flag, False) for flag in ENDS}
+    whole = section_numbers(file, "robot") | {row.name: np.zeros(row.shape) for row in section("payload")}
     if "payload" in file.data:
-        whole |= _numbers(file.table("payload", _keys("payload")), "payload")
+        whole |= section_numbers(file.table("payload", _keys("payload")), "payload")
     for row in section("robot"):
         if row.shape == (3, 3):
             check_rotation(problems, row.key, np.asarray(whole[row.name]))
@@ -93,6 +95,7 @@ def robot_from_dict(data: Mapping[str, Any], where: str = "robot") -> Robot:
         payload="payload" in file.data,
         visuals=visuals,
         **options,
+        **flags,
         **arrays,
     )
 
@@ -115,7 +118,7 @@ def _joint(problems: Problems, data: object, path: str) -> dict[str, Any]:
     table = Table(problems, data, path, JOINT_KEYS)
     kind = table.text("type", choices=JOINT_TYPES)
     options = {option: option in table.data for option in JOINT_OPTIONS}
-    joint: dict[str, Any] = {"type": kind, **options} | _numbers(table, "joint", kind)
+    joint: dict[str, Any] = {"type": kind, **options} | section_numbers(table, "joint", kind)
     check_rotation(problems, f"{path}.rotation", joint["rotation"])
     parts: tuple[Section, ...] = (
         "link",
@@ -124,7 +127,7 @@ def _joint(problems: Problems, data: object, path: str) -> dict[str, Any]:
         *(part for part in JOINT_OPTIONS if options[part]),
     )
     for part in parts:
-        joint |= _numbers(table.table(part, _keys(part)), part, kind)
+        joint |= section_numbers(table.table(part, _keys(part)), part, kind)
     check_drive(problems, f"{path}.drive", joint["ell"], joint["theta_err_amplitude"])
     check_friction(problems, f"{path}.friction", joint["f_c"], joint["f_s"])
     if options["limits"]:
@@ -132,7 +135,7 @@ def _joint(problems: Problems, data: object, path: str) -> dict[str, Any]:
     return joint
 
 
-def _numbers(table: Table, part: Section, joint_type: str = "revolute") -> Numbers:
+def section_numbers(table: Table, part: Section, joint_type: str = "revolute") -> Numbers:
     """Read the numbers of a section: field of `Robot` to its value."""
     found: Numbers = {}
     for row in section(part):

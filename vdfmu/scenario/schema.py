@@ -14,7 +14,7 @@ import numpy as np
 from vdfmu.engine.algorithms import ALGORITHMS
 from vdfmu.model.catalogue import NAMED, catalogue
 from vdfmu.model.parameters import JOINT_OPTIONS, PARAMETERS, Row, Section, section
-from vdfmu.model.robot import FRICTION_ARRANGEMENTS, JOINT_TYPES
+from vdfmu.model.robot import ENDS, FRICTION_ARRANGEMENTS, JOINT_TYPES
 from vdfmu.model.visual import SHAPES
 from vdfmu.scenario.load import load_system
 from vdfmu.scenario.parts import units_of
@@ -43,6 +43,7 @@ def robot_schema() -> Schema:
         "description": _TEXT,
         "friction": {"enum": list(FRICTION_ARRANGEMENTS)},
         "rotor_coupling": {"type": "boolean"},
+        **{flag: {"type": "boolean"} for flag in ENDS},
         "payload": payload,
         "joints": {"type": "array", "minItems": 1, "items": joint},
         "sources": {"type": "object", "description": "Key of this file to where its number is from"},
@@ -83,6 +84,7 @@ def scenario_schema(system: str = "system") -> Schema:
         "tolerance": share | {"description": "Tolerance of the solvers"},
         "inputs": _TEXT | {"description": "CSV file of signals for inputs that nothing is connected to"},
         "input_hold": {"type": "boolean", "description": "Hold these until the next row"},
+        "payload": _table(_rows("payload") | {"known": {"type": "boolean"}}, _required("payload")),
         "plant_factors": _table(factors, []),
         "paper": _table(paper, []),
     }
@@ -92,7 +94,8 @@ def scenario_schema(system: str = "system") -> Schema:
 def system_schema() -> Schema:
     """Return the schema of a system file."""
     box = {"type": "array", "items": {"type": "number"}, "minItems": 4, "maxItems": 4}
-    part = {"anyOf": [_TEXT, box, _table({"unit": _TEXT, "box": box}, [])]}
+    ends = {flag: {"type": "boolean"} for flag in ENDS}
+    part = {"anyOf": [_TEXT, box, _table({"unit": _TEXT, "box": box, "robot": _TEXT, **ends}, [])]}
     keys: Schema = {
         "extends": _TEXT,
         "name": _TEXT,

@@ -12,6 +12,7 @@ from vdfmu.errors import UnitError, UsageError
 from vdfmu.measure import unit_of
 from vdfmu.model import Robot
 from vdfmu.model.parameters import OPTIONAL, PARAMETERS
+from vdfmu.model.robot import ENDS
 from vdfmu.unit.base import Unit
 from vdfmu.unit.declaration import (
     Choice,
@@ -57,8 +58,11 @@ def _of_unit(unit: type[Unit]) -> Iterator[tuple[str, str]]:
                 f"{state.name}_dot = Derivative({state.name})",
             )
     for name, declared in unit.declared.items():
-        if declared.when is not None and declared.when not in OPTIONAL:
-            yield name, f"{name}: when: expected one of {', '.join(OPTIONAL)}, got {declared.when!r}"
+        if declared.when is not None and declared.when not in (*OPTIONAL, *ENDS):
+            yield (
+                name,
+                f"{name}: when: expected one of {', '.join((*OPTIONAL, *ENDS))}, got {declared.when!r}",
+            )
         if isinstance(declared, Derivative) and declared.state not in states:
             yield name, f"{name} is the derivative of what is not a continuous state of the unit"
     sampled = any(isinstance(d, Sampled) for d in unit.declared.values())

@@ -6,15 +6,19 @@ from typing import Any
 
 import numpy as np
 
+from vdfmu.equations.attachment import Ends
 from vdfmu.equations.flexible_joint import rotor_position, spring_rate
 from vdfmu.equations.plant import (
+    BasePose,
     balance,
+    base_load,
     equilibrium_torque,
     option_rates,
     plant_derivative,
     plant_outputs,
     rest_state,
     state_names,
+    tool_motion,
 )
 from vdfmu.equations.thermal import ambient
 from vdfmu.unit import (
@@ -29,7 +33,17 @@ from vdfmu.unit import (
     Terminal,
     Unit,
 )
-from vdfmu.units._signals import wave_wrench, wrench
+from vdfmu.units._signals import (
+    ACCELERATION,
+    MASS,
+    VELOCITY,
+    WRENCH,
+    base_motion,
+    base_of,
+    six,
+    wave_wrench,
+    wrench,
+)
 
 
 class Plant(Unit):
@@ -59,10 +73,21 @@ class Plant(Unit):
     The springs start with the torque that holds the arm under F_e unless equilibrium is false. Outputs depend on the
     state alone. Friction is regularised by tanh(v / eps), so the equations are smooth and there are no events; sticking
     is a creep slower than eps. Energies: E_kin of links and rotors, E_pot of gravity, E_spring of drives and stops.
+
+    A robot with moving_base stands on a frame {S} whose motion is an input; the wrench of the base on the arm depends
+    on its acceleration A_S, and so does the acceleration A_O of the tool of a robot with coupled_tool on its load::
+
+        F_S = M_S A_S + F_S0                 M_S: apparent mass matrix of the arm, F_S0: wrench at A_S = 0
+        F   = M_e A_O + F_e                  wrench of the arm on a load; M_e = 0: on its surroundings, F_e
+
+    M_S and F_S0 of an arm are M_e and F_e of the one that carries it.
     """
 
     tau = Input("N.m", JOINTS, "motor torque, motor-side")
     F_e = wrench("of the arm on its surroundings")
+    M_e = Input(*MASS, "Apparent mass matrix of the load at the end effector in {O}", when="coupled_tool")
+    p_S = Input("m", 3, "Position of the base frame {S} in {I}, axis", when="moving_base")
+    R_S, V_S, A_S = base_motion()
     q = State("position", JOINTS, "position of the link")
     q_dot = State("velocity", JOINTS, "velocity of the link")
     kappa_dot = State("velocity", JOINTS, "velocity of the rotor divided by ell")
@@ -85,6 +110,30 @@ class Plant(Unit):
     E_kin = Output("J", text="Kinetic energy of links and rotors")
     E_pot = Output("J", text="Potential energy of gravity")
     E_spring = Output("J", text="Elastic energy of drives and end stops")
+    V_O = Output(
+        *VELOCITY,
+        six("Velocity of the end effector in {O}", "Angular velocity of the end effector in {O}"),
+        when="coupled_tool",
+    )
+    A_O = Output(
+        *ACCELERATION,
+        six("Acceleration of the origin of {O} in {O}", "Angular acceleration of the end effector in {O}"),
+        when="coupled_tool",
+    )
+    F_S = Output(
+        *WRENCH,
+        six("Force of the base on the arm in {S}", "Moment of the base on the arm in {S}"),
+        when="moving_base",
+    )
+    M_S = Output(*MASS, "Apparent mass matrix of the arm at its base in {S}", when="moving_base")
+    F_S0 = Output(
+        *WRENCH,
+        six(
+            "Force of the base on the arm at A_S = 0 in {S}",
+            "Moment of the base on the arm at A_S = 0 in {S}",
+        ),
+        when="moving_base",
+    )
     q_0 = Parameter("position", JOINTS, "start position of the link")
     q_dot_0 = Parameter("velocity", JOINTS, "start velocity of the link")
     equilibrium = Switch(
@@ -106,7 +155,18 @@ class Plant(Unit):
             ("tau", "q", "q_dot", "kappa_dot", "tau_s", "kappa", "tau_h", "tau_z", "i_m", "T_j"),
             "Motor torques and motion of the joints",
         ),
-        Terminal("end_effector", "right", ("F_e", "p_O", "R_O"), "Wrench and pose of the end effector"),
+        Terminal(
+            "end_effector",
+            "right",
+            ("F_e", "p_O", "R_O", "V_O", "A_O", "M_e"),
+            "Wrench and pose of the end effector",
+        ),
+        Terminal(
+            "base",
+            "bottom",
+            ("p_S", "R_S", "V_S", "A_S", "F_S", "M_S", "F_S0"),
+            "Motion and wrench of the base",
+        ),
     )
     # positions, rotors and springs are each tied to their own joint; the links' dense block last
     elimination = ("q", "T_j", "i_m", "tau_z", "tau_h", "kappa_dot", "tau_s", "q_dot")
@@ -116,12 +176,16 @@ class Plant(Unit):
     def _x(self) -> Any:
         return np.concatenate([getattr(self, name) for name in state_names(self.of_robot)])
 
+    def _ends(self) -> Ends:
+        return Ends(base_of(self), self.M_e if self.robot.coupled_tool else None)
+
     def start(self) -> None:
-        """Rest under the wrench, or what the parameters say."""
+        """Rest under the wrench on a base at rest, or what the parameters say."""
         self.q, self.q_dot = self.q_0, self.q_dot_0
         if self.equilibrium:
             self.kappa_dot = self.q_dot_0
-            self.tau_s = equilibrium_torque(self.robot, self.q_0, self.F_e)
+            R_S = self.R_S if self.robot.moving_base else None
+            self.tau_s = equilibrium_torque(self.robot, self.q_0, self.F_e, R_S)
         else:
             self.kappa_dot, self.tau_s = self.kappa_dot_0, self.tau_s_0
         rest = rest_state(self.robot, self.tau_s) if self.equilibrium else {}
@@ -130,20 +194,30 @@ class Plant(Unit):
 
     def outputs(self) -> None:
         """Calculate what the plant shows beside its state."""
-        self.kappa, self.p_O, self.R_O, self.E_kin, self.E_pot, self.E_spring = plant_outputs(
-            self.robot, self._x()
-        )
+        robot, x = self.robot, self._x()
+        base = BasePose(self.p_S, self.R_S, self.V_S) if robot.moving_base else None
+        self.kappa, self.p_O, self.R_O, self.E_kin, self.E_pot, self.E_spring = plant_outputs(robot, x, base)
+        if robot.coupled_tool:
+            V_O, self.A_O = tool_motion(robot, x, self.tau, self.F_e, self._ends())
+            if base is not None:
+                V_O = V_O + np.concatenate([self.R_O.T @ (base.R_S @ base.V_S[:3]), np.zeros(3)])
+            self.V_O = V_O
+        if base is not None:
+            self.M_S, self.F_S0 = base_load(robot, x, self.tau, self.F_e, self._ends())
+            self.F_S = self.M_S @ self.A_S + self.F_S0
 
     def derivatives(self) -> None:
         """Eq. (9), (10) and the springs."""
-        x_dot = plant_derivative(self.robot, self._x(), self.tau, self.F_e)
+        x_dot = plant_derivative(self.robot, self._x(), self.tau, self.F_e, self._ends())
         names = state_names(self.of_robot)
         for name, rate in zip(names, np.split(x_dot, len(names)), strict=True):
             setattr(self, f"der_{name}", rate)
 
     def balance(self) -> Any:
         """Balance forces, by the inverse dynamics: shorter derivatives than those of accelerations."""
-        links, rotors = balance(self.robot, self._x(), self.der_q_dot, self.tau, self.F_e, self.cut)
+        links, rotors = balance(
+            self.robot, self._x(), self.der_q_dot, self.tau, self.F_e, self.cut, self._ends()
+        )
         kappa = rotor_position(self.robot, self.q, self.tau_s)
         springs = spring_rate(self.robot, kappa, self.kappa_dot, self.q_dot, self.tau_s)
         rates = [self.q_dot - self.der_q, links, rotors - self.der_kappa_dot, springs - self.der_tau_s]
@@ -158,3 +232,5 @@ class Plant(Unit):
         push = 1.5 * self.robot.f_s * ramp * (-1.0) ** np.arange(self.n)
         self.tau = (hold + push) / self.robot.ell
         self.F_e = wave_wrench(self.t)
+        if self.robot.moving_base:
+            self.V_S, self.A_S = wave_wrench(self.t), 2.0 * wave_wrench(self.t + 0.5 * np.pi)
