@@ -13,13 +13,12 @@ from scipy.interpolate import make_interp_spline
 
 from vdfmu.arrays import Floats
 from vdfmu.errors import UsageError
-from vdfmu.unit.base import Unit
 from vdfmu.units._played import Cycle, Played
 
 DEGREE = 5
 """Lowest degree of a spline whose fourth derivative has no jump: the elastic feedforward needs it."""
-_FINE = 8
-"""Points of a piece at which its speed and acceleration are looked at."""
+_ROUNDING = 1e-9
+"""Share of a limit that is rounding."""
 _MOST_NUMBERS = 500_000
 """Coefficients of a unit: some 10 MB of C, which compiles in seconds."""
 _CLOSED = 1e-12
@@ -93,15 +92,50 @@ class Motion:
         c = np.moveaxis(self.coefficients[place], -2, 0)
         return np.array([_horner(c, u, order) for order in range(5)])
 
-    @cached_property
-    def fine(self) -> Floats:
-        """Times of the knots and of points between them, at which limits are checked."""
-        share = np.arange(_FINE) / _FINE
-        return np.append((self.knots[:-1, None] + np.diff(self.knots)[:, None] * share).ravel(), self.duration)
+    def extremes(self, order: int) -> Floats:
+        """Least and largest value of a derivative in each piece, (2, m, n)."""
+        h, c = np.diff(self.knots)[:, None], np.moveaxis(self.coefficients, 1, 0)
+        found = np.array([_horner(c, h * share, order) for share in (0.0, 1.0, *_turns(c, h, order))])
+        return np.array([found.min(axis=0), found.max(axis=0)])
 
+    @cached_property
     def peaks(self) -> Floats:
-        """Largest absolute values of the four derivatives at the times of :attr:`fine`, (4, n)."""
-        return np.abs(self.at(self.fine)[1:]).max(axis=1)
+        """Largest absolute values of the four derivatives of each joint, (4, n)."""
+        return np.array([np.abs(self.extremes(order)).max(axis=(0, 1)) for order in range(1, 5)])
+
+    def shares(self, velocity: Floats, acceleration: Floats) -> Floats:
+        """How much of the limits, (n,) each, each piece takes as a factor of its time, (m,)."""
+        taken = [np.abs(self.extremes(order)).max(axis=0) for order in (1, 2)]
+        return np.maximum(taken[0] / velocity, np.sqrt(taken[1] / acceleration)).max(axis=1)
+
+    def fitted(
+        self,
+        velocity: Floats | None = None,
+        acceleration: Floats | None = None,
+        duration: float | None = None,
+    ) -> Motion:
+        """Return the motion over `duration` [s], or over the shortest time for limits, (n,) each.
+
+        Raises
+        ------
+        UsageError
+            If the duration breaks a limit.
+        """
+        factors = [
+            (peak / limit) ** (1.0 / order)
+            for order, (peak, limit) in enumerate(zip(self.peaks, (velocity, acceleration), strict=False), 1)
+            if limit is not None
+        ]
+        least = float(np.max(factors, initial=0.0))
+        if duration is None:
+            return self.slower(least) if least > 0.0 else self
+        if least * self.duration > duration * (1.0 + _ROUNDING):
+            joint = int(np.argmax(np.max(factors, axis=0))) + 1
+            raise UsageError(
+                f"duration: expected at least the {least * self.duration:.6g} s that the limits of joint {joint} take, "
+                f"got {duration:g} s. Give more time, or leave the duration out."
+            )
+        return self.slower(duration / self.duration)
 
     def slower(self, factor: float) -> Motion:
         """Return the motion over `factor` times the time."""
@@ -112,7 +146,7 @@ class Motion:
         """Return the motion and a rest after it."""
         return joined([self, rest(self.end, seconds)]) if seconds > 0.0 else self
 
-    def unit(self) -> type[Unit]:
+    def unit(self) -> type[Played]:
         """Return the unit that plays the motion, for ``units={"trajectory": motion.unit()}``.
 
         Raises
@@ -146,6 +180,19 @@ def _horner(c: Floats, u: Floats, order: int) -> Floats:
     for k in range(DEGREE, order - 1, -1):
         value = value * u + perm(k, order) * c[k]
     return value
+
+
+def _turns(c: Floats, h: Floats, order: int) -> Floats:
+    """Shares of pieces at which a derivative may have an extremum, (d, m, n): roots of the next one, of degree d."""
+    d = DEGREE - order - 1
+    a = np.array([perm(k + order + 1, order + 1) * c[k + order + 1] * h**k for k in range(d + 1)])
+    smallest = np.maximum(1e-12 * np.abs(a).max(axis=0), 1e-300)
+    lead = np.where(np.abs(a[d]) < smallest, smallest, a[d])
+    companion = np.zeros((*a.shape[1:], d, d))
+    companion[..., np.arange(1, d), np.arange(d - 1)] = 1.0
+    companion[..., -1:] = -np.moveaxis(a[:d] / lead, 0, -1)[..., None]
+    turns: Floats = np.linalg.eigvals(companion).real
+    return np.clip(np.moveaxis(turns, -1, 0), 0.0, 1.0)
 
 
 def spline(t: Floats, q: Floats) -> Motion:

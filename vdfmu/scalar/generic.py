@@ -87,7 +87,7 @@ def interpolate(x: Any, points: Any, values: Any) -> Any:
 
 
 def lookup(x: Any, edges: Any, rows: Any) -> Any:
-    """Return the row of the interval that `x` lies in, of a table of any length: the first before it, the last after it.
+    """Return the row of the interval that `x` lies in, of a table of any length; the first before, the last after it.
 
     Parameters
     ----------

@@ -7,7 +7,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from vdfmu.equations.trajectory import played_motion
-from vdfmu.unit import JOINTS, Output, Parameter, Terminal, Unit
+from vdfmu.unit import Output, Parameter, Terminal, Unit
 from vdfmu.units._signals import DESIRED
 
 
@@ -47,8 +47,8 @@ class Played(Unit):
 class Cycle(Played):
     """A motion of the joints that ends where it starts, with four time derivatives, none of which jumps.
 
-    It is a polynomial of degree 5 between two knots, played `cycles` times from ``t_start`` on, `speed` times as fast as
-    it was worked out, and held before and after.
+    It is a polynomial of degree 5 between two knots, played `cycles` times from ``t_start`` on, `speed` times as fast
+    as it was worked out, and held before and after.
     """
 
     cycles = Parameter("1", text="Number of times that the motion is played", start=1.0, minimum=1.0)
