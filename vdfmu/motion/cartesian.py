@@ -224,8 +224,8 @@ def _timed(
 def _law(t: Floats) -> Floats:
     """Return the place on a path, 0 to 1, over a time from 0 to 1: at rest at the ends, at a constant speed between.
 
-    While it takes up speed, over a third of the time, that is a polynomial of degree 7 whose first three derivatives are
-    0 at its ends.
+    While it takes up speed, over a third of the time, that is a polynomial of degree 7 of which three
+    derivatives are 0 at its ends.
     """
 
     def begun(t: Floats) -> Floats:

@@ -104,12 +104,12 @@ def _shortest(
     except ImportError:
         raise UsageError("fastest: it needs toppra: pip install 'vdfmu[motion]'.") from None
 
-    class Path:
-        dof, path_interval = len(path(0.0)), s[[0, -1]]
-
-        def __call__(self, path_positions: Any, order: int = 0) -> Any:
-            return path(path_positions, order)
-
+    own = {
+        "dof": len(path(0.0)),
+        "path_interval": s[[0, -1]],
+        "__call__": lambda _, place, order=0: path(place, order),
+    }
+    shape = type("Path", (toppra.interpolator.AbstractGeometricPath,), own)()
     velocity, acceleration = (np.column_stack([-one, one]) for one in limits if one is not None)
     asked = [
         toppra.constraint.JointVelocityConstraint(velocity),
@@ -129,7 +129,7 @@ def _shortest(
     level = logger.level
     logger.setLevel(logging.CRITICAL)  # what it says of points without a solution is an error below
     try:
-        speeds = toppra.algorithm.TOPPRA(asked, Path(), gridpoints=places).compute_parameterization(0.0, 0.0)[
+        speeds = toppra.algorithm.TOPPRA(asked, shape, gridpoints=places).compute_parameterization(0.0, 0.0)[
             1
         ]
     finally:

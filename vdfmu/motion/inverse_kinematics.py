@@ -34,8 +34,8 @@ def follow(
 ) -> Floats:
     """Return the positions of the joints at poses of the end effector, (m, n), the first of which is that at `start`.
 
-    Of the solutions that a redundant arm has, the nearest to the one before; with end stops, drawn to the middle between
-    them.
+    Of the solutions that a redundant arm has, the nearest to the one before; with end stops, drawn to the middle
+    between them.
 
     Parameters
     ----------

@@ -7,6 +7,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
 from math import factorial, perm
+from typing import Any
 
 import numpy as np
 from scipy.interpolate import make_interp_spline
@@ -170,8 +171,10 @@ class Motion:
         note = f"{self.n} joints, {len(self.coefficients)} pieces over {self.duration:g} s"
         text = _UNIT.format(note=note, base=base.__name__)
         made = {"unit.py": text.encode(), "motion.npy": stream.getvalue()}
-        body = {"__module__": __name__, "__doc__": base.__doc__, "experiment_stop": self.duration}
-        return type("Motion", (base,), {**body, "edges": table[:, 0], "rows": table[:-1], "made_of": made})
+        body: Any = {"__module__": __name__, "__doc__": base.__doc__, "made_of": made, "notes": self.notes}
+        body |= {"edges": table[:, 0], "rows": table[:-1], "experiment_stop": self.duration}
+        unit: Any = type("Motion", (base,), body)
+        return unit
 
 
 def _horner(c: Floats, u: Floats, order: int) -> Floats:
@@ -191,7 +194,7 @@ def _turns(c: Floats, h: Floats, order: int) -> Floats:
     companion = np.zeros((*a.shape[1:], d, d))
     companion[..., np.arange(1, d), np.arange(d - 1)] = 1.0
     companion[..., -1:] = -np.moveaxis(a[:d] / lead, 0, -1)[..., None]
-    turns: Floats = np.linalg.eigvals(companion).real
+    turns = np.linalg.eigvals(companion).real.astype(np.float64)
     return np.clip(np.moveaxis(turns, -1, 0), 0.0, 1.0)
 
 

@@ -12,7 +12,10 @@ from vdfmu.model.parameters import PARAMETERS, Array, read_only
 from vdfmu.model.read import FloatArray, Problems, Table, as_number, shape_of, shown
 from vdfmu.model.robot import FRICTION_ARRANGEMENTS, Robot
 from vdfmu.model.robot_file import check_robot
+from vdfmu.motion.read import read_motion
 from vdfmu.scenario.check import check_step
+from vdfmu.scenario.parts import units_of
+from vdfmu.scenario.replace import started
 from vdfmu.scenario.scenario import (
     FACTOR_FIELDS,
     KINDS,
@@ -21,7 +24,9 @@ from vdfmu.scenario.scenario import (
 )
 from vdfmu.scenario.system_file import SystemFile
 from vdfmu.scenario.values import section_values
+from vdfmu.unit.base import Unit
 from vdfmu.unit.declaration import SOLVER_TOLERANCE
+from vdfmu.units._played import Cycle
 
 SCENARIO_KEYS = (
     "name",
@@ -37,6 +42,7 @@ SCENARIO_KEYS = (
     "tolerance",
     "inputs",
     "input_hold",
+    "motion",
     "plant_factors",
     "paper",
 )
@@ -80,7 +86,7 @@ def read_scenario(
     description = file.text("description", "")
     kind = file.text("kind", choices=KINDS)
     file.text("system", "system")
-    sections: dict[str, dict[str, Any]] = {}
+    sections: dict[str, Any] = {}
     for component in components:
         if component in file.data and component not in SCENARIO_KEYS:
             found = file.data[component]
@@ -90,6 +96,9 @@ def read_scenario(
     if "friction" in file.data:
         friction = file.text("friction", choices=FRICTION_ARRANGEMENTS)
         robot = robot and dataclasses.replace(robot, friction=friction)
+    if "motion" in file.data and robot is not None and system is not None:
+        system = _moved(file, robot, system, kind)
+        sections = started(system, "trajectory", units_of(system)["trajectory"], sections)
     stop = file.number("stop", "s", above=0, way_out="Give the end of the run.")
     step = file.number("step", "s", above=0, way_out="Give the communication step.")
     check_step(problems, stop, step)
@@ -137,6 +146,25 @@ def read_scenario(
         inputs=inputs,
         input_hold=input_hold,
     )
+
+
+def _moved(file: Table, robot: Robot, system: SystemFile, kind: str) -> SystemFile:
+    """Return the system with the unit of a motion in the place of its trajectory."""
+    problems = file.problems
+    if kind != "cosimulation" or "trajectory" not in system.parts:
+        expected = "a scenario of kind cosimulation whose system has a component trajectory"
+        problems.add(
+            "motion", expected, f"kind {kind} and {', '.join(system.parts)}", "Leave the motion out."
+        )
+        return system
+    motion = read_motion(problems, file.data["motion"], robot, Path(problems.where).parent)
+    unit: type[Unit] = Cycle  # of which a section may be right
+    try:
+        unit = unit if motion is None else motion.unit()
+    except UsageError as error:
+        problems.lines.append(f"{problems.where}: {error}")
+    part = dataclasses.replace(system.parts["trajectory"], unit=unit)
+    return dataclasses.replace(system, parts={**system.parts, "trajectory": part})
 
 
 def _adaptive(file: Table, master: str) -> float | None:

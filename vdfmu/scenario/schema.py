@@ -13,6 +13,7 @@ from vdfmu.engine.algorithms import ALGORITHMS
 from vdfmu.model.parameters import PARAMETERS, Row, Section, section
 from vdfmu.model.robot import FRICTION_ARRANGEMENTS, JOINT_TYPES
 from vdfmu.model.visual import SHAPES
+from vdfmu.motion.read import KINDS as KINDS_OF_MOTION
 from vdfmu.scenario.load import load_system
 from vdfmu.scenario.parts import units_of
 from vdfmu.scenario.scenario import FACTOR_FIELDS, KINDS
@@ -78,6 +79,7 @@ def scenario_schema(system: str = "system") -> Schema:
         "tolerance": share | {"description": "Tolerance of the solvers"},
         "inputs": _TEXT | {"description": "CSV file of signals for inputs that nothing is connected to"},
         "input_hold": {"type": "boolean", "description": "Hold these until the next row"},
+        "motion": {"anyOf": [_TEXT, _motion()]},
         "plant_factors": _table(factors, []),
         "paper": _table(paper, []),
     }
@@ -114,6 +116,15 @@ def _table(properties: Mapping[str, Any], required: Sequence[str]) -> Schema:
     return {
         "type": "object", "properties": dict(properties), "required": list(required), "additionalProperties": False,
     }  # fmt: skip
+
+
+def _motion() -> Schema:
+    """Return the schema of a motion: the keys of its kind."""
+    kinds = [
+        _table({"kind": {"const": kind}, **dict.fromkeys(keys, {})}, ["kind"])
+        for kind, (_, keys) in KINDS_OF_MOTION.items()
+    ]
+    return {"anyOf": kinds, "description": "What the joints do, in place of the motion (57)"}
 
 
 def _visual() -> Schema:

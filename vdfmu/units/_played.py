@@ -21,6 +21,8 @@ class Played(Unit):
     edges: ClassVar[Any] = np.array([0.0, 1.0, 2.0])
     rows: ClassVar[Any] = None
     """As of :func:`~vdfmu.equations.trajectory.played_motion`."""
+    notes: ClassVar[tuple[str, ...]] = ()
+    """What is to be said of the motion."""
 
     q_d = Output(*DESIRED["q_d"])
     q_d_dot = Output(*DESIRED["q_d_dot"])
@@ -32,6 +34,11 @@ class Played(Unit):
         "1", text="Speed relative to that for which the motion was worked out", start=1.0, minimum=1e-6
     )
     terminals = (Terminal("desired", "right", tuple(DESIRED), "Desired motion of the joints"),)
+
+    @classmethod
+    def begin(cls) -> list[float]:
+        """Return the positions at which the motion starts."""
+        return cls.rows[0, 1 : 1 + (cls.rows.shape[1] - 1) // 6].tolist()
 
     def repeats(self) -> Any:
         """Return how often the motion is played."""
