@@ -85,12 +85,12 @@ def line(
                 f"points[{i + 1}]: expected another place than that at which the line starts, got {target}."
             )
 
-        def path(s: float, a: Any = p_0, b: Any = target, R: Any = R_0, by: Any = turn) -> Pose:
+        def on_line(s: float, a: Any = p_0, b: Any = target, R: Any = R_0, by: Any = turn) -> Pose:
             return a + s * (b - a), R @ Rotation.from_rotvec(s * by).as_matrix()
 
         length = float(np.linalg.norm(target - p_0))
         where = f"line {i + 1}" if len(targets) > 1 else "line"
-        part = _along(robot, q, path, kind, where, tolerance)
+        part = _along(robot, q, on_line, kind, where, tolerance)
         part = _timed(part, length, velocity, acceleration, speed, duration)
         parts.append(part.dwelling(dwell))
         q = part.end

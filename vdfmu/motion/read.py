@@ -151,8 +151,8 @@ def _value(table: Table, key: str) -> Any:
 def read_points(path: Path, robot: Robot, problems: Problems, known: Any) -> dict[str, Floats]:
     """Read a CSV file of positions of the joints; what is wrong is noted, with lines.
 
-    The heading names the columns in any order: ``q1`` to ``qn``, with rad or deg in brackets, or m or mm for a prismatic
-    joint, SI where no unit is given; ``time [s]`` and ``dwell [s]`` where they are `known`.
+    The heading names the columns in any order: ``q1`` to ``qn``, with rad or deg in brackets, or m or mm for a
+    prismatic joint, SI where no unit is given; ``time [s]`` and ``dwell [s]`` where they are `known`.
 
     Returns
     -------
@@ -172,16 +172,18 @@ def read_points(path: Path, robot: Robot, problems: Problems, known: Any) -> dic
             if joint > robot.n or (not joint and keys.get(name) not in known):
                 also = "".join(f", {key}" for key, value in keys.items() if value in known)
                 found.append(
-                    f"{path}: {name}: expected q1 to q{robot.n}{also}. Write a heading such as {_EXAMPLE}."
+                    f"{path}: row 1: {name}: expected q1 to q{robot.n}{also}. Write a heading such as {_EXAMPLE}."
                 )
             elif unit and unit not in factors:
                 found.append(
-                    f"{path}: {name}: expected {' or '.join(factors)}, got {unit!r}. Convert the column."
+                    f"{path}: row 1: {name}: expected {' or '.join(factors)}, got {unit!r}. Convert the column."
                 )
             else:
                 table[name] = column * factors.get(unit, 1.0)
         if missing := [f"q{j + 1}" for j in range(robot.n) if f"q{j + 1}" not in names]:
-            found.append(f"{path}: expected a column for each joint, got none of {', '.join(missing)}.")
+            found.append(
+                f"{path}: row 1: expected a column for each joint, got none of {', '.join(missing)}."
+            )
         if not found:
             points = np.column_stack([table[f"q{j + 1}"] for j in range(robot.n)])
             return {"points": points} | {keys[key]: table[key] for key in keys if key in table}

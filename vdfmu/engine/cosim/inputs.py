@@ -149,7 +149,9 @@ class Columns(NamedTuple):
 
 
 def csv_columns(path: Path, problems: list[str], *, timed: bool = True) -> Columns | None:
-    """Read a CSV file of named columns of numbers, of which ``time`` increases; None if it has problems, which are noted.
+    """Read a CSV file of named columns of numbers, of which ``time`` increases; None if it has none.
+
+    What is wrong with a row is noted, and a row that cannot be read left out.
 
     `timed`: the first column must be the time. A second row of units, as in ``results.csv``, is as good as brackets.
     """
@@ -203,16 +205,16 @@ def csv_columns(path: Path, problems: list[str], *, timed: bool = True) -> Colum
     table, numbers = np.array([*rows.values()]).reshape(-1, len(names)), [*rows]
     t = table[:, names.index("time")] if "time" in names else np.arange(float(len(rows)))
     others = [i for i, name in enumerate(names) if name != "time"]
-    before = len(problems) - bool(found)
     _check_rows(
         str(path), lambda i: f"row {numbers[i]}", [names[i] for i in others], t, table[:, others], problems
     )
-    return None if len(problems) > before else Columns(names, units, table, results)
+    return Columns(names, units, table, results)
 
 
 def _from_csv(path: Path, hold: bool, problems: list[str]) -> Table | None:
+    before = len(problems)
     columns = csv_columns(path, problems)
-    if columns is None:
+    if columns is None or len(problems) > before:
         return None
     names, units, table, results = columns
     copies = copies_beside(path) if results else {}
