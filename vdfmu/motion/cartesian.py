@@ -75,7 +75,7 @@ def line(
         raise UsageError(f"points: expected positions of three finite numbers, got {points}.")
     kind, R_end = _orientation(robot, orientation)
     parts: list[Motion] = []
-    q = np.array(start, dtype=float)
+    q: Any = np.array(start, dtype=float)
     for i, target in enumerate(targets):
         p_0, R_0 = forward_kinematics(robot, q)
         last = R_end if i == len(targets) - 1 and R_end is not None else R_0
