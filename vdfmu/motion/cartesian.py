@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -75,24 +74,12 @@ def line(
         raise UsageError(f"points: expected positions of three finite numbers, got {points}.")
     kind, R_end = _orientation(robot, orientation)
     parts: list[Motion] = []
-    q: Any = np.array(start, dtype=float)
+    q = _start(robot, start)
     for i, target in enumerate(targets):
-        p_0, R_0 = forward_kinematics(robot, q)
-        last = R_end if i == len(targets) - 1 and R_end is not None else R_0
-        turn = Rotation.from_matrix(R_0.T @ last).as_rotvec()
-        if np.allclose(target, p_0, rtol=0.0, atol=tolerance) and np.linalg.norm(turn) <= tolerance:
-            raise UsageError(
-                f"points[{i + 1}]: expected another place than that at which the line starts, got {target}."
-            )
-
-        def on_line(s: float, a: Any = p_0, b: Any = target, R: Any = R_0, by: Any = turn) -> Pose:
-            return a + s * (b - a), R @ Rotation.from_rotvec(s * by).as_matrix()
-
-        length = float(np.linalg.norm(target - p_0))
         where = f"line {i + 1}" if len(targets) > 1 else "line"
-        part = _along(robot, q, on_line, kind, where, tolerance)
-        part = _timed(part, length, velocity, acceleration, speed, duration)
-        parts.append(part.dwelling(dwell))
+        R_1 = R_end if i == len(targets) - 1 else None
+        part, length = _straight(robot, q, target, R_1, kind, where, tolerance)
+        parts.append(_timed(part, length, velocity, acceleration, speed, duration).dwelling(dwell))
         q = part.end
     return joined(parts)
 
@@ -125,7 +112,8 @@ def circle(
     robot, start, velocity, acceleration, speed, duration, dwell, tolerance
         As of :func:`line`, with its errors.
     """
-    q, c, z = (np.array(one, dtype=float) for one in (start, centre, axis))
+    q = _start(robot, start)
+    c, z = (np.array(one, dtype=float) for one in (centre, axis))
     if c.shape != (3,) or z.shape != (3,) or not np.linalg.norm(z) > 0.0 or not np.all(np.isfinite([c, z])):
         raise UsageError(
             f"circle: expected centre and axis of three finite numbers, got {centre} and {axis}."
@@ -146,6 +134,29 @@ def circle(
 
     motion = _along(robot, q, path, kind, "circle", tolerance)
     return _timed(motion, radius * abs(angle), velocity, acceleration, speed, duration).dwelling(dwell)
+
+
+def _start(robot: Robot, start: npt.ArrayLike) -> Floats:
+    q = np.array(start, dtype=float)
+    if q.shape != (robot.n,) or not np.all(np.isfinite(q)):
+        raise UsageError(f"start: expected the positions of {robot.n} joints, got {start}.")
+    return q
+
+
+def _straight(
+    robot: Robot, q: Floats, p_1: Floats, R_1: Floats | None, kind: str, where: str, tolerance: float
+) -> tuple[Motion, float]:
+    """Return the motion straight to a position, with the rotation that is kept or arrived at, and its length."""
+    p_0, R_0 = forward_kinematics(robot, q)
+    turn = np.zeros(3) if R_1 is None else Rotation.from_matrix(R_0.T @ R_1).as_rotvec()
+    length = float(np.linalg.norm(p_1 - p_0))
+    if length <= tolerance and np.linalg.norm(turn) <= tolerance:
+        raise UsageError(f"{where}: expected another place than that at which it starts, got {p_1}.")
+
+    def path(s: float) -> Pose:
+        return p_0 + s * (p_1 - p_0), R_0 @ Rotation.from_rotvec(s * turn).as_matrix()
+
+    return _along(robot, q, path, kind, where, tolerance), length
 
 
 def _orientation(robot: Robot, orientation: str | npt.ArrayLike | None) -> tuple[str, Floats | None]:

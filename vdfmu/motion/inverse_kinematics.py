@@ -52,8 +52,6 @@ def follow(
     UsageError
         For poses out of reach, singular ones, and those beyond end stops: the first of each kind and joint.
     """
-    if start.shape != (robot.n,) or not np.all(np.isfinite(start)):
-        raise UsageError(f"{where}: start: expected the positions of {robot.n} joints, got {start}.")
     q = start
     found = [q]
     problems: dict[int, str] = {}
