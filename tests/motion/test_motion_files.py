@@ -143,7 +143,7 @@ def test_a_motion_beyond_the_robot_is_refused(robot):
     with pytest.raises(vdfmu.VdfmuError) as caught:
         check_motion(motion, limited)
     lines = str(caught.value).splitlines()
-    assert "joint 2: expected positions between its end stops, -1 and 1, got 1.5" in lines[0]
+    assert "joint 2: expected positions between its end stops, -1 and 1, got 1.16" in lines[0]
     assert [line.split(", ")[0] for line in lines[1:]] == [
         f"joint {j}: expected at most the no-load speed of its motor" for j in (1, 2)
     ]
@@ -155,7 +155,7 @@ def test_a_scenario_reports_the_problems_of_its_motion_beside_its_own(written):
     with pytest.raises(ModelError) as caught:
         vdfmu.load_scenario(path)
     text = str(caught.value)
-    for words in ("step: expected", "motion: waypoints: expected times", "trajectory.T: cycle has no T"):
+    for words in ("step: expected", "motion: waypoints: expected times", "trajectory.T: motion has no T"):
         assert words in text
     contrast = written(
         head.replace("cosimulation", "contrast").replace("-1.0", "0.1") + 'motion = "other.toml"\n'
@@ -185,7 +185,7 @@ def test_the_command_prints_and_draws_a_motion(written, tmp_path, capsys):
     )
     app(["motion", str(path), "-o", str(tmp_path / "a.png")], standalone_mode=False)
     out, err = capsys.readouterr()
-    assert "8 s in" in out and "ends where it starts" in out and "amplitude" in err
+    assert "6 s in" in out and "ends where it starts" in out and "amplitude" in err
     assert [row.split()[0] for row in out.splitlines()[:3]] == ["joint", "1", "2"]
     assert (tmp_path / "a.png").read_bytes().startswith(b"\x89PNG")
     with pytest.raises(vdfmu.VdfmuError, match="expected a robot"):

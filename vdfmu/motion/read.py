@@ -30,7 +30,7 @@ KINDS: dict[str, tuple[Callable[..., Motion], dict[str, inspect.Parameter]]] = {
     for make in _KINDS
 }
 """Kind to the function that works it out, and its parameters, which are the keys of the table."""
-_OF_FILE = ("waypoints", "samples", "fastest")
+OF_FILE = ("waypoints", "samples", "fastest")
 """Kinds whose points may be in a CSV file."""
 _OF_ROBOT = ("fastest", "line", "circle")
 _TEXTS = ("orientation", "law", "phases")
@@ -82,9 +82,9 @@ def read_motion(problems: Problems, data: object, robot: Robot, folder: Path) ->
     if kind not in KINDS:
         return None
     make, keys = KINDS[kind]
-    table = Table(problems, data, "motion", ("kind", *(("file",) if kind in _OF_FILE else ()), *keys))
+    table = Table(problems, data, "motion", ("kind", *(("file",) if kind in OF_FILE else ()), *keys))
     values = {key: _value(table, key) for key in table.data if key in keys}
-    if kind in _OF_FILE and "file" in table.data:
+    if kind in OF_FILE and "file" in table.data:
         read = read_points(folder / table.text("file"), robot, problems, keys)
         if twice := [key for key in read if key in values]:
             problems.add(
@@ -93,9 +93,7 @@ def read_motion(problems: Problems, data: object, robot: Robot, folder: Path) ->
         values |= read
     for key, parameter in keys.items():
         if parameter.default is parameter.empty and key not in values and len(problems.lines) == before:
-            way = (
-                'Add the key, or file = "points.csv".' if kind in _OF_FILE else "The key is missing: add it."
-            )
+            way = 'Add the key, or file = "points.csv".' if kind in OF_FILE else "The key is missing: add it."
             problems.add(table.key(key), f"a value for {kind}", "nothing", way)
     if len(problems.lines) > before:
         return None

@@ -6,12 +6,15 @@ import dataclasses
 from pathlib import Path
 from typing import Any, cast
 
+import numpy as np
+
 from vdfmu.engine.algorithms import ALGORITHMS, CONTINUOUS
 from vdfmu.errors import ModelError, UnitError, UsageError
 from vdfmu.model.parameters import PARAMETERS, Array, read_only
 from vdfmu.model.read import FloatArray, Problems, Table, as_number, shape_of, shown
 from vdfmu.model.robot import FRICTION_ARRANGEMENTS, Robot
 from vdfmu.model.robot_file import check_robot
+from vdfmu.motion.polynomial import rest
 from vdfmu.motion.read import read_motion
 from vdfmu.scenario.check import check_step
 from vdfmu.scenario.parts import units_of
@@ -24,9 +27,7 @@ from vdfmu.scenario.scenario import (
 )
 from vdfmu.scenario.system_file import SystemFile
 from vdfmu.scenario.values import section_values
-from vdfmu.unit.base import Unit
 from vdfmu.unit.declaration import SOLVER_TOLERANCE
-from vdfmu.units._played import Cycle
 
 SCENARIO_KEYS = (
     "name",
@@ -158,11 +159,13 @@ def _moved(file: Table, robot: Robot, system: SystemFile, kind: str) -> SystemFi
         )
         return system
     motion = read_motion(problems, file.data["motion"], robot, Path(problems.where).parent)
-    unit: type[Unit] = Cycle  # of which a section may be right
+    if motion is None:  # a section may be right
+        motion = rest(np.zeros(robot.n), 1.0)
     try:
-        unit = unit if motion is None else motion.unit()
+        unit = motion.unit()
     except UsageError as error:
         problems.lines.append(f"{problems.where}: {error}")
+        return system
     part = dataclasses.replace(system.parts["trajectory"], unit=unit)
     return dataclasses.replace(system, parts={**system.parts, "trajectory": part})
 

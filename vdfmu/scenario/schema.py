@@ -14,6 +14,7 @@ from vdfmu.model.parameters import PARAMETERS, Row, Section, section
 from vdfmu.model.robot import FRICTION_ARRANGEMENTS, JOINT_TYPES
 from vdfmu.model.visual import SHAPES
 from vdfmu.motion.read import KINDS as KINDS_OF_MOTION
+from vdfmu.motion.read import OF_FILE
 from vdfmu.scenario.load import load_system
 from vdfmu.scenario.parts import units_of
 from vdfmu.scenario.scenario import FACTOR_FIELDS, KINDS
@@ -121,7 +122,9 @@ def _table(properties: Mapping[str, Any], required: Sequence[str]) -> Schema:
 def _motion() -> Schema:
     """Return the schema of a motion: the keys of its kind."""
     kinds = [
-        _table({"kind": {"const": kind}, **dict.fromkeys(keys, {})}, ["kind"])
+        _table(
+            {"kind": {"const": kind}, **dict.fromkeys((*keys, *["file"] * (kind in OF_FILE)), {})}, ["kind"]
+        )
         for kind, (_, keys) in KINDS_OF_MOTION.items()
     ]
     return {"anyOf": kinds, "description": "What the joints do, in place of the motion (57)"}
