@@ -104,6 +104,7 @@ def run_page(path):
     [
         *PAGES,
         ROOT / "docs" / "modes.md",
+        ROOT / "docs" / "motions.md",
         ROOT / "docs" / "systems.md",
         ROOT / "docs" / "reference" / "units.md",
     ],
