@@ -104,7 +104,7 @@ def run_page(path):
     [
         *PAGES,
         ROOT / "docs" / "modes.md",
-        ROOT / "docs" / "motions.md",
+        pytest.param(ROOT / "docs" / "motions.md", marks=pytest.mark.heavy),
         ROOT / "docs" / "systems.md",
         ROOT / "docs" / "reference" / "units.md",
     ],

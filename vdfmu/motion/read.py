@@ -13,7 +13,9 @@ from typing import Any
 import numpy as np
 
 from vdfmu.arrays import Floats
+from vdfmu.dynamics import inverse_dynamics
 from vdfmu.engine.cosim.inputs import csv_columns
+from vdfmu.equations.limits import motor_torque
 from vdfmu.errors import ModelError, UsageError
 from vdfmu.model import Robot
 from vdfmu.model.read import Problems, Table, shape_of, shown
@@ -36,6 +38,8 @@ _OF_ROBOT = ("fastest", "line", "circle")
 _TEXTS = ("orientation", "law", "phases")
 _WHOLE = ("periods", "seed", "lines")
 _FACTORS = {"revolute": {"rad": 1.0, "deg": math.pi / 180.0}, "prismatic": {"m": 1.0, "mm": 1e-3}}
+_LOOKS = 1001
+"""Times at which torques are looked at."""
 _EXAMPLE = "time [s], q1 [rad], q2 [deg]"
 
 
@@ -107,7 +111,7 @@ def read_motion(problems: Problems, data: object, robot: Robot, folder: Path) ->
 
 
 def check_motion(motion: Motion, robot: Robot) -> None:
-    """Raise UsageError for a motion of other joints, beyond end stops, or faster than the motors are."""
+    """Raise UsageError for a motion of other joints, beyond end stops, or beyond what motors give to rigid links."""
     if motion.n != robot.n:
         raise UsageError(f"expected positions of the {robot.n} joints of {robot.name}, got {motion.n}.")
     if not robot.limits:
@@ -120,10 +124,15 @@ def check_motion(motion: Motion, robot: Robot) -> None:
         for value, beyond in ((low, low < robot.q_min), (high, high > robot.q_max))
         for i in np.flatnonzero(beyond[:, j])[:1]
     ]
+    t = np.linspace(0.0, motion.duration, _LOOKS)
+    q, q_dot, q_ddot = motion.at(t)[:3]
+    tau = inverse_dynamics(robot, q, q_dot, q_ddot) / robot.ell + robot.I_m * q_ddot
+    lacking = np.abs(tau) - np.abs(motor_torque(robot, tau, q_dot))
     problems += [
-        f"joint {j + 1}: expected at most the no-load speed of its motor, {robot.kappa_dot_max[j]:g}, got "
-        f"{motion.peaks[0, j]:.4g}. Give more time."
-        for j in np.flatnonzero(motion.peaks[0] > robot.kappa_dot_max)
+        f"joint {j + 1}: expected at most the torque that its motor has at this speed, got {abs(tau[i, j]):.4g} N.m, "
+        f"{lacking[i, j]:.4g} N.m more, at {t[i]:.4g} s. Give more time."
+        for j, i in enumerate(lacking.argmax(axis=0))
+        if lacking[i, j] > 1e-9 * abs(tau[i, j])
     ]
     if problems:
         raise UsageError("\n".join(problems))
