@@ -81,7 +81,7 @@ def scenario_schema(system: str = "system") -> Schema:
         "tolerance": share | {"description": "Tolerance of the solvers"},
         "inputs": _TEXT | {"description": "CSV file of signals for inputs that nothing is connected to"},
         "input_hold": {"type": "boolean", "description": "Hold these until the next row"},
-        "motion": {"anyOf": [_TEXT, _motion()]},
+        "motion": _motion(),
         "plant_factors": _table(factors, []),
         "paper": _table(paper, []),
     }
@@ -128,7 +128,8 @@ def _motion() -> Schema:
         )
         for kind, (_, keys) in KINDS_OF_MOTION.items()
     ]
-    return {"anyOf": kinds, "description": "What the joints do, in place of the motion (57)"}
+    text = "What the joints do, in place of (57), or the TOML file that says it; each kind has keys of its own"
+    return {"anyOf": [_TEXT, *kinds], "description": text}
 
 
 def _visual() -> Schema:
