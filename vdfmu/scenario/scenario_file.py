@@ -17,7 +17,6 @@ from vdfmu.model.robot_file import check_robot
 from vdfmu.motion.polynomial import rest
 from vdfmu.motion.read import read_motion
 from vdfmu.scenario.check import check_step
-from vdfmu.scenario.parts import units_of
 from vdfmu.scenario.replace import started
 from vdfmu.scenario.scenario import (
     FACTOR_FIELDS,
@@ -98,8 +97,7 @@ def read_scenario(
         friction = file.text("friction", choices=FRICTION_ARRANGEMENTS)
         robot = robot and dataclasses.replace(robot, friction=friction)
     if "motion" in file.data and robot is not None and system is not None:
-        system = _moved(file, robot, system, kind)
-        sections = started(system, "trajectory", units_of(system)["trajectory"], sections)
+        system, sections = _moved(file, robot, system, kind, sections)
     stop = file.number("stop", "s", above=0, way_out="Give the end of the run.")
     step = file.number("step", "s", above=0, way_out="Give the communication step.")
     check_step(problems, stop, step)
@@ -149,15 +147,17 @@ def read_scenario(
     )
 
 
-def _moved(file: Table, robot: Robot, system: SystemFile, kind: str) -> SystemFile:
-    """Return the system with the unit of a motion in the place of its trajectory."""
+def _moved(
+    file: Table, robot: Robot, system: SystemFile, kind: str, sections: dict[str, Any]
+) -> tuple[SystemFile, dict[str, Any]]:
+    """Return the system with the unit of a motion in the place of its trajectory, and sections with its start."""
     problems = file.problems
     if kind != "cosimulation" or "trajectory" not in system.parts:
         expected = "a scenario of kind cosimulation whose system has a component trajectory"
         problems.add(
             "motion", expected, f"kind {kind} and {', '.join(system.parts)}", "Leave the motion out."
         )
-        return system
+        return system, sections
     motion = read_motion(problems, file.data["motion"], robot, Path(problems.where).parent)
     if motion is None:  # a section may be right
         motion = rest(np.zeros(robot.n), 1.0)
@@ -165,9 +165,10 @@ def _moved(file: Table, robot: Robot, system: SystemFile, kind: str) -> SystemFi
         unit = motion.unit()
     except UsageError as error:
         problems.lines.append(f"{problems.where}: {error}")
-        return system
+        return system, sections
     part = dataclasses.replace(system.parts["trajectory"], unit=unit)
-    return dataclasses.replace(system, parts={**system.parts, "trajectory": part})
+    system = dataclasses.replace(system, parts={**system.parts, "trajectory": part})
+    return system, started(system, "trajectory", unit, sections)
 
 
 def _adaptive(file: Table, master: str) -> float | None:
