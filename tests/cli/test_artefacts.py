@@ -27,6 +27,7 @@ READERS = {
     "federate",
     "models",
     "modes",
+    "motion",
     "robot",
     "simulate",
     "sweep",

@@ -13,7 +13,7 @@ from vdfmu.cli.terminal import console, say, say_notes
 
 def motion(
     file: Annotated[
-        Path, typer.Argument(help="Scenario or TOML file with a table [motion], or CSV file of samples.")
+        Path, typer.Argument(help="Scenario or TOML file with a table motion, or CSV file of samples.")
     ],
     robot: Annotated[
         str | None,

@@ -55,11 +55,9 @@ def multisine(
     """
     q = np.atleast_1d(np.array(start, dtype=float))
     k = np.array(lines, dtype=float)
-    problems = (
-        []
-        if k.ndim == 1 and k.size and np.all((k >= 1) & (k == np.floor(k)))
-        else [f"lines: expected whole numbers of at least 1, got {lines}."]
-    )
+    problems: list[str] = []
+    if k.ndim != 1 or not k.size or not np.all((k >= 1) & (k == np.floor(k))):
+        problems.append(f"lines: expected whole numbers of at least 1, got {lines}.")
     if not (np.isfinite(period) and period > 0.0):
         problems.append(f"period: expected more than 0 s, got {period}.")
     if int(periods) != periods or periods < 1:
@@ -79,18 +77,9 @@ def multisine(
         return np.cos(2.0 * np.pi / period * t[:, None, None] * k + phase).sum(axis=2)
 
     fine = np.linspace(0.0, period, int(_KNOTS * k.max()) + 1)
-    duration = (periods + 2) * period
-    return _about(
-        q,
-        amplitude,
-        wave,
-        np.abs(wave(fine)).max(axis=0),
-        duration,
-        period,
-        k.max() / period,
-        velocity,
-        acceleration,
-    )
+    peak = np.abs(wave(fine)).max(axis=0)
+    times = (periods + 2) * period, period, k.max() / period
+    return _about(q, amplitude, wave, peak, *times, velocity, acceleration)
 
 
 def sweep(

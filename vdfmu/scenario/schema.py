@@ -128,7 +128,9 @@ def _motion() -> Schema:
         )
         for kind, (_, keys) in KINDS_OF_MOTION.items()
     ]
-    text = "What the joints do, in place of (57), or the TOML file that says it; each kind has keys of its own"
+    text = (
+        "What the joints do, in place of (57), or the TOML file that says it; each kind has keys of its own"
+    )
     return {"anyOf": [_TEXT, *kinds], "description": text}
 
 
