@@ -58,7 +58,7 @@ def motion(
     say(f"{found.duration:.6g} s in {len(found.knots) - 1} pieces{closed}; rad or m, s, N.m or N, link-side")
     if target is not None:
         from vdfmu.report.motion import draw_motion
-        from vdfmu.report.style import save
+        from vdfmu.style import save
 
         save(draw_motion(f"Motion: {file.stem}, {arm.name}", arm, t, q), target)
         say(f"Written to {target}")

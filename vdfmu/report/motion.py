@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from matplotlib.figure import Figure
 
+from vdfmu import style
 from vdfmu.arrays import Floats
 from vdfmu.model import Robot
-from vdfmu.report import style
 from vdfmu.report.joints import group_joints
 
 _PANELS = ((0, "Position", ""), (1, "Speed", "/s"), (2, "Acceleration", "/s²"), (4, "Snap", "/s⁴"))
