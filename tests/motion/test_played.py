@@ -135,14 +135,14 @@ def test_a_scenario_carries_its_motion_into_the_package_and_the_results(scenario
     (tmp_path / "path.csv").unlink()  # nothing needs it any more
     expected = motion.at(np.maximum(results.time - 0.05, 0.0))[0]
     # the time of the step, and t_start, are rounded: 1e-16 s at 4 rad/s
-    assert np.abs(results.array("trajectory.q_d") - expected).max() < 1e-14
-    assert np.abs(results.array("plant.q")[0] - POINTS[0]).max() < 1e-12  # it starts where the motion does
+    assert np.abs(results["trajectory.q_d"] - expected).max() < 1e-14
+    assert np.abs(results["plant.q"][0] - POINTS[0]).max() < 1e-12  # it starts where the motion does
     # docs/cosimulation.md: the sampled reference agrees to the tolerance of the plant's solver, 1e-7
     assert results.summary["reference"]["sampled"]["max_position_difference_rad"] < 1e-7
     with zipfile.ZipFile(tmp_path / "out" / "system.ssp") as package:
         assert any(name.endswith("Motion.fmu") for name in package.namelist())
     again = vdfmu.simulate(tmp_path / "out" / "system.ssp", stop=0.3, step=1e-3, algorithm="gauss-seidel")
-    assert (again.array("plant.q") == results.array("plant.q")).all()
+    assert (again["plant.q"] == results["plant.q"]).all()
     assert json.loads((tmp_path / "out" / "summary.json").read_text())["scenario"] == "way"
 
 
@@ -153,7 +153,7 @@ def test_python_fmus_and_lanes_play_the_same(scenario, tmp_path):
         for name in ("native", "python")
     )
     # the same operations in the same order
-    assert (native.array("trajectory.q_d_ddddot") == python.array("trajectory.q_d_ddddot")).all()
+    assert (native["trajectory.q_d_ddddot"] == python["trajectory.q_d_ddddot"]).all()
     swept = vdfmu.sweep(
         scenario,
         over={"trajectory.speed": np.linspace(0.5, 1.0, 16)},
@@ -180,7 +180,7 @@ def test_the_arm_follows_better_without_a_jump_in_the_third_derivative(robot, tm
             reference=False,
             out=tmp_path / name,
         )
-        errors.append(np.abs(results.array("trajectory.q_d") - results.array("plant.q")).max(axis=0))
+        errors.append(np.abs(results["trajectory.q_d"] - results["plant.q"]).max(axis=0))
     # seen: 1.5e-4 and 5.9e-4, 1.4e-4 and 5.0e-4 rad, though the smooth one asks for 1.5 times the acceleration
     assert np.all(errors[1] > 2.0 * errors[0])
 
