@@ -121,6 +121,20 @@ def test_problems_of_a_csv_file_are_named_at_once_with_their_rows(robot, written
         ('kind = "waypoints"\nfile = "no.csv"', ["no.csv: expected a CSV file"]),
         ('kind = "line"\npoints = [0.5, 0, 0.6]', ["motion.start: expected a value for line, got nothing"]),
         ('kind = "multisine"\nlines = [1, 2.5]', ["motion.lines: expected whole numbers"]),
+        ('kind = "multisine"\nperiod = [2]', ["motion.period: expected one number"]),
+        (
+            f'kind = "sweep"\n{GOOD["sweep"]}'.replace("[0.5, 2]", "[1, 2, 3]"),
+            ["frequencies: expected two above 0 Hz"],
+        ),
+        (f'kind = "sweep"\n{GOOD["sweep"]}'.replace("0.5, 2", "1, 1e9"), ["expected at most 1736 periods"]),
+        (
+            f'kind = "sweep"\n{GOOD["sweep"]}'.replace("duration = 4", "duration = 0"),
+            ["duration: expected more than"],
+        ),
+        (
+            'kind = "waypoints"\npoints = [[0, 0], [1, 1]]\nduration = -1',
+            ["duration: expected more than 0 s"],
+        ),
         (GOOD["sweep"].join(['kind = "sweep"\n', '\nphases = "x"']), ["motion.phases: expected a known key"]),
         (
             'kind = "line"\nstart = [0.3, 0.8]\npoints = [5, 0, 0]\nduration = 1',

@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from vdfmu.arrays import Floats
 from vdfmu.errors import UsageError
-from vdfmu.motion.polynomial import Motion, spline
+from vdfmu.motion.polynomial import MOST_NUMBERS, Motion, spline
 from vdfmu.motion.waypoints import limit
 
 _KNOTS = 24
@@ -76,6 +76,7 @@ def multisine(
     def wave(t: Floats) -> Floats:
         return np.cos(2.0 * np.pi / period * t[:, None, None] * k + phase).sum(axis=2)
 
+    _check_length((periods + 2) * k.max(), q)
     fine = np.linspace(0.0, period, int(_KNOTS * k.max()) + 1)
     peak = np.abs(wave(fine)).max(axis=0)
     times = (periods + 2) * period, period, k.max() / period
@@ -111,13 +112,15 @@ def sweep(
         For what does not fit.
     """
     q = np.atleast_1d(np.array(start, dtype=float))
-    first, last = (float(f) for f in frequencies)
-    if not (np.isfinite(first + last) and min(first, last) > 0.0):
+    both = np.array(frequencies, dtype=float)
+    if both.shape != (2,) or not np.all((both > 0.0) & np.isfinite(both)):
         raise UsageError(f"frequencies: expected two above 0 Hz, got {frequencies}.")
+    first, last = both
     if not (np.isfinite(duration) and duration > 0.0):
         raise UsageError(f"duration: expected more than 0 s, got {duration}.")
     if law not in ("linear", "logarithmic"):
         raise UsageError(f"law: expected linear or logarithmic, got {law!r}.")
+    _check_length(duration * both.max(), q)
     ratio = np.log(last / first)
 
     def wave(t: Floats) -> Floats:
@@ -128,17 +131,20 @@ def sweep(
             turns = duration * first * np.expm1(ratio * s) / ratio
         return np.repeat(np.sin(2.0 * np.pi * turns)[:, None], len(q), axis=1)
 
-    return _about(
-        q,
-        amplitude,
-        wave,
-        np.ones(len(q)),
-        duration,
-        0.1 * duration,
-        max(first, last),
-        velocity,
-        acceleration,
-    )
+    times = duration, 0.1 * duration, both.max()
+    return _about(q, amplitude, wave, np.ones(len(q)), *times, velocity, acceleration)
+
+
+def _check_length(most_periods: float, q: Floats) -> None:
+    """Raise UsageError for more periods of the highest frequency than a unit takes, and for no pose."""
+    if q.ndim != 1 or not np.all(np.isfinite(q)):
+        raise UsageError(f"start: expected a position for each joint, got {q}.")
+    most = MOST_NUMBERS / (_KNOTS * 6.0 * q.size)
+    if not most_periods <= most:
+        raise UsageError(
+            f"expected at most {most:.0f} periods of the highest frequency, got {most_periods:.4g}. Choose a lower "
+            "one, or a shorter motion."
+        )
 
 
 def _about(

@@ -20,7 +20,7 @@ DEGREE = 5
 """Lowest degree of a spline whose fourth derivative has no jump: the elastic feedforward needs it."""
 _ROUNDING = 1e-9
 """Share of a limit that is rounding."""
-_MOST_NUMBERS = 500_000
+MOST_NUMBERS = 500_000
 """Coefficients of a unit: some 10 MB of C, which compiles in seconds."""
 _CLOSED = 1e-12
 """Distance of start and end [rad or m] that is rounding."""
@@ -128,6 +128,8 @@ class Motion:
             if limit is not None
         ]
         least = float(np.max(factors, initial=0.0))
+        if duration is not None and not 0.0 < duration < np.inf:
+            raise UsageError(f"duration: expected more than 0 s, got {duration}.")
         if duration is None:
             return self.slower(least) if least > 0.0 else self
         if least * self.duration > duration * (1.0 + _ROUNDING):
@@ -155,9 +157,9 @@ class Motion:
         UsageError
             For a motion of too many pieces.
         """
-        if self.coefficients.size > _MOST_NUMBERS:
+        if self.coefficients.size > MOST_NUMBERS:
             raise UsageError(
-                f"motion: expected at most {_MOST_NUMBERS} coefficients, got {self.coefficients.size}, "
+                f"motion: expected at most {MOST_NUMBERS} coefficients, got {self.coefficients.size}, "
                 f"{DEGREE + 1} for each joint and piece. Give fewer points, or a shorter motion."
             )
         hold = np.zeros((1, DEGREE + 1, self.n))

@@ -37,6 +37,7 @@ OF_FILE = ("waypoints", "samples", "fastest")
 _OF_ROBOT = ("fastest", "line", "circle")
 _TEXTS = ("orientation", "law", "phases")
 _WHOLE = ("periods", "seed", "lines")
+_SINGLE = ("angle", "duration", "period", "periods", "seed", "smoothing", "speed", "tolerance")
 _FACTORS = {"revolute": {"rad": 1.0, "deg": math.pi / 180.0}, "prismatic": {"m": 1.0, "mm": 1e-3}}
 _LOOKS = 1001
 """Times at which torques are looked at."""
@@ -144,7 +145,9 @@ def _value(table: Table, key: str) -> Any:
     if key in _TEXTS and isinstance(value, str):
         return table.text(key)
     shape, numbers = shape_of(value), np.array(value, dtype=object).ravel()
-    if shape is None or len(shape) > 2 or 0 in shape:
+    if shape and key in _SINGLE:
+        table.problems.add(table.key(key), "one number", shown(value), "Correct it.")
+    elif shape is None or len(shape) > 2 or 0 in shape:
         table.problems.add(table.key(key), "a number, or a list or rows of them", shown(value), "Correct it.")
     elif key in _WHOLE and any(type(one) is not int for one in numbers):
         table.problems.add(table.key(key), "whole numbers", shown(value), "Correct it.")
