@@ -320,6 +320,7 @@ def test_a_redundant_arm_takes_least_norms_and_goes_to_the_middle_of_its_range(a
         ({"orientation": 2.0 * np.eye(3)}, "orientation: expected a rotation, three rows"),
         ({"start": [0.1]}, "start: expected the positions of 2 joints"),
         ({"duration": None}, "expected a duration, a speed, or limits"),
+        ({"dwell": [0.1, 0.2]}, "dwell: expected one time"),
         ({"speed": 0.1}, "duration: expected at least the"),
         ({"velocity": [1.0, 1.0, 1.0]}, "velocity: expected a number above 0 for all joints, or 2"),
     ],
@@ -345,3 +346,16 @@ def test_a_cubic_spline_jumps_where_these_do_not():
     coefficients[:, :4] = np.moveaxis(cubic.c[::-1], 0, 1)
     motion = motions.Motion(TIMES, coefficients)
     assert jumps(motion)[3] > 0.1 * motion.peaks[2].max()
+
+
+def test_a_circle_that_does_not_fit_is_named(planar):
+    for keys, words in (
+        ({"orientation": np.eye(3)}, "orientation: expected keep, turn or free"),
+        ({"axis": [0.0, 0.0, 0.0]}, "circle: expected centre and axis"),
+        ({"angle": 0.0}, "angle: expected a finite number other than 0"),
+        ({"centre": vdfmu.forward_kinematics(planar, [0.3, 0.8])[0]}, "centre: expected an axis away"),
+    ):
+        with pytest.raises(UsageError, match=words):
+            motions.circle(
+                planar, [0.3, 0.8], **({"centre": [0.6, 0.0, 0.5], "axis": [0, 1, 0], "duration": 1.0} | keys)
+            )

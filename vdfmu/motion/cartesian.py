@@ -120,7 +120,10 @@ def circle(
         )
     if not np.isfinite(angle) or angle == 0.0:
         raise UsageError(f"angle: expected a finite number other than 0, in rad, got {angle}.")
-    kind, _ = ("turn", None) if orientation == "turn" else _orientation(robot, orientation)
+    turning = isinstance(orientation, str) and orientation == "turn"
+    kind, fixed = ("turn", None) if turning else _orientation(robot, orientation)
+    if fixed is not None:
+        raise UsageError("orientation: expected keep, turn or free for a circle, got a rotation.")
     p_0, R_0 = forward_kinematics(robot, q)
     z = z / np.linalg.norm(z)
     c = c + z * float(z @ (p_0 - c))

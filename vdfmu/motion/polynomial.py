@@ -147,6 +147,8 @@ class Motion:
 
     def dwelling(self, seconds: float) -> Motion:
         """Return the motion and a rest after it."""
+        if np.ndim(seconds):
+            raise UsageError(f"dwell: expected one time [s], got {seconds}.")
         return joined([self, rest(self.end, seconds)]) if seconds > 0.0 else self
 
     def unit(self) -> type[Played]:
