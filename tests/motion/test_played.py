@@ -12,7 +12,7 @@ import vdfmu
 from vdfmu import motion as motions
 from vdfmu.errors import UsageError
 from vdfmu.scalar.generic import lookup
-from vdfmu.unit import Input, Output, Parameter, Unit
+from vdfmu.unit import Derivative, Input, Output, Parameter, State, Unit
 from vdfmu.unit.evaluate import evaluation
 from vdfmu.unit.interface import Interface
 
@@ -198,3 +198,25 @@ def test_generated_code_of_a_unit_without_a_table_has_none(robot):
         functions = Interface(unit, robot).functions
         for name in functions.names():
             assert "lookup" not in kernel_source(functions.casadi_function(name))
+
+
+class Fed(Unit):
+    """A state that a table feeds."""
+
+    x = State("1", 2, "state")
+    x_dot = Derivative(x)
+
+    def derivatives(self) -> None:
+        """Feed the state."""
+        self.x_dot = lookup(self.t, EDGES, ROWS) - self.x
+
+
+@pytest.mark.heavy
+def test_the_solver_of_a_state_looks_up_too(tmp_path):
+    fmus = vdfmu.build_fmus(None, tmp_path, units=[Fed])
+    result = fmpy.simulate_fmu(str(fmus["fed"]), stop_time=1.0, output_interval=0.05)
+    # x = row + (x_before - row) exp(-t) from edge to edge; the tolerance of the solver is 1e-7, some ten steps
+    x = np.zeros(2)
+    for row, begin, end in zip(ROWS, EDGES, EDGES[1:], strict=False):
+        x = row + (x - row) * np.exp(begin - end)
+    assert [result["x[1]"][-1], result["x[2]"][-1]] == pytest.approx(x, abs=1e-6)
