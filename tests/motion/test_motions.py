@@ -11,8 +11,8 @@ from scipy.spatial.transform import Rotation
 import vdfmu
 from vdfmu import motion as motions
 from vdfmu.errors import UsageError
-from vdfmu.motion.fastest import overload
 from vdfmu.motion.inverse_kinematics import follow
+from vdfmu.motion.minimum_time import overload
 
 POINTS = np.array([[0.0, 0.2], [0.7, -0.4], [0.9, 0.5], [-0.3, 0.1], [0.0, 0.2]])
 TIMES = np.array([0.0, 0.6, 1.0, 1.9, 2.5])
@@ -257,7 +257,7 @@ def test_a_line_is_straight_and_a_circle_round(planar, arm):
 def test_knots_are_doubled_until_the_line_is_as_straight_as_asked(planar, monkeypatch):
     coarse, fine = (
         motions.line(planar, [0.3, 0.8], [0.1, 0.0, 0.6], duration=1.0, tolerance=tolerance)
-        for tolerance in (1e-4, 1e-8)
+        for tolerance in (1e-3, 1e-7)
     )
     assert len(fine.knots) > len(coarse.knots)
     monkeypatch.setattr("vdfmu.motion.cartesian._MOST", 64)
@@ -301,14 +301,14 @@ def test_a_redundant_arm_takes_least_norms_and_goes_to_the_middle_of_its_range(a
     p, R = vdfmu.forward_kinematics(arm, q)
     s = np.linspace(0.0, 1.0, 201)
     poses = [(p + x * np.array([0.1, 0.0, -0.1]), R) for x in s]
-    found = follow(arm, q, poses, 3, "line", (100.0 * s).tolist())
+    found = follow(arm, q, poses, 3, "line", 100.0 * s)
     assert np.abs(vdfmu.forward_kinematics(arm, found)[0] - [one for one, _ in poses]).max() < 1e-10
     for here, step in zip(found[:-1:20], np.diff(found, axis=0)[::20], strict=True):
         J = vdfmu.jacobian(arm, here)[:3]
         # of a step of 5e-4 m the part that moves nothing is of second order: the change of J over it
         assert np.linalg.norm(step - np.linalg.pinv(J) @ J @ step) < 0.01 * np.linalg.norm(step)
     limited = dataclasses.replace(arm, limits=True).with_parameters(q_min=-3.0, q_max=3.0)
-    drawn = follow(limited, q, poses, 3, "line", (100.0 * s).tolist())
+    drawn = follow(limited, q, poses, 3, "line", 100.0 * s)
     assert np.linalg.norm(drawn[-1]) < np.linalg.norm(found[-1])  # 0 is the middle
 
 

@@ -6,10 +6,10 @@ scenario's trajectory.
 
 from vdfmu.motion.cartesian import circle, line
 from vdfmu.motion.excitation import multisine, sweep
-from vdfmu.motion.fastest import fastest
+from vdfmu.motion.joint_space import samples, waypoints
+from vdfmu.motion.minimum_time import fastest
 from vdfmu.motion.polynomial import Motion, joined, rest
 from vdfmu.motion.read import load_motion
-from vdfmu.motion.waypoints import samples, waypoints
 
 __all__ = [
     "Motion", "circle", "fastest", "joined", "line", "load_motion", "multisine", "rest", "samples", "sweep",

@@ -13,8 +13,8 @@ from vdfmu.dynamics import forward_kinematics
 from vdfmu.errors import UsageError
 from vdfmu.model import Robot
 from vdfmu.motion.inverse_kinematics import follow, twist
+from vdfmu.motion.joint_space import limit
 from vdfmu.motion.polynomial import Motion, joined, spline
-from vdfmu.motion.waypoints import limit
 
 Pose = tuple[Floats, Floats]
 """Position (3,) [m] and rotation (3, 3) of {O} in {I}."""
@@ -25,7 +25,7 @@ _FIRST, _MOST = 64, 2048
 _SAME = 1e-9
 """Difference of two solutions of one pose that is rounding, at the worst Jacobian that is not singular."""
 _BETWEEN = 4
-"""Points between two knots at which the path is checked."""
+"""Points between two knots at which inverse kinematics is solved and the path checked, too."""
 
 
 def line(
@@ -189,14 +189,14 @@ def _along(
     rows = 3 if kind == "free" else 6
     knots = _FIRST
     while True:
-        t = np.linspace(0.0, 1.0, knots + 1)
-        q = follow(robot, start, [path(s) for s in _law(t)], rows, where, [100.0 * s for s in _law(t)])
+        looks = np.linspace(0.0, 1.0, (_BETWEEN + 1) * knots + 1)
+        poses = [path(float(s)) for s in _law(looks)]
+        q = follow(robot, start, poses, rows, where, 100.0 * _law(looks))[:: _BETWEEN + 1]
         if np.allclose(q[-1], q[0], rtol=0.0, atol=_SAME):
             q[-1] = q[0]  # so that it can be repeated
-        motion = spline(t, q)
-        looks = np.linspace(0.0, 1.0, (_BETWEEN + 1) * knots + 1)
-        places = zip(_law(looks), *forward_kinematics(robot, motion.at(looks)[0]), strict=True)
-        off = max(np.abs(twist((p, R), path(float(s)))[:rows]).max() for s, p, R in places)
+        motion = spline(looks[:: _BETWEEN + 1], q)
+        found = zip(*forward_kinematics(robot, motion.at(looks)[0]), strict=True)
+        off = max(np.abs(twist(one, pose)[:rows]).max() for one, pose in zip(found, poses, strict=True))
         if off <= tolerance:
             return motion
         if knots == _MOST:

@@ -10,8 +10,8 @@ import numpy.typing as npt
 
 from vdfmu.arrays import Floats
 from vdfmu.errors import UsageError
+from vdfmu.motion.joint_space import limit
 from vdfmu.motion.polynomial import MOST_NUMBERS, Motion, spline
-from vdfmu.motion.waypoints import limit
 
 _KNOTS = 24
 """Knots in the shortest period: the spline then has the sine to 1e-7 of its amplitude."""

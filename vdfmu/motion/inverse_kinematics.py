@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 from vdfmu.arrays import Floats
@@ -16,8 +17,8 @@ _CLOSE = 1e-11
 """Error of a pose [m, rad] at which Newton's method ends: some hundred roundings."""
 _TURNS = 30
 _SINGULAR = 0.01
-"""Smallest singular value of the Jacobian over the largest. From point to point on a path it changes by less: that is
-at most the change of the joints, and these are asked for less than _FAR."""
+"""Smallest singular value of the Jacobian over the largest, lengths over that of the arm. It changes by less from one
+pose to the next, half a per cent of a path apart, so that none is stepped over."""
 _FAR = 0.5
 """Longest step [rad or m] of Newton's method, which far from a solution has none of its own."""
 _PULL = 0.5
@@ -30,7 +31,7 @@ def follow(
     poses: Sequence[tuple[Floats, Floats]],
     rows: int,
     where: str,
-    percent: Sequence[float],
+    percent: Floats,
 ) -> Floats:
     """Return the positions of the joints at poses of the end effector, (m, n), the first of which is that at `start`.
 
@@ -98,16 +99,17 @@ def follow(
 
 def _solved(robot: Robot, q: Floats, pose: tuple[Floats, Floats], rows: int) -> tuple[Floats, float]:
     """Return the positions nearest to `q` at a pose, and what is left of the way to it."""
-    best = q, np.inf
     for _ in range(_TURNS):
         error = twist(forward_kinematics(robot, q), pose)[:rows]
         off = float(np.linalg.norm(error))
-        best = (q, off) if off < best[1] else best
         if off <= _CLOSE:
-            break
+            return q, off
         step = np.linalg.lstsq(jacobian(robot, q)[:rows], error, rcond=_SINGULAR * _SINGULAR)[0]
         q = q + step * min(1.0, _FAR / max(float(np.abs(step).max()), 1e-300))
-    return best
+    nearest = least_squares(
+        lambda q: twist(forward_kinematics(robot, q), pose)[:rows], q, xtol=1e-12, ftol=1e-12
+    )
+    return nearest.x, float(np.linalg.norm(nearest.fun))
 
 
 def twist(pose: tuple[Floats, Floats], target: tuple[Floats, Floats]) -> Floats:

@@ -22,9 +22,9 @@ from vdfmu.model.read import Problems, Table, shape_of, shown
 from vdfmu.model.toml_file import read_toml
 from vdfmu.motion.cartesian import circle, line
 from vdfmu.motion.excitation import multisine, sweep
-from vdfmu.motion.fastest import fastest
+from vdfmu.motion.joint_space import samples, waypoints
+from vdfmu.motion.minimum_time import fastest
 from vdfmu.motion.polynomial import Motion
-from vdfmu.motion.waypoints import samples, waypoints
 
 _KINDS: tuple[Callable[..., Motion], ...] = (waypoints, samples, fastest, line, circle, sweep, multisine)
 KINDS: dict[str, tuple[Callable[..., Motion], dict[str, inspect.Parameter]]] = {

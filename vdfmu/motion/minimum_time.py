@@ -15,8 +15,8 @@ from vdfmu.arrays import Floats
 from vdfmu.dynamics import inverse_dynamics
 from vdfmu.errors import UsageError
 from vdfmu.model import Robot
+from vdfmu.motion.joint_space import check_points, limit
 from vdfmu.motion.polynomial import DEGREE, Motion, spline
-from vdfmu.motion.waypoints import check_points, limit
 
 _GRID = 200
 """Intervals of an interval between waypoints in which toppra looks at the limits."""
