@@ -28,6 +28,7 @@ READERS = {
     "models",
     "modes",
     "motion",
+    "report",
     "robot",
     "simulate",
     "sweep",
