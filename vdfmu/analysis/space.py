@@ -14,13 +14,13 @@ from vdfmu.analysis.linear import linearize as linearize_unit
 from vdfmu.analysis.linear import slopes, without_dry_friction
 from vdfmu.arrays import Floats
 from vdfmu.equations.limits import motor_torque
+from vdfmu.equations.plant import state_names
 from vdfmu.errors import UsageError
 from vdfmu.model.robot import Robot, robot_argument
 from vdfmu.unit.evaluate import Evaluation, evaluation
 from vdfmu.unit.interface import Interface
 from vdfmu.units.plant import Plant
 
-_STATES = ("q", "q_dot", "kappa_dot", "tau_s")
 _INPUTS = ("tau", "F_e")
 _OUTPUTS = ("kappa", "p_O")
 """Outputs beside the states."""
@@ -82,9 +82,9 @@ class StateSpace:
 def linearize(robot: Robot, at: npt.ArrayLike, *, dry: bool = False) -> StateSpace:
     """Linearise the plant of an arm at rest at a pose, exactly: by differentiation of its equations.
 
-    Motors and springs hold the arm against gravity. States are q, q_dot, kappa_dot, tau_s; inputs the motor torques tau
-    and the wrench F_e of the arm on its surroundings; outputs the states, the rotors' positions kappa and the end
-    effector's p_O, all as of the unit Plant.
+    Motors and springs hold the arm against gravity. States are q, q_dot, kappa_dot, tau_s, and those of options that
+    the arm has; inputs the motor torques tau and the wrench F_e of the arm on its surroundings; outputs the states, the
+    rotors' positions kappa and the end effector's p_O, all as of the unit Plant.
 
     Parameters
     ----------
@@ -113,7 +113,8 @@ def linearize(robot: Robot, at: npt.ArrayLike, *, dry: bool = False) -> StateSpa
     A, B = linearize_unit(plant, _INPUTS)
     C = np.vstack([np.eye(len(A)), slopes(plant, plant.interface.program.outputs, _OUTPUTS, "x")])
     D = np.zeros((len(C), B.shape[1]))  # the plant has no direct feed-through
-    signals = [_signals(plant, groups) for groups in (_STATES, _INPUTS, (*_STATES, *_OUTPUTS))]
+    states = state_names(robot)
+    signals = [_signals(plant, groups) for groups in (states, _INPUTS, (*states, *_OUTPUTS))]
     names, units, values = zip(*signals, strict=True)
     return StateSpace(A, B, C, D, *names, *units, *values)
 

@@ -107,11 +107,11 @@ def load(scenario: str, robot: str | None) -> Scenario:
     from vdfmu.model.toml_file import locate
 
     if scenario == "reach" and not Path(scenario).exists():
-        chosen = robot or "manipulator_6dof"
-        locate(chosen, "robots")
+        if robot is not None:
+            locate(robot, "robots")
         from vdfmu.analysis.reach import reach_scenario
 
-        return reach_scenario(chosen)
+        return reach_scenario(robot)
     locate(scenario, "scenarios")
     if robot is not None:
         locate(robot, "robots")

@@ -99,7 +99,7 @@ def feedforward_inverse(robot: Any, desired: Desired, F_e_d: np.ndarray | None =
     F_e_d : (6,) [N, N m] wrench that the arm is to exert on its surroundings, in {O}, constant
     """
     drive = desired_drive_motion(robot, desired, F_e_d)
-    xi_l, xi_m = joint_friction(robot, desired.q_d_dot, drive.kappa_dot)
+    xi_l, xi_m = joint_friction(robot, desired.q_d_dot, drive.kappa_dot, drive.tau_s)
     tau_s = drive.tau_s
     tau_k = robot.I_m * drive.kappa_ddot  # (56)
     if robot.rotor_coupling:
@@ -279,7 +279,7 @@ def feedforward_vdc(
     U_AB = joint_transforms(robot, q)
     F_B_r_star, F_D_r_star = required_net_forces(robot, gains, U_AB, q_dot, kappa_dot, required)
     F_B_r = required_forces(robot, U_AB, F_B_r_star, F_D_r_star, F_e_d)
-    friction = joint_friction(robot, desired.q_d_dot, drive.kappa_dot)
+    friction = joint_friction(robot, desired.q_d_dot, drive.kappa_dot, drive.tau_s)
     tau_q, tau_kr = joint_torques(robot, F_B_r), axial_torques(F_D_r_star)
     tau_t, tau_m = drive_torques(robot, gains, required, tau_q, tau_kr, friction, q_dot, kappa_dot)
     return Feedforward(tau_m, robot.ell * tau_t, drive.kappa_dot)

@@ -11,11 +11,13 @@ from typing import Any
 
 import numpy as np
 
+from vdfmu.equations.backlash import gap_compliance, gap_deformation, gap_energy
 from vdfmu.equations.harmonic_drive import (
     deformation,
     deformation_derivative,
     kinematic_error,
     kinematic_error_slope,
+    spring_energy,
 )
 from vdfmu.equations.rigid_body import coriolis_force, net_force
 from vdfmu.equations.spatial import force_transform, joint_axis
@@ -140,6 +142,12 @@ def rotor_acceleration(robot: Any, tau_k: Any, motion: Any = None) -> Any:
     return kappa_ddot - carried / robot.ell
 
 
+def stretch_rate(robot: Any, kappa: Any, kappa_dot: Any, q_dot: Any) -> Any:
+    """Rate at which the drive is deformed, the derivative of ``kappa - q - theta_err(kappa)``: (n,) [rad/s or m/s]."""
+    slope = kinematic_error_slope(robot, kappa)
+    return kappa_dot * (1.0 - slope) - q_dot
+
+
 def spring_rate(robot: Any, kappa: Any, kappa_dot: Any, q_dot: Any, tau_s: Any) -> Any:
     """Rate of the spring torque, from the derivative of ``kappa - q - theta_err(kappa) = D(tau_s)``.
 
@@ -149,8 +157,16 @@ def spring_rate(robot: Any, kappa: Any, kappa_dot: Any, q_dot: Any, tau_s: Any) 
     -------
     tau_s_dot : (n,) [N m/s or N/s]
     """
-    slope = kinematic_error_slope(robot, kappa)
-    return (kappa_dot * (1.0 - slope) - q_dot) / deformation_derivative(robot, tau_s)
+    compliance = deformation_derivative(robot, tau_s)
+    if robot.backlash:
+        compliance = compliance + gap_compliance(robot, tau_s)
+    return stretch_rate(robot, kappa, kappa_dot, q_dot) / compliance
+
+
+def elastic_energy(robot: Any, tau_s: Any) -> Any:
+    """Energy of the springs, (2)-(3), with the backlash of a robot that has it: (n,) [J]."""
+    energy = spring_energy(robot, tau_s)
+    return energy + gap_energy(robot, tau_s) if robot.backlash else energy
 
 
 def rotor_position(robot: Any, q: Any, tau_s: Any) -> Any:
@@ -160,6 +176,8 @@ def rotor_position(robot: Any, q: Any, tau_s: Any) -> Any:
     the error, at most 1/2 A, at every pass; four passes end below rounding.
     """
     free = q + deformation(robot, tau_s)
+    if robot.backlash:
+        free = free + gap_deformation(robot, tau_s)
     kappa = free
     for _ in range(4):
         residual = kappa - free - kinematic_error(robot, kappa)

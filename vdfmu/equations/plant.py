@@ -6,17 +6,19 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from vdfmu.equations.dahl import dahl_energy, dahl_loss, dahl_rate
 from vdfmu.equations.flexible_joint import (
+    elastic_energy,
     rotor_acceleration,
     rotor_force,
     rotor_position,
     rotor_torque,
     rotor_velocities,
     spring_rate,
+    stretch_rate,
 )
 from vdfmu.equations.forward_dynamics import Rotors, forward_dynamics
-from vdfmu.equations.friction import joint_friction
-from vdfmu.equations.harmonic_drive import spring_energy
+from vdfmu.equations.friction import bristles_rate, friction_loss, joint_friction
 from vdfmu.equations.inverse_dynamics import (
     Cut,
     inverse_dynamics,
@@ -28,15 +30,29 @@ from vdfmu.equations.inverse_dynamics import (
 from vdfmu.equations.kinematics import end_effector_pose, joint_placements
 from vdfmu.equations.limits import motor_torque, stop_energy, stop_torque
 from vdfmu.equations.rigid_body import link_body, mass_matrix
+from vdfmu.equations.thermal import temperature_rate
+from vdfmu.equations.winding import current_rate, winding_torque
 
 
 class State(NamedTuple):
-    """State of the plant, each (n,): link positions, link and rotor velocities, link-side spring torques."""
+    """State of the plant, each (n,): link positions, link and rotor velocities, link-side spring torques.
+
+    Those of options are None without them: link-side torques of hysteresis and bristles, currents of the motors,
+    temperatures of the joints.
+    """
 
     q: Any
     q_dot: Any
     kappa_dot: Any
     tau_s: Any
+    tau_h: Any = None
+    tau_z: Any = None
+    i_m: Any = None
+    T_j: Any = None
+
+
+OPTION_STATES = {"tau_h": "hysteresis", "tau_z": "bristles", "i_m": "winding", "T_j": "thermal"}
+"""State to the option of the robot that has it."""
 
 
 class Outputs(NamedTuple):
@@ -50,19 +66,77 @@ class Outputs(NamedTuple):
     E_spring: Any
 
 
-def split_state(x: np.ndarray) -> State:
-    """View of a state vector ``x = [q, q_dot, kappa_dot, tau_s]`` : (4 n,)."""
-    return State(*np.split(x, 4))
+def state_names(robot: Any) -> list[str]:
+    """Names of a robot's states, in their order."""
+    return [
+        name for name in State._fields if name not in OPTION_STATES or getattr(robot, OPTION_STATES[name])
+    ]
+
+
+def split_state(robot: Any, x: np.ndarray) -> State:
+    """View of a state vector ``x = [q, q_dot, kappa_dot, tau_s, ..]`` : (4 n,), longer with options."""
+    names = state_names(robot)
+    return State(**dict(zip(names, np.split(x, len(names)), strict=True)))
+
+
+def drive_torque(robot: Any, state: State) -> Any:
+    """Torque of the drives on the links, of springs and hysteresis: (n,) [N m or N], link-side."""
+    return state.tau_s + state.tau_h if robot.hysteresis else state.tau_s
 
 
 def _torques(robot: Any, state: State, tau: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Torques on the links, ``tau_s - xi_l`` and what end stops add, and on the rotors about their axes, each (n,)."""
-    xi_l, xi_m = joint_friction(robot, state.q_dot, state.kappa_dot)
-    tau_l = state.tau_s - xi_l
+    load = drive_torque(robot, state)
+    xi_l, xi_m = joint_friction(robot, state.q_dot, state.kappa_dot, load, state.tau_z, state.T_j)
+    tau_l = load - xi_l
     if robot.limits:
         tau_l = tau_l + stop_torque(robot, state.q, state.q_dot)
         tau = motor_torque(robot, tau, state.kappa_dot)
-    return tau_l, rotor_torque(robot, tau, state.tau_s, xi_m)  # after (11)
+    if robot.winding:
+        tau = winding_torque(robot, state.i_m)
+    return tau_l, rotor_torque(robot, tau, load, xi_m)  # after (11)
+
+
+def _stretch(robot: Any, state: State) -> Any:
+    """Rate at which the drives are deformed: (n,) [rad/s or m/s]."""
+    kappa = rotor_position(robot, state.q, state.tau_s)
+    return stretch_rate(robot, kappa, state.kappa_dot, state.q_dot)
+
+
+def drive_losses(robot: Any, state: State) -> Any:
+    """Power that friction and hysteresis turn into heat, never negative: (n,) [W]."""
+    load = drive_torque(robot, state)
+    loss = friction_loss(robot, state.q_dot, state.kappa_dot, load, state.tau_z, state.T_j)
+    if robot.hysteresis:
+        loss = loss + dahl_loss(_stretch(robot, state), state.tau_h, robot.f_h)
+    return loss
+
+
+def option_rates(robot: Any, x: np.ndarray, tau: np.ndarray) -> dict[str, Any]:
+    """Return the rates of the states that options add, (n,) each, by the state's name. `x`, `tau` as in the plant."""
+    state = split_state(robot, x)
+    rates: dict[str, Any] = {}
+    if robot.hysteresis:
+        rates["tau_h"] = dahl_rate(robot.K_h, _stretch(robot, state), state.tau_h, robot.f_h)
+    if robot.bristles:
+        rates["tau_z"] = bristles_rate(robot, state.q_dot, state.kappa_dot, state.tau_z)
+    if robot.winding:
+        wanted = motor_torque(robot, tau, state.kappa_dot) if robot.limits else tau
+        rates["i_m"] = current_rate(robot, wanted, state.kappa_dot, state.i_m)
+    if robot.thermal:
+        rates["T_j"] = temperature_rate(robot, drive_losses(robot, state), state.T_j)
+    return rates
+
+
+def rest_state(robot: Any, tau_s: Any) -> dict[str, Any]:
+    """States that options add, where springs and motors hold the arm at rest: (n,) each, but for temperatures.
+
+    Hysteresis and bristles are relaxed: the springs carry the load.
+    """
+    rest = {"tau_h": np.zeros(robot.n), "tau_z": np.zeros(robot.n)}
+    if robot.winding:
+        rest["i_m"] = tau_s / (robot.ell * robot.k_t)
+    return rest
 
 
 def plant_derivative(robot: Any, x: np.ndarray, tau: np.ndarray, F_e: np.ndarray) -> np.ndarray:
@@ -70,15 +144,15 @@ def plant_derivative(robot: Any, x: np.ndarray, tau: np.ndarray, F_e: np.ndarray
 
     Parameters
     ----------
-    x : (4 n,) state
-    tau : (n,) [N m] motor torques, motor-side
+    x : (4 n,) state, longer with options
+    tau : (n,) [N m] motor torques, motor-side; with `winding` those that are asked for
     F_e : (6,) [N, N m] wrench that the arm exerts on its surroundings, in {O}
 
     Returns
     -------
-    x_dot : (4 n,)
+    x_dot : as x
     """
-    q, q_dot, kappa_dot, tau_s = state = split_state(x)
+    q, q_dot, kappa_dot, tau_s, *_ = state = split_state(robot, x)
     tau_l, tau_k = _torques(robot, state, tau)
     kappa = rotor_position(robot, q, tau_s)
     if robot.rotor_coupling:  # links and rotors as bodies: (4), (7), (9)-(11), (44)-(47)
@@ -88,7 +162,7 @@ def plant_derivative(robot: Any, x: np.ndarray, tau: np.ndarray, F_e: np.ndarray
         q_ddot = forward_dynamics(robot, q, q_dot, tau_l, F_e)
         kappa_ddot = rotor_acceleration(robot, tau_k)
     tau_s_dot = spring_rate(robot, kappa, kappa_dot, q_dot, tau_s)  # springs: (2)-(3)
-    return np.concatenate([q_dot, q_ddot, kappa_ddot, tau_s_dot])
+    return np.concatenate([q_dot, q_ddot, kappa_ddot, tau_s_dot, *option_rates(robot, x, tau).values()])
 
 
 def balance(
@@ -107,7 +181,7 @@ def balance(
     links : (n,) [N m or N] ``tau_s - xi_l - ID(q, q_dot, q_ddot)``, with end stops, 0 for the plant's own q_ddot
     rotors : (n,) [rad/s2 or m/s2] kappa_ddot while the links accelerate by q_ddot
     """
-    state = split_state(x)
+    state = split_state(robot, x)
     tau_l, tau_k = _torques(robot, state, tau)
     motion = link_motion(robot, state.q, state.q_dot, q_ddot, cut)
     F_Dk = None
@@ -131,7 +205,7 @@ def plant_outputs(robot: Any, x: np.ndarray) -> Outputs:
     component of V_D (4); in pure rotation (56) that is ``ell kappa_dot``. The potential energy is zero with all
     centres of mass at the height of the origin of {I}.
     """
-    q, q_dot, kappa_dot, tau_s = split_state(x)
+    q, q_dot, kappa_dot, tau_s, *_ = state = split_state(robot, x)
     motion = link_motion(robot, q, q_dot, np.zeros(robot.n))
     p_O, R_O = end_effector_pose(robot, q)
     spin = kappa_dot
@@ -147,7 +221,11 @@ def plant_outputs(robot: Any, x: np.ndarray) -> Outputs:
         p = p + R @ p_AB
         R = R @ R_AB
         E_pot = E_pot + m_B * (robot.gravity @ (p + R @ r_B))
-    E_spring = np.sum(spring_energy(robot, tau_s))
+    E_spring = np.sum(elastic_energy(robot, tau_s))
+    if robot.hysteresis:
+        E_spring = E_spring + np.sum(dahl_energy(robot.K_h, state.tau_h))
+    if robot.bristles:
+        E_spring = E_spring + np.sum(dahl_energy(robot.sigma_0, state.tau_z))
     if robot.limits:
         E_spring = E_spring + np.sum(stop_energy(robot, q))
     return Outputs(rotor_position(robot, q, tau_s), p_O, R_O, E_kin, E_pot, E_spring)

@@ -75,7 +75,7 @@ def _extent(x1: int, y1: int, x2: int, y2: int) -> dict[str, str]:
 
 def _members(interface: Interface, terminal: Terminal, fmi: int) -> Iterator[str]:
     for group in terminal.groups:
-        where = interface.groups[group]
+        where = interface.groups.get(group, slice(0, 0))  # an optional one may be missing
         if fmi == 2:
             yield from (v.name for v in interface.memory[where])
         else:

@@ -13,7 +13,17 @@ import numpy as np
 import numpy.typing as npt
 
 from vdfmu.errors import UsageError
-from vdfmu.model.parameters import OPTIONAL, PARAMETERS, Array, Parameters, Row, Section, read_only, section
+from vdfmu.model.parameters import (
+    JOINT_OPTIONS,
+    OPTIONAL,
+    PARAMETERS,
+    Array,
+    Parameters,
+    Row,
+    Section,
+    read_only,
+    section,
+)
 from vdfmu.model.visual import Visual
 
 JOINT_TYPES = ("revolute", "prismatic")
@@ -44,8 +54,9 @@ class Robot(Parameters):
         Provenance: key of the robot file to where its number is from.
     payload : bool
         Whether the last link carries a body of its own; the fields ``payload_`` count only then.
-    limits : bool
-        Whether joints have end stops and motors a torque-speed line; the fields of ``[joints.limits]`` count only then.
+    limits, hysteresis, load_loss, backlash, bristles, winding, thermal : bool
+        Whether joints have end stops and motors a torque-speed line; what else drives and motors have. The fields of
+        ``[joints.limits]`` and so on count only then.
     visuals : tuple of Visual
         What the links look like; nothing calculates with it.
     """
@@ -58,6 +69,12 @@ class Robot(Parameters):
     sources: Mapping[str, str]
     payload: bool = False
     limits: bool = False
+    hysteresis: bool = False
+    load_loss: bool = False
+    backlash: bool = False
+    bristles: bool = False
+    winding: bool = False
+    thermal: bool = False
     visuals: tuple[Visual, ...] = ()
 
     @property
@@ -74,7 +91,8 @@ class Robot(Parameters):
         def numbers(name: Section, entry: Any) -> dict[str, Any]:
             return {row.key: getattr(self, row.name)[entry].tolist() for row in section(name)}
 
-        parts: tuple[Section, ...] = ("link", "drive", "friction", *(("limits",) if self.limits else ()))
+        options: list[Section] = [part for part in JOINT_OPTIONS if getattr(self, part)]
+        parts: tuple[Section, ...] = ("link", "drive", "friction", *options)
         return {
             "name": self.name,
             "description": self.description,

@@ -9,8 +9,11 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+import numpy as np
+
 from vdfmu.engine.algorithms import ALGORITHMS
-from vdfmu.model.parameters import PARAMETERS, Row, Section, section
+from vdfmu.model.catalogue import NAMED, catalogue
+from vdfmu.model.parameters import JOINT_OPTIONS, PARAMETERS, Row, Section, section
 from vdfmu.model.robot import FRICTION_ARRANGEMENTS, JOINT_TYPES
 from vdfmu.model.visual import SHAPES
 from vdfmu.motion.read import KINDS as KINDS_OF_MOTION
@@ -30,11 +33,12 @@ _SIGNAL: Schema = {"type": "string", "pattern": r"^[^.]+\.[^.]+$"}
 def robot_schema() -> Schema:
     """Return the schema of a robot file."""
     payload = _table(_rows("payload"), _required("payload"))
-    parts: tuple[Section, ...] = ("link", "drive", "friction", "limits")
+    parts: tuple[Section, ...] = ("link", "drive", "friction", *JOINT_OPTIONS)
     tables = {part: _table(_rows(part), _required(part)) for part in parts}
+    named: Schema = {what: {"enum": list(catalogue()[f"{what}s"])} for what in NAMED}
     joint = _table(
-        {"type": {"enum": list(JOINT_TYPES)}} | _rows("joint") | tables,
-        ["type", *_required("joint"), "link", "drive", "friction"],
+        {"type": {"enum": list(JOINT_TYPES)}} | named | _rows("joint") | tables,
+        ["type", *_required("joint"), "link"],
     )
     keys: Schema = {
         "name": _TEXT,
@@ -184,7 +188,7 @@ def _row(row: Row) -> Schema:
     units = dict.fromkeys(row.unit(joint) for joint in JOINT_TYPES)
     text: Schema = {"description": f"{row.description} [{' or '.join(units)}]"}
     if row.default is not None:
-        text["default"] = row.default
+        text["default"] = np.asarray(row.default).tolist()
     shaped = number
     for size in reversed(row.shape):
         shaped = {"type": "array", "items": shaped, "minItems": size, "maxItems": size}

@@ -150,7 +150,7 @@ def run(
     Parameters
     ----------
     scenario : Scenario, str or path
-        Loaded, or the name of a shipped one, or a file.
+        Loaded, or the name of a shipped one, or a file; of `vdfmu.run` also "reach", a first motion of any robot.
     robot : Robot, str or path, optional
         Robot in place of the scenario's.
     step : float [s], optional

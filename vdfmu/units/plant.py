@@ -7,7 +7,16 @@ from typing import Any
 import numpy as np
 
 from vdfmu.equations.flexible_joint import rotor_position, spring_rate
-from vdfmu.equations.plant import balance, equilibrium_torque, plant_derivative, plant_outputs
+from vdfmu.equations.plant import (
+    balance,
+    equilibrium_torque,
+    option_rates,
+    plant_derivative,
+    plant_outputs,
+    rest_state,
+    state_names,
+)
+from vdfmu.equations.thermal import ambient
 from vdfmu.unit import (
     JOINTS,
     Derivative,
@@ -43,7 +52,9 @@ class Plant(Unit):
         lumped: xi_l = 0, xi_m = xi(kappa_dot) / ell
         split:  xi_l = xi(q_dot), xi_m = f_ck tanh(kappa_dot / eps)               (54)-(55)
 
-    A robot with rotor_coupling has rotors as bodies that turn with the links, (4), (7), (11).
+    A robot with rotor_coupling has rotors as bodies that turn with the links, (4), (7), (11). Drives and motors may
+    have options, some with states of their own: hysteresis (tau_h), friction that holds at rest (tau_z), a winding with
+    its current loop (i_m), a temperature (T_j), load-dependent loss, backlash.
 
     The springs start with the torque that holds the arm under F_e unless equilibrium is false. Outputs depend on the
     state alone. Friction is regularised by tanh(v / eps), so the equations are smooth and there are no events; sticking
@@ -56,10 +67,18 @@ class Plant(Unit):
     q_dot = State("velocity", JOINTS, "velocity of the link")
     kappa_dot = State("velocity", JOINTS, "velocity of the rotor divided by ell")
     tau_s = State("torque", JOINTS, "spring torque, link-side")
+    tau_h = State("torque", JOINTS, "torque of the hysteresis, link-side", when="hysteresis")
+    tau_z = State("torque", JOINTS, "torque of the bristles of friction, link-side", when="bristles")
+    i_m = State("A", JOINTS, "current of the motor", when="winding")
+    T_j = State("K", JOINTS, "temperature of the joint", when="thermal")
     der_q = Derivative(q)
     der_q_dot = Derivative(q_dot)
     der_kappa_dot = Derivative(kappa_dot)
     der_tau_s = Derivative(tau_s)
+    der_tau_h = Derivative(tau_h)
+    der_tau_z = Derivative(tau_z)
+    der_i_m = Derivative(i_m)
+    der_T_j = Derivative(T_j)
     kappa = Output("position", JOINTS, "position of the rotor divided by ell")
     p_O = Output("m", 3, "Position of the end effector in {I}, axis")
     R_O = Output("1", (3, 3), "Rotation matrix of the end effector in {I}")
@@ -75,23 +94,27 @@ class Plant(Unit):
     )
     kappa_dot_0 = Parameter("velocity", JOINTS, "start velocity of the rotor, without equilibrium")
     tau_s_0 = Parameter("torque", JOINTS, "start spring torque, link-side, without equilibrium")
+    tau_h_0 = Parameter("torque", JOINTS, "start of the hysteresis, without equilibrium", when="hysteresis")
+    tau_z_0 = Parameter("torque", JOINTS, "start of the bristles, without equilibrium", when="bristles")
+    i_m_0 = Parameter("A", JOINTS, "start current, without equilibrium", when="winding")
+    T_j_0 = Parameter("K", JOINTS, "start temperature", start=ambient, minimum=0.0, when="thermal")
     robot = RobotParameters()
     terminals = (
         Terminal(
             "joints",
             "left",
-            ("tau", "q", "q_dot", "kappa_dot", "tau_s", "kappa"),
+            ("tau", "q", "q_dot", "kappa_dot", "tau_s", "kappa", "tau_h", "tau_z", "i_m", "T_j"),
             "Motor torques and motion of the joints",
         ),
         Terminal("end_effector", "right", ("F_e", "p_O", "R_O"), "Wrench and pose of the end effector"),
     )
     # positions, rotors and springs are each tied to their own joint; the links' dense block last
-    elimination = ("q", "kappa_dot", "tau_s", "q_dot")
+    elimination = ("q", "T_j", "i_m", "tau_z", "tau_h", "kappa_dot", "tau_s", "q_dot")
     chain = 9  # from here on elimination along the chain takes fewer operations than that of the dense block
     experiment_stop = 0.2
 
     def _x(self) -> Any:
-        return np.concatenate([self.q, self.q_dot, self.kappa_dot, self.tau_s])
+        return np.concatenate([getattr(self, name) for name in state_names(self.of_robot)])
 
     def start(self) -> None:
         """Rest under the wrench, or what the parameters say."""
@@ -101,6 +124,9 @@ class Plant(Unit):
             self.tau_s = equilibrium_torque(self.robot, self.q_0, self.F_e)
         else:
             self.kappa_dot, self.tau_s = self.kappa_dot_0, self.tau_s_0
+        rest = rest_state(self.robot, self.tau_s) if self.equilibrium else {}
+        for name in state_names(self.of_robot)[4:]:
+            setattr(self, name, rest[name] if name in rest else getattr(self, f"{name}_0"))
 
     def outputs(self) -> None:
         """Calculate what the plant shows beside its state."""
@@ -111,7 +137,9 @@ class Plant(Unit):
     def derivatives(self) -> None:
         """Eq. (9), (10) and the springs."""
         x_dot = plant_derivative(self.robot, self._x(), self.tau, self.F_e)
-        self.der_q, self.der_q_dot, self.der_kappa_dot, self.der_tau_s = np.split(x_dot, 4)
+        names = state_names(self.of_robot)
+        for name, rate in zip(names, np.split(x_dot, len(names)), strict=True):
+            setattr(self, f"der_{name}", rate)
 
     def balance(self) -> Any:
         """Balance forces, by the inverse dynamics: shorter derivatives than those of accelerations."""
@@ -119,6 +147,8 @@ class Plant(Unit):
         kappa = rotor_position(self.robot, self.q, self.tau_s)
         springs = spring_rate(self.robot, kappa, self.kappa_dot, self.q_dot, self.tau_s)
         rates = [self.q_dot - self.der_q, links, rotors - self.der_kappa_dot, springs - self.der_tau_s]
+        for name, rate in option_rates(self.robot, self._x(), self.tau).items():
+            rates.append(rate - getattr(self, f"der_{name}"))
         return np.concatenate(rates)
 
     def experiment(self) -> None:
