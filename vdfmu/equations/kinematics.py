@@ -58,6 +58,16 @@ def tool_transform(robot: Any) -> np.ndarray:
     return force_transform(robot.tool_rotation, robot.tool_offset)
 
 
+def frames(robot: Any) -> dict[str, Any]:
+    """Numbers that place the frames of the links and {O}, by the equations' names: what draws an arm needs."""
+    return {
+        "rotation": robot.rotation,
+        "offset": robot.offset,
+        "tool_rotation": robot.tool_rotation,
+        "tool_offset": robot.tool_offset,
+    }
+
+
 def end_effector_pose(robot: Any, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Pose of the end-effector frame {O} in {I}, by the product of (34)-(36).
 
