@@ -12,7 +12,7 @@ from typing import Annotated
 import typer
 
 from vdfmu import __version__
-from vdfmu.cli import cache, doctor, files, models, modes, robots, runs, sweeps, tunes, units
+from vdfmu.cli import cache, doctor, files, models, modes, motions, robots, runs, sweeps, tunes, units
 from vdfmu.cli.terminal import console, fail
 from vdfmu.errors import ModelError, SspError, UsageError, VdfmuError
 from vdfmu.once import one_job
@@ -33,6 +33,7 @@ for function, example in (
         "vdfmu tune tracking --vary controller.K_p --vary controller.K_v --cost 'rms(trajectory.q_d - plant.q)' "
         "--spread 'plant.mass=*normal(1, 0.05)' --margin same",
     ),
+    (motions.motion, "vdfmu motion path.toml --robot planar_2dof -o path.png"),
     (modes.modes, "vdfmu modes manipulator_6dof --pose '0 0.5 0.5 0 0 0'"),
     (files.build, "vdfmu build tracking --backend native --fmi 3.0 --platform all --out fmus"),
     (files.container, "vdfmu container tracking --out tracking.fmu"),
