@@ -20,10 +20,11 @@ FILES = {
     "sweep": (("--extra=sweep",), ("parquet",)),
     "federate": (("--extra=federate",), ("base",)),
     "motion": (("--extra=motion",), ("base",)),
+    "notebook": (("--extra=notebook",), ("base",)),
     "robots": (("--extra=robots",), ("base",)),
     "docs": (("--extra=docs",), ("base",)),
     "dev": (("--extra=dev",), ("base",)),
-    "test": (("--extra=test",), ("docs", "native", "sweep", "federate", "robots", "motion")),
+    "test": (("--extra=test",), ("docs", "native", "sweep", "federate", "robots", "motion", "notebook")),
     "bench": (("--extra=bench",), ("native", "sweep", "robots")),
     "supply": (("--group=supply",), ()),
 }
