@@ -1,4 +1,4 @@
-"""The picture of an arm's natural frequencies along a motion."""
+"""Pictures of an arm's natural frequencies along a motion, and of its frequency responses."""
 
 from __future__ import annotations
 
@@ -43,4 +43,53 @@ def draw_modes(
                 axes.plot(*np.transpose(here), ".", color=style.joint_look(joint)["color"], markersize=4.0)
         style.dress(axes, f"Motors {motors}", "frequency", "Hz", times)
     style.label_time(shown, 1)
+    return figure
+
+
+@style.styled
+def draw_bode(
+    title: str,
+    frequency: Floats,
+    curves: Mapping[str, npt.NDArray[np.complex128]],
+    unit: str,
+    resonance: Floats,
+    antiresonance: Floats,
+) -> Figure:
+    """Draw responses to one input over frequency [Hz]: amplitudes, above, and phases.
+
+    Parameters
+    ----------
+    title : str
+    frequency : (m,) [Hz]
+    curves : mapping of str to (m,) arrays
+        What responds, to its response.
+    unit : str
+        Of the amplitudes.
+    resonance, antiresonance : (k,) [Hz]
+        Marked by vertical lines: poles, and zeros of the first curve.
+    """
+    looks = [style.joint_look(i) for i in range(len(curves))]
+    marks = [("resonance", resonance, "-"), ("anti-resonance", antiresonance, ":")]
+    handles = [style.Line2D([], [], label=name, **look) for name, look in zip(curves, looks, strict=True)]
+    handles += [style.Line2D([], [], label=name, color="0.5", linestyle=line) for name, _, line in marks]
+    figure = style.new_figure(
+        title,
+        "Linear, at rest. Anti-resonances are those of the first curve, where its amplitude has its minima.",
+        height=5.4,
+        legend=handles,
+    )
+    above, below = figure.subplots(2, 1, sharex=True)
+    for values, look in zip(curves.values(), looks, strict=True):
+        above.loglog(frequency, np.abs(values), **look)
+        below.semilogx(frequency, np.degrees(np.unwrap(np.angle(values))), **look)
+    for axes in (above, below):
+        for _, places, line in marks:
+            for place in places:
+                axes.axvline(place, color="0.5", linewidth=0.8, linestyle=line, zorder=0)
+    for place in (*resonance, *antiresonance):
+        above.annotate(f"{place:.3g}", (place, 1.0), (1, -2), xycoords=("data", "axes fraction"), fontsize=7.5,
+                       textcoords="offset points", rotation=90, va="top")  # fmt: skip
+    style.dress(above, "Amplitude", "", unit)
+    style.dress(below, "Phase", "", "deg", frequency)
+    below.set_xlabel("Frequency [Hz]")
     return figure
