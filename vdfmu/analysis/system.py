@@ -66,7 +66,8 @@ def linearized(
     :func:`vdfmu.engine.linear.linear_system`.
     """
     with packaged(system, settings, backend) as (package, options):
-        return linear_system(package, at, **options | ({"algorithm": master} if master else {}))
+        chosen: dict[str, Any] = options | ({"algorithm": master} if master else {})
+        return linear_system(package, at, **chosen)
 
 
 class SystemMargins(NamedTuple):
@@ -109,11 +110,11 @@ def margins_along(
         As of these, and of :func:`vdfmu.engine.linear.linear_system`.
     """
     with packaged(system, settings, backend) as (package, options):
-        options |= {"algorithm": master} if master else {}
+        chosen: dict[str, Any] = options | ({"algorithm": master} if master else {})
         if at is None:
-            begin, end, step, n = Simulator(package, **options).grid(None, None, None)
+            begin, end, step, n = Simulator(package, **chosen).grid(None, None, None)
             at = [begin + round(k * n / 4) * step for k in range(4)] + [end]
-        systems = [linear_system(package, t, **options) for t in at]
+        systems = [linear_system(package, t, **chosen) for t in at]
     first = systems[0]
     names = tuple(first.parts.inputs[i] for i in first.places(opened))
     notes = tuple(dict.fromkeys(note for each in systems for note in each.parts.notes))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -120,7 +120,7 @@ def _draw_bode(robot: Robot, q: list[float], joint: int, dry: bool, target: Path
     found = joint_bode(system, joint)
     unit = system.output_units[system.outputs.index(f"q_dot[{joint}]")]
     where = " ".join(f"{number:g}" for number in q)
-    curves = dict(zip(("rotor", "link"), found.response, strict=True))
+    curves: dict[str, Any] = dict(zip(("rotor", "link"), found.response, strict=True))
     title = f"Motor torque of joint {joint} to velocities: {robot.name} at {where}"
     save(
         draw_bode(title, found.frequency, curves, f"({unit})/(N.m)", found.resonance, found.antiresonance[0]),

@@ -4,7 +4,7 @@ Each component is ``x_dot = A x + B u``, ``y = C x + D u`` by its directional de
 diagonal matrices. A connected input gets what the connections bring, ``L y``, and a disturbance d: ``u = L y + d``.
 
 In continuous time ``y = (1 - D L)^-1 (C x + D d)``. Sampled, as the master has it, inputs are held over a step h, over
-which x is solved exactly, ``x[k+1] = Phi x[k] + Gamma u[k]``; the outputs at its end are ``y[k+1] = C x[k+1] + D u[k]``.
+which x is solved exactly, ``x[k+1] = Phi x[k] + Gamma u[k]``; outputs at its end are ``y[k+1] = C x[k+1] + D u[k]``.
 An input gets ``u[k] = L y[k] + d[k]``, a sample of delay for what feeds through, or, where `gauss-seidel` passes fresh
 values on, ``u[k] = L y[k+1] + d[k]``.
 """
@@ -22,11 +22,9 @@ from scipy.linalg import block_diag, expm
 
 from vdfmu.arrays import Floats
 from vdfmu.engine.cosim.component import Slave
-from vdfmu.engine.cosim.components import Components
 from vdfmu.engine.cosim.interface import derivatives
 from vdfmu.engine.cosim.simulator import Simulator
-from vdfmu.engine.cosim.variables import Variable
-from vdfmu.engine.space import StateSpace
+from vdfmu.engine.space import Signal, StateSpace
 from vdfmu.engine.ssp.structure import System
 from vdfmu.errors import UsageError
 
@@ -175,7 +173,7 @@ def linear_system(
         if blind:
             raise UsageError(
                 f"{', '.join(blind)}: expected FMUs with directional derivatives, or for model exchange, whose "
-                "derivatives are differenced. Export them so."
+                "derivatives are differenced. Export them so; of the FMUs of this project the native ones have them."
             )
         notes: list[str] = [f"its step is {n} times that of the others, and is taken as one: {name}"
                             for name, n in checked.multiples.items() if n != 1]  # fmt: skip
@@ -183,13 +181,10 @@ def linear_system(
             _part(name, slave, components.box.time if at is None else at, notes)
             for name, slave in components.slaves.items()
         ]
-    matrices = (block_diag(*(getattr(part, name) for part in each)) for name in "ABCD")
-    fields = ("states", "inputs", "outputs", "state_units", "input_units", "output_units")
-    parts = StateSpace(
-        *(np.asarray(matrix, dtype=float) for matrix in matrices),
-        *(tuple(value for part in each for value in getattr(part, field)) for field in fields),
-        *(np.concatenate([getattr(part, field) for part in each]) for field in "xuy"),
-    )
+    A, B, C, D = (block_diag(*blocks) for blocks in zip(*(matrices for matrices, _ in each), strict=True))
+    states, inputs, outputs = ([s for _, signals in each for s in signals[i]] for i in range(3))
+    whole: list[list[Any]] = [[A, B], [C, D]]
+    parts = StateSpace.of(np.block(whole), states, inputs, outputs)
     rows = {name: i for i, name in enumerate(parts.inputs)}
     columns = {name: i for i, name in enumerate(parts.outputs)}
     links, fresh = np.zeros((len(rows), len(columns))), np.zeros(len(rows), bool)
@@ -204,8 +199,8 @@ def linear_system(
     return LinearSystem(parts, links, fresh, step, checked.algorithm)
 
 
-def _part(name: str, slave: Slave, time: float, notes: list[str]) -> StateSpace:
-    """Return a component at the point where it is."""
+def _part(name: str, slave: Slave, time: float, notes: list[str]) -> tuple[list[Floats], list[list[Signal]]]:
+    """Return A, B, C, D of a component at the point where it is, and its states, inputs and outputs."""
     known = slave.description.variables.values()
     chosen = (
         [v for v in known if v.causality == causality and v.type == "Real" and v.variability != "discrete"]
@@ -226,10 +221,8 @@ def _part(name: str, slave: Slave, time: float, notes: list[str]) -> StateSpace:
     n = J.shape[1] - len(inputs)
     if not n and inputs and not J.any():
         notes.append(f"without declared states, and no output depends on an input directly: {name}")
-    parts: tuple[list[Variable], ...] = states[:n], inputs, outputs
-    return StateSpace(
-        J[:n, :n], J[:n, n:], J[n:, :n], J[n:, n:],
-        *(tuple(f"{name}.{v.name}" for v in part) for part in parts),
-        *(tuple(v.unit.name if v.unit else "1" for v in part) for part in parts),
-        *(np.array([slave.get(v) for v in part], np.float64) for part in parts),
-    )  # fmt: skip
+    signals: list[list[Signal]] = [
+        [(f"{name}.{v.name}", v.unit.name if v.unit else "1", float(slave.get(v))) for v in part]
+        for part in (states[:n], inputs, outputs)
+    ]
+    return [J[:n, :n], J[:n, n:], J[n:, :n], J[n:, n:]], signals

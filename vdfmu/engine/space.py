@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib import import_module
 from typing import Any
@@ -10,6 +11,9 @@ import numpy as np
 
 from vdfmu.arrays import Floats
 from vdfmu.errors import UsageError
+
+Signal = tuple[str, str, float]
+"""Name, unit and value."""
 
 
 @dataclass(frozen=True)
@@ -45,6 +49,18 @@ class StateSpace:
     y: Floats
     step: float | None = None
     notes: tuple[str, ...] = ()
+
+    @classmethod
+    def of(
+        cls, jacobian: Floats, states: Sequence[Signal], inputs: Sequence[Signal], outputs: Sequence[Signal]
+    ) -> StateSpace:
+        """Return the system with the matrix [[A, B], [C, D]]."""
+        n, signals = len(states), (states, inputs, outputs)
+        names = [tuple(name for name, _, _ in each) for each in signals]
+        units = [tuple(unit for _, unit, _ in each) for each in signals]
+        x, u, y = (np.array([value for _, _, value in each], np.float64) for each in signals)
+        A, B, C, D = jacobian[:n, :n], jacobian[:n, n:], jacobian[n:, :n], jacobian[n:, n:]
+        return cls(A, B, C, D, names[0], names[1], names[2], units[0], units[1], units[2], x, u, y)
 
     def response(self, w: Floats) -> Any:
         """Return the response of the outputs to the inputs at frequencies (m,) [rad/s]: (m, n_y, n_u)."""

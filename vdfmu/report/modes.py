@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -10,6 +11,9 @@ from matplotlib.figure import Figure
 
 from vdfmu.arrays import Floats
 from vdfmu.report import style
+
+_SOLID: dict[str, Any] = {"linestyle": "-"}
+_DOTTED: dict[str, Any] = {"linestyle": ":"}
 
 
 @style.styled
@@ -69,9 +73,9 @@ def draw_bode(
         Marked by vertical lines: poles, and zeros of the first curve.
     """
     looks = [style.joint_look(i) for i in range(len(curves))]
-    marks = [("resonance", resonance, "-"), ("anti-resonance", antiresonance, ":")]
+    marks = [("resonance", resonance, _SOLID), ("anti-resonance", antiresonance, _DOTTED)]
     handles = [style.Line2D([], [], label=name, **look) for name, look in zip(curves, looks, strict=True)]
-    handles += [style.Line2D([], [], label=name, color="0.5", linestyle=line) for name, _, line in marks]
+    handles += [style.Line2D([], [], label=name, color="0.5", **look) for name, _, look in marks]
     figure = style.new_figure(
         title,
         "Linear, at rest. Anti-resonances are those of the first curve, where its amplitude has its minima.",
@@ -83,12 +87,15 @@ def draw_bode(
         above.loglog(frequency, np.abs(values), **look)
         below.semilogx(frequency, np.degrees(np.unwrap(np.angle(values))), **look)
     for axes in (above, below):
-        for _, places, line in marks:
+        for _, places, look in marks:
             for place in places:
-                axes.axvline(place, color="0.5", linewidth=0.8, linestyle=line, zorder=0)
-    for place in (*resonance, *antiresonance):
-        above.annotate(f"{place:.3g}", (place, 1.0), (1, -2), xycoords=("data", "axes fraction"), fontsize=7.5,
-                       textcoords="offset points", rotation=90, va="top")  # fmt: skip
+                axes.axvline(place, color="0.5", linewidth=0.8, zorder=0, **look)
+    for places, end in ((resonance, "top"), (antiresonance, "bottom")):
+        for place in places:
+            above.annotate(
+                f" {place:.3g} ", (place, float(end == "top")), xycoords=("data", "axes fraction"), fontsize=7.5,
+                rotation=90, va=end, backgroundcolor="white",
+            )  # fmt: skip
     style.dress(above, "Amplitude", "", unit)
     style.dress(below, "Phase", "", "deg", frequency)
     below.set_xlabel("Frequency [Hz]")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -39,15 +39,14 @@ def state_space(
     x, x_dot = places[table.states], places[table.derivatives]
     J[x, x] = 1.0  # of outputs that are states
     u, y = (np.concatenate([x[:0], *(places[table.groups[g]] for g in gs)]) for gs in (inputs, outputs))
-    matrices = (J[np.ix_(rows, columns)] for rows in (x_dot, y) for columns in (x, u))
-    names, units = (
-        [tuple(getattr(table.memory[i], what) or "1" for i in part) for part in (x, u, y)]
-        for what in ("name", "unit")
+    signals = (
+        [(table.memory[i].name, table.memory[i].unit or "1", float(unit.memory[i])) for i in part]
+        for part in (x, u, y)
     )
-    return StateSpace(*matrices, *names, *units, *(unit.memory[part] for part in (x, u, y)))
+    return StateSpace.of(J[np.ix_(np.concatenate([x_dot, y]), np.concatenate([x, u]))], *signals)
 
 
-def _jacobian(unit: Evaluation, names: Iterable[str]) -> Floats:
+def _jacobian(unit: Evaluation, names: Sequence[str]) -> Floats:
     """Return the derivatives of outputs and of those of states by some arguments, (size, size) over the memory.
 
     Calls count whose choices hold.
