@@ -78,7 +78,7 @@ def draw_bode(
     handles += [style.Line2D([], [], label=name, color="0.5", **look) for name, _, look in marks]
     figure = style.new_figure(
         title,
-        "Linear, at rest. Anti-resonances are those of the first curve, where its amplitude has its minima.",
+        "Linear, at rest. Above resonances, below anti-resonances of the first curve, where its amplitude is least; Hz.",
         height=5.4,
         legend=handles,
     )
@@ -90,12 +90,10 @@ def draw_bode(
         for _, places, look in marks:
             for place in places:
                 axes.axvline(place, color="0.5", linewidth=0.8, zorder=0, **look)
-    for places, end in ((resonance, "top"), (antiresonance, "bottom")):
+    for places, height, side in ((resonance, 1.0, "bottom"), (antiresonance, -0.02, "top")):
         for place in places:
-            above.annotate(
-                f" {place:.3g} ", (place, float(end == "top")), xycoords=("data", "axes fraction"), fontsize=7.5,
-                rotation=90, va=end, backgroundcolor="white",
-            )  # fmt: skip
+            above.annotate(f"{place:.3g}", (place, height), xycoords=("data", "axes fraction"), fontsize=7.5,
+                           ha="center", va=side)  # fmt: skip
     style.dress(above, "Amplitude", "", unit)
     style.dress(below, "Phase", "", "deg", frequency)
     below.set_xlabel("Frequency [Hz]")
