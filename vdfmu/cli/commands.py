@@ -12,7 +12,7 @@ from typing import Annotated
 import typer
 
 from vdfmu import __version__
-from vdfmu.cli import cache, files, margins, models, modes, robots, runs, sweeps, tunes, units
+from vdfmu.cli import cache, files, identify, margins, models, modes, robots, runs, sweeps, tunes, units
 from vdfmu.cli.terminal import console, fail
 from vdfmu.errors import ModelError, SspError, UsageError, VdfmuError
 from vdfmu.once import one_job
@@ -35,6 +35,10 @@ for function, example in (
     ),
     (modes.modes, "vdfmu modes manipulator_6dof --pose '0 0.5 0.5 0 0 0'"),
     (margins.margins, "vdfmu margins tracking --master jacobi --at 2.5"),
+    (
+        identify.identify,
+        "vdfmu identify results/tracking/results.csv --robot manipulator_6dof -o identified.toml",
+    ),
     (files.build, "vdfmu build tracking --backend native --fmi 3.0 --platform all --out fmus"),
     (files.container, "vdfmu container tracking --out tracking.fmu"),
     (files.ssp, "vdfmu ssp two_joint --format 2.0 --out two_joint.ssp"),

@@ -124,7 +124,7 @@ def _project(
         W = np.concatenate([f, n + _skew(arms[i]) @ f], axis=1)
 
 
-def _into(R: Floats, v: Floats) -> Floats:
+def _into(R: Floats, v: Any) -> Any:
     """Coordinates in the frames whose axes are the columns of R."""
     return np.einsum("mji,mj->mi", R, v)
 

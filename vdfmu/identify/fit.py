@@ -16,7 +16,7 @@ What a log cannot tell, by the standard deviation that the Jacobian gives, keeps
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -36,7 +36,7 @@ DRIVES = ("I_m", "f_c", "f_s", "v_s", "f_v")
 SPRINGS = ("K_f0", "c_f", "K_w0", "c_w")
 _POWER, _BANDS = 0.999, 3.0
 """The band of the second filter: times the frequency below which this part of the velocities' power is."""
-_WIDE = 4.0
+_WIDE = 20.0
 _ORDER = 4
 _TRIM = 3.0
 """Ends of the log that are left out, in periods of the band: transients of the filters."""
@@ -62,6 +62,8 @@ class Identified:
         With standard deviations, and the values of the robot file.
     held : mapping of str to str
         What is not identified and keeps its value: why, and the way out.
+    stiffness, stiffness_deviation : (n,) arrays [N.m/rad or N/m]
+        Of the springs, link-side: torque by deformation at the root mean square of the spring torques.
     delay : float [s]
         By which torques are later than positions.
     band : float [Hz]
@@ -79,6 +81,8 @@ class Identified:
     deviation: Floats
     nominal: Floats
     held: Mapping[str, str]
+    stiffness: Floats
+    stiffness_deviation: Floats
     delay: float
     band: float
     t: Floats
@@ -88,8 +92,27 @@ class Identified:
     base: Base
 
     def interval(self, factor: float = 1.96) -> tuple[Floats, Floats]:
-        """Ends of the confidence intervals, 95 % by default."""
+        """Return the ends of the confidence intervals, 95 % by default."""
         return self.values - factor * self.deviation, self.values + factor * self.deviation
+
+    def of(self, robot: Robot) -> list[float]:
+        """Return the values that another robot has for the parameters, in the same order."""
+        n = len(self.names) - len(self.base.names)
+        drives = [
+            float(getattr(robot, name)[int(i[:-1]) - 1])
+            for name, _, i in (v.partition("[") for v in self.names[:n])
+        ]
+        return [*drives, *(self.base.matrix @ body_parameters(robot)).tolist()]
+
+    @property
+    def advice(self) -> list[str]:
+        """What the log lacks altogether."""
+        if self.deformation_error is not None:
+            return []
+        return [
+            "the log has no positions of links, so stiffnesses are those of the robot file, by which links are placed: "
+            "log them by encoders behind the gears, or with the rotors' by a camera or tracker"
+        ]
 
 
 @dataclass
@@ -147,7 +170,7 @@ class _Problem:
         return [torque, self.stretch - deformation(self._robot(x), tau_s) - x[at["offset"]]]
 
     def jacobian(self, x: Floats) -> list[Floats]:
-        """Derivatives (k, n, p) of the residuals by all parameters."""
+        """Return the derivatives (k, n, p) of the residuals by all parameters."""
         robot, at, n = self.robot, self.places, self.robot.n
         each = np.arange(n)
         sign, share, v = self._dry(x)
@@ -177,6 +200,21 @@ class _Problem:
         stretch[:, each, at["offset"].start + each] = -1.0
         return [torque, stretch]
 
+    def stiffness(self, x: Floats) -> tuple[Floats, Floats]:
+        """Secant stiffness (n,) at the root mean square of the spring torques, and its slopes (n, p)."""
+        torque = np.sqrt(np.mean(self._springs(x) ** 2, axis=0))
+        slopes = np.zeros((self.robot.n, len(x)))
+
+        def secant(x: Floats) -> Floats:
+            return torque / np.asarray(deformation(self._robot(x), torque), dtype=float)
+
+        for name in SPRINGS if self.stretch is not None else ():
+            for k in range(self.places[name].start, self.places[name].stop):
+                ends = [x.copy(), x.copy()]
+                ends[0][k], ends[1][k] = 1.00001 * x[k], 0.99999 * x[k]
+                slopes[:, k] = (secant(ends[0]) - secant(ends[1])) / (2e-5 * x[k])
+        return secant(x), slopes
+
     def _dry(self, x: Floats) -> tuple[Floats, Floats, Floats]:
         """Sign and Stribeck share of the friction (54), and the velocity, (m, n) each."""
         v = self.velocity
@@ -186,7 +224,7 @@ class _Problem:
         return self.Y @ x[self.places["links"]] + self.R @ (x[self.places["I_m"]] * self.robot.ell)
 
     def _robot(self, x: Floats) -> Robot:
-        return self.robot.with_parameters(**{name: x[self.places[name]] for name in SPRINGS})
+        return self.robot.with_parameters(**{n: x[self.places[n]] for n in SPRINGS if n in self.places})
 
 
 def identify(log: Log, robot: Robot, *, band: float | None = None) -> Identified:
@@ -215,11 +253,12 @@ def identify(log: Log, robot: Robot, *, band: float | None = None) -> Identified
             f"{log.where}: joint {which} did not move: nothing can be told of it. Log a motion of all."
         )
     problem, rows, t, band = _prepare(log, robot, band)
-    x, deviation, held = _solve(problem)
-    errors = problem.errors(x)
-    shown = problem.shown
+    x, covariance, held = _solve(problem)
+    errors, shown, deviation = problem.errors(x), problem.shown, np.sqrt(np.diag(covariance))
+    stiffness, slopes = problem.stiffness(x)
     return Identified(
         tuple(problem.names), tuple(problem.units), x[:shown], deviation[:shown], problem.start[:shown], held,
+        stiffness, np.sqrt(np.einsum("ij,jk,ik->i", slopes, covariance, slopes)),
         float(x[problem.places["delay"]][0]), band, t[rows], problem.tau, errors[0],
         errors[1] if len(errors) > 1 else None, problem.base,
     )  # fmt: skip
@@ -271,7 +310,7 @@ def _prepare(log: Log, robot: Robot, band: float | None) -> tuple[_Problem, slic
 
 
 def _solve(problem: _Problem) -> tuple[Floats, Floats, dict[str, str]]:
-    """Return all parameters, their standard deviations, and what is held.
+    """Return all parameters, their covariance, and what is held.
 
     Gauss-Newton in logarithms of drives and springs, which are positive, and in parts of the sizes of all else.
     """
@@ -294,19 +333,17 @@ def _solve(problem: _Problem) -> tuple[Floats, Floats, dict[str, str]]:
             x = _fitted(problem, x, free, sizes, weights)
             weights = [np.sqrt(np.mean(e**2, axis=0)) for e in problem.errors(x)]
         if not (name := _hold(problem, x, free, sizes, weights, held)):
-            deviation = np.zeros(len(x))
-            deviation[free] = (
-                np.sqrt(np.diag(_covariance(problem, x, free, sizes, weights)))
-                * _scale(problem, x, sizes)[free]
-            )
-            return x, deviation, held
+            scale = _scale(problem, x, sizes)[free]
+            whole = np.zeros((len(x), len(x)))
+            whole[np.ix_(free, free)] = _covariance(problem, x, free, sizes, weights) * np.outer(scale, scale)
+            return x, whole, held
         place = problem.names.index(name)
         x = before
         x[place], free[place] = problem.start[place], False
 
 
 def _scale(problem: _Problem, x: Floats, sizes: Floats) -> Floats:
-    """What a change by 1 of the search's variables is: of positive parameters their value."""
+    """Return what a change by 1 of the search's variables is: of positive parameters their value."""
     count = problem.places["links"].start
     return np.concatenate([x[:count], sizes[count:]])
 
@@ -349,7 +386,8 @@ def _fitted(problem: _Problem, x: Floats, free: Any, sizes: Floats, weights: lis
         return _slopes(problem, whole(part), free, sizes, weights)
 
     start = np.zeros(int(free.sum()))
-    found: Any = least_squares(residual, start, slopes, xtol=1e-6, ftol=1e-9, max_nfev=_STEPS)
+    jac: Any = slopes
+    found: Any = least_squares(residual, start, jac, method="lm", xtol=1e-6, ftol=1e-9, max_nfev=_STEPS)
     return whole(found.x)
 
 
@@ -357,7 +395,7 @@ def _covariance(problem: _Problem, x: Floats, free: Any, sizes: Floats, weights:
     """Covariance of the search's variables."""
     slopes = _slopes(problem, x, free, sizes, weights)
     V: Any
-    _, S, V = np.linalg.svd(slopes, full_matrices=False)
+    _, S, V = np.linalg.svd(np.linalg.qr(slopes, mode="r"))
     inverse = V.T / np.maximum(S, 1e-12 * S[0])
     return inverse @ inverse.T * (len(slopes) / max(1, len(slopes) - slopes.shape[1]))
 
@@ -408,7 +446,7 @@ def _way_out(name: str) -> str:
 
 
 def _slope(signal: Floats, h: float) -> Floats:
-    """Derivative by central differences of fourth order, at the ends of second."""
+    """Differentiate by central differences of fourth order, at the ends of second."""
     found = np.gradient(signal, h, axis=0)
     found[2:-2] = (8.0 * (signal[3:-1] - signal[1:-3]) - (signal[4:] - signal[:-4])) / (12.0 * h)
     return found

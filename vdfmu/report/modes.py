@@ -78,7 +78,7 @@ def draw_bode(
     handles += [style.Line2D([], [], label=name, color="0.5", **look) for name, _, look in marks]
     figure = style.new_figure(
         title,
-        "Linear, at rest. Above resonances, below anti-resonances of the first curve, where its amplitude is least; Hz.",
+        "Linear, at rest. Above: resonances; below: anti-resonances of the first curve, where its amplitude is least.",
         height=5.4,
         legend=handles,
     )
