@@ -11,7 +11,8 @@ import numpy as np
 from vdfmu.arrays import Floats
 from vdfmu.equations.regressor import body_parameters
 from vdfmu.errors import ModelError
-from vdfmu.identify.fit import DRIVES, SPRINGS, Identified
+from vdfmu.identify.fit import Identified
+from vdfmu.identify.problem import DRIVES, SPRINGS
 from vdfmu.model import Robot, check_robot
 from vdfmu.model.parameters import PARAMETERS
 from vdfmu.robots.write import toml_value
