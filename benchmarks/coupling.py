@@ -178,7 +178,7 @@ def study(
                 results = _run(package, point, stop, clock)
                 before.append(clock)
                 if i == 0:
-                    _note(point, results, exact.array("plant.q"), scenario.robot)
+                    _note(point, results, exact["plant.q"], scenario.robot)
         for point, each in zip(found.points, clocks, strict=True):
             point.time = least([c.processor for c in each]) * each[0].marks[-1][0]
         found.chosen_error = errors[len(errors) // 2]
@@ -203,15 +203,15 @@ def _note(point: Point, results: Results, exact: np.ndarray, robot: Robot) -> No
     counts = summary.get("communication", {"steps": summary["steps"], "rejected": 0})
     point.steps, point.rejected = counts["steps"], counts["rejected"]
     point.unit_steps = counts.get("unit_steps", len(summary["order"]) * point.steps)
-    point.error = float(np.max(np.abs(results.array("plant.q")[::stride] - exact)))
+    point.error = float(np.max(np.abs(results["plant.q"][::stride] - exact)))
     if point.adaptive is None:
         later = _from(results, stride)
         bond = power_bond(later, robot)["power_bond"]
         point.residual, point.exchanged = sum(bond["residual_energy_abs_j"]), sum(bond["exchanged_energy_j"])
         # The velocity that goes in and the one that comes out differ by the convergence, relative to the size of the
         # velocity and at least to its nominal value, which is 1 rad/s.
-        size = np.maximum(np.abs(later.array("plant.kappa_dot")), 1.0)
-        power = np.abs(robot.ell * later.array("plant.tau")) * size
+        size = np.maximum(np.abs(later["plant.kappa_dot"]), 1.0)
+        power = np.abs(robot.ell * later["plant.tau"]) * size
         point.bound = CONVERGENCE * point.step * float(power[1:].sum())
 
 
@@ -219,7 +219,7 @@ def _from(results: Results, first: int) -> Results:
     """Return the rows from `first` on."""
     signals = [f"{u}.{v}" for u, v in (("plant", "tau"), ("plant", "kappa_dot"))]
     signals += ["controller.tau", "controller.kappa_dot"]
-    n = results.array("plant.tau").shape[1]
+    n = results["plant.tau"].shape[1]
     names = [f"{name}[{i + 1}]" for name in signals for i in range(n)]
     data = np.column_stack([results[name][first:] for name in names])
     return Results(

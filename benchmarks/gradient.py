@@ -161,15 +161,13 @@ def study(name: str, stop: float) -> Gradients:
 
         def cost_fmus(values_: np.ndarray) -> float:
             results = run_fmus(values_)
-            return float(
-                np.mean((results.array("trajectory.q_d") - results.array("plant.q"))[:-1] ** 2, axis=0).sum()
-            )
+            return float(np.mean((results["trajectory.q_d"] - results["plant.q"])[:-1] ** 2, axis=0).sum())
 
         results = run_fmus(gains)
-        first = {key: results.array(f"plant.{key}")[0] for key in ("q", "q_dot", "kappa_dot", "tau_s")}
+        first = {key: results[f"plant.{key}"][0] for key in ("q", "q_dot", "kappa_dot", "tau_s")}
         # the feedforward of the row at the end of a step is that which the step had
         q_d, tau_m, kappa = (
-            results.array(key) for key in ("trajectory.q_d", "feedforward.tau_m", "feedforward.kappa_dot_d")
+            results[key] for key in ("trajectory.q_d", "feedforward.tau_m", "feedforward.kappa_dot_d")
         )
         desired = np.hstack([q_d[:-1], tau_m[1:], kappa[1:]])
         timed = _Timed()

@@ -133,7 +133,7 @@ def study(
                 folded = container_run(containers[form], stop=stop, step=step, progress=clock.progress)
                 _note(found, CONTAINER, form, clock.wall, clock.processor)
                 if form == "native":
-                    q |= {MASTER: results.array("plant.q")[-1], CONTAINER: folded.array("plant.q")[-1]}
+                    q |= {MASTER: results["plant.q"][-1], CONTAINER: folded["plant.q"][-1]}
                 for importer in others:
                     joints = scenario.robot.n if k == 0 and form == "native" else 0
                     seen = run_elsewhere(importer, path, step, n, joints)

@@ -129,7 +129,7 @@ class Tracking:
         for step in (self.step, EXACT_STEP):
             stop = round(self.stop / step) * step
             solved = reference("sampled-delayed", SystemDescription(scenario, values), step=step, stop=stop)
-            np.save(self._reference(step), solved.array("plant.q"))
+            np.save(self._reference(step), solved["plant.q"])
         for kind in ("python", "native"):
             for step in (self.step, EXACT_STEP):
                 steps = round(self.stop / step)

@@ -245,12 +245,12 @@ def kernel_cases(scenario: Scenario, results: Results) -> list[Case]:
     middle = len(results) // 2
     robots = dict.fromkeys(UNITS, scenario.robot) | {"plant": scenario.plant_robot}
     functions = {unit: Interface(shipped_units()[unit], robots[unit]).functions for unit in UNITS}
-    x = np.hstack([results.array(f"plant.{name}")[middle] for name in ("q", "q_dot", "kappa_dot", "tau_s")])
+    x = np.hstack([results[f"plant.{name}"][middle] for name in ("q", "q_dot", "kappa_dot", "tau_s")])
     feedforward = functions["feedforward"].function(
         f"feedforward_outputs_{group_value(scenario, 'feedforward.mode')}", p=values(scenario.robot)
     )
     for name in ("q_d", "q_d_dot", "q_d_ddot", "q_d_dddot", "q_d_ddddot"):
-        feedforward.args[name][:] = results.array(f"trajectory.{name}")[middle]
+        feedforward.args[name][:] = results[f"trajectory.{name}"][middle]
     trajectory = functions["trajectory"].function("trajectory_outputs")
     controller = functions["controller"].function(
         f"controller_outputs_{group_value(scenario, 'controller.velocity')}"
@@ -259,7 +259,7 @@ def kernel_cases(scenario: Scenario, results: Results) -> list[Case]:
     controller.args["ell"][:] = scenario.robot.ell
     plant = {"x": x, "p": values(scenario.plant_robot)}
     step = functions["plant"].function("plant_step", **plant)
-    step.args["tau"][:] = results.array("plant.tau")[middle]
+    step.args["tau"][:] = results["plant.tau"][middle]
     step.args["h"][0], step.args["tolerance"][0] = scenario.step, scenario.tolerance
     outputs = functions["plant"].function("plant_outputs", **plant)
     called = (trajectory, feedforward, controller, step, outputs)

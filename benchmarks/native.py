@@ -179,7 +179,7 @@ def study(
         hollow = write_emptied(container, folder / "hollow.fmu")
         found.container_master = interpreter_parts(hollow, "jacobi", step, 20 * rounds)
 
-    q = {case: results.array("plant.q") for case, results in last.items()}
+    q = {case: results["plant.q"] for case, results in last.items()}
     shared = min(len(q[PYTHON]), len(q[NATIVE]))
     found.differences = {
         PYTHON: float(np.max(np.abs(q[PYTHON][:shared] - q[NATIVE][:shared]))),

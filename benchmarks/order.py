@@ -88,7 +88,7 @@ def converge(
                 )  # fmt: skip
                 stride = round(coarse / h)
                 for name, errors in (("plant.q", q), ("plant.tau_s", tau_s)):
-                    difference = results.array(name)[::stride] - exact.array(name)
+                    difference = results[name][::stride] - exact[name]
                     errors[algorithm].append(float(np.max(np.abs(difference))))
     return Convergence({a: list(each) for a, each in steps.items()}, q, tau_s)
 

@@ -10,6 +10,7 @@ from typing import Any
 from xml.etree.ElementTree import Element
 
 from mkdocs.structure.files import File
+from reference_pages import command_line_page, scenario_file_page
 
 from vdfmu.fmu.description import model_description
 from vdfmu.fmu.description3 import model_description_3
@@ -57,9 +58,11 @@ def on_page_content(html: str, **_: Any) -> str:
 
 
 def on_files(files: Any, config: Any) -> Any:
-    """Add ``interface.md``, made from the units, and ``robot_file.md``, from that of a robot's parameters."""
+    """Add the pages that are made from the code."""
     files.append(File.generated(config, "interface.md", content=interface_page()))
     files.append(File.generated(config, "robot_file.md", content=robot_file_page()))
+    files.append(File.generated(config, "command_line.md", content=command_line_page()))
+    files.append(File.generated(config, "scenario_file.md", content=scenario_file_page()))
     return files
 
 

@@ -107,9 +107,9 @@ def test_motors_that_are_too_weak_are_said(arm: Path, tmp_path: Path) -> None:
 def test_an_imported_arm_moves_well_at_once(arm: Path, tmp_path: Path) -> None:
     scenario = reach_scenario(arm)
     results = run(scenario, out=tmp_path / "results", reference=False)
-    torque = results.array("controller.tau") * scenario.robot.ell
+    torque = results["controller.tau"] * scenario.robot.ell
     # The torque is held over a step, on average half a step late: the feedback of a deviation balances that.
     late = np.abs(np.diff(torque, axis=0)).max(axis=0)
-    error = np.abs(results.array("trajectory.q_d") - results.array("plant.q")).max(axis=0)
+    error = np.abs(results["trajectory.q_d"] - results["plant.q"]).max(axis=0)
     assert (error < late / np.array(scenario.sections["controller"]["K_p"])).all()
-    assert np.abs(results.array("plant.q")[-1] - scenario.sections["trajectory"]["q_end"]).max() < 1e-4
+    assert np.abs(results["plant.q"][-1] - scenario.sections["trajectory"]["q_end"]).max() < 1e-4

@@ -129,7 +129,7 @@ def _rows(scenario, settings, master, folder):
     """States of the plant and torques, (m, 10), of 0.015 s."""
     found = vdfmu.run(scenario, settings=settings, master=master, stop=0.015, reference=False, out=folder)
     groups = ("plant.q", "plant.q_dot", "plant.kappa_dot", "plant.tau_s", "controller.tau")
-    return np.hstack([found.array(group) for group in groups])
+    return np.hstack([found[group] for group in groups])
 
 
 def test_what_has_no_states_cannot_be_linearised():

@@ -56,8 +56,8 @@ def test_the_sampled_system_moves_as_the_nonlinear_run(master, tmp_path):
             reference=False,
             out=tmp_path,
         )
-        rows.append(np.hstack([found.array(f"plant.{g}") for g in ("q", "q_dot", "kappa_dot", "tau_s")]))
-        waiting = found.array("controller.tau")[0]
+        rows.append(np.hstack([found[f"plant.{g}"] for g in ("q", "q_dot", "kappa_dot", "tau_s")]))
+        waiting = found["controller.tau"][0]
         rows.append(waiting)
     x = rows[2] - rows[0]
     state = np.zeros(len(system.A))

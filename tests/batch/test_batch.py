@@ -76,7 +76,7 @@ def assert_same_runs(rows, others):
                 np.testing.assert_allclose(row[name], values, rtol=0.0, atol=atol, err_msg=name)
 
 
-@pytest.mark.parametrize("scenario", ["tracking", "slider"])
+@pytest.mark.parametrize("scenario", [pytest.param("tracking", marks=pytest.mark.heavy), "slider"])
 def test_all_that_can_vary_gives_the_runs_of_the_fmus(bench, scenario):
     if scenario == "slider":
         scenario = load_scenario("slider_tracking", general_slider())

@@ -20,7 +20,19 @@ WRITERS = [
     ("reference planar_tracking", 2),
 ]
 """Commands, and how many files they write that can be checked: the FMUs beside an OSP description go with it."""
-READERS = {"cache", "check", "federate", "models", "modes", "robot", "simulate", "sweep", "tune", "unit"}
+READERS = {
+    "cache",
+    "check",
+    "doctor",
+    "federate",
+    "models",
+    "modes",
+    "robot",
+    "simulate",
+    "sweep",
+    "tune",
+    "unit",
+}
 
 
 def test_every_command_that_writes_is_among_these():

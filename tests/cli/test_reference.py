@@ -53,7 +53,7 @@ def test_the_folder_stands_alone(folder):
 @pytest.mark.parametrize("package", ["planar_tracking.ssp", "planar_tracking_2.0.ssp"])
 def test_a_run_of_either_package_agrees(folder, tmp_path, package):
     for algorithm in ("jacobi", "gauss-seidel"):
-        simulate(folder / package, algorithm=algorithm).to_csv(tmp_path / "mine.csv")
+        simulate(folder / package, algorithm=algorithm).write(tmp_path / "mine.csv")
         code, said = compare(folder, tmp_path / "mine.csv", table=f"planar_tracking_{algorithm}.csv")
         assert code == 0, said
         assert "45 of 45 signals agree, 1001 rows; largest error 0," in said

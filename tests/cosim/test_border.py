@@ -14,8 +14,8 @@ import vdfmu
 
 ROOT = Path(vdfmu.__file__).parent
 ALLOWED = {
-    "vdfmu", "vdfmu.arrays", "vdfmu.errors", "vdfmu.files", "vdfmu.interrupt", "vdfmu.measure", "vdfmu.process",
-    "vdfmu.progress", "vdfmu.temporary", "vdfmu.text",
+    "vdfmu", "vdfmu.arrays", "vdfmu.bars", "vdfmu.errors", "vdfmu.files", "vdfmu.interrupt", "vdfmu.measure",
+    "vdfmu.process", "vdfmu.progress", "vdfmu.style", "vdfmu.temporary", "vdfmu.text",
 }  # fmt: skip
 ARM = (
     "casadi",

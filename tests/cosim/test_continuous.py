@@ -398,7 +398,7 @@ def study(tmp_path_factory):
         rows = slice(None, None, round(4e-3 / step))
         bond = power_bond(results, scenario.robot)["power_bond"]
         share = sum(bond["residual_energy_abs_j"]) / sum(bond["exchanged_energy_j"])
-        return np.abs(results.array("plant.q")[rows] - known[name].array("plant.q")).max(), share
+        return np.abs(results["plant.q"][rows] - known[name]["plant.q"]).max(), share
 
     return once
 
@@ -439,9 +439,9 @@ def test_the_energy_residual_is_the_integral_over_the_steps():
     with tempfile.TemporaryDirectory() as folder:
         path = write_ssp(scenario, cached_fmus(scenario, folder, "python"), f"{folder}/arm.ssp")
         results = simulate(path, step=1e-3, stop=0.5, algorithm="gauss-seidel")
-    torque = robot.ell * results.array("plant.tau")[1:]
-    way = np.diff(results.array("plant.kappa"), axis=0)
-    exact = (torque * (way - 1e-3 * results.array("controller.kappa_dot")[1:])).sum(axis=0)
+    torque = robot.ell * results["plant.tau"][1:]
+    way = np.diff(results["plant.kappa"], axis=0)
+    exact = (torque * (way - 1e-3 * results["controller.kappa_dot"][1:])).sum(axis=0)
     found = power_bond(results, robot)["power_bond"]
     np.testing.assert_allclose(found["residual_energy_j"], exact, rtol=0.02)
     np.testing.assert_allclose(found["exchanged_energy_j"], np.abs(torque * way).sum(axis=0), rtol=0.02)

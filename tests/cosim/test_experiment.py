@@ -103,13 +103,14 @@ def test_a_value_that_a_connection_overrules_is_noted(pack, xml):
     ]
 
 
-def test_a_picture_that_cannot_be_drawn_is_a_note_and_the_results_stay(packed, tmp_path):
+def test_a_picture_that_cannot_be_drawn_is_a_note_and_the_results_stay(packed, tmp_path, monkeypatch):
     def fail(*_, **__):
         raise ValueError("no ink")
 
+    monkeypatch.setattr("vdfmu.engine.picture.draw_signals", fail)
     said = []
     path = packed('communicationStepSize="0.25"')
-    run_system(path, out=tmp_path / "out", log=said.append, draw=fail)
+    run_system(path, out=tmp_path / "out", log=said.append, plot=True)
     note = "the picture could not be drawn: no ink"
     assert [message.text for message in said if message.status == "note"][-1] == note
     assert note in json.loads((tmp_path / "out" / "summary.json").read_text())["notes"]

@@ -113,8 +113,8 @@ def test_elements_of_arrays_are_connected_one_by_one(system):
     results = simulate(
         path, stop=0.2, step=0.1, parameters={"k.Float64_input": 7.0, "s.u[1]": 5.0, "t.u[2]": -1.0, **zero}
     )
-    assert results.array("s.y").tolist() == [[5.0, 7.0, 3.0]] * 3
-    assert results.array("t.y").tolist() == [[3.0, -1.0, 5.0]] * 3
+    assert results["s.y"].tolist() == [[5.0, 7.0, 3.0]] * 3
+    assert results["t.y"].tolist() == [[3.0, -1.0, 5.0]] * 3
 
 
 def test_structural_parameters_size_the_arrays(system, xml):
@@ -123,7 +123,7 @@ def test_structural_parameters_size_the_arrays(system, xml):
     values = {"s.A": [0.0, 1.0, -1.0, 0.0], "s.B": [0.0, 0.0], "s.C": [1.0, 0.0, 0.0, 1.0, 2.0, 0.0, 1.0, 1.0],
               "s.D": [0.0] * 4, "s.x0": [1.0, 0.0], "s.u": [0.0]}  # fmt: skip
     results = simulate(path, stop=1.0, step=0.01, parameters=sizes | values)
-    y = results.array("s.y")
+    y = results["s.y"]
     assert y.shape == (101, 4)
     # the Euler method with 1 ms: an error of half a millisecond times the second derivative, 1, and as much again
     np.testing.assert_allclose(y[-1, 0], np.cos(1.0), atol=1e-3)

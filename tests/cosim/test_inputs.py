@@ -161,7 +161,7 @@ def test_of_a_results_file_the_columns_of_free_inputs_are_taken(pack, xml, tmp_p
         lone, stop=1.0, step=H, algorithm="iterative", inputs={"plant.u": (H * np.arange(9), wave)}
     )
     assert first.names == ["plant.y", "plant.u"]
-    first.to_csv(tmp_path / "results.csv")
+    first.write(tmp_path / "results.csv")
     again = simulate(lone, stop=1.0, step=H, algorithm="iterative", inputs=tmp_path / "results.csv")
     np.testing.assert_array_equal(again["plant.y"], first["plant.y"])
     assert any("1 columns feed inputs; 1 name no free one" in note for note in again.summary["notes"])

@@ -142,7 +142,7 @@ def test_what_fails_after_the_last_step_is_said_and_costs_no_row(package, way, c
     ("way", "call", "said"),
     [
         ("crash_free", "freeInstance", "crashed the process"),
-        ("hang_end", "terminate", "no return within 5 s"),
+        pytest.param("hang_end", "terminate", "no return within 5 s", marks=pytest.mark.heavy),
     ],
 )
 def test_a_process_that_ends_after_the_last_step_costs_no_row(package, way, call, said):
@@ -176,7 +176,9 @@ def test_check_of_a_package_names_the_component_that_ends_the_process(wild, pack
     assert "ed the process (" in problem
 
 
-@pytest.mark.parametrize(("way", "call"), [("hang", "doStep"), ("hang_end", "terminate")])
+@pytest.mark.parametrize(
+    ("way", "call"), [("hang", "doStep"), pytest.param("hang_end", "terminate", marks=pytest.mark.heavy)]
+)
 def test_check_of_a_package_names_the_component_that_does_not_return(wild, pack, xml, monkeypatch, way, call):
     monkeypatch.setattr(
         check_run, "SECONDS", check_run.NAMING + 8.0
@@ -214,7 +216,7 @@ def silent(tmp_path, monkeypatch):
         ("", {}),
         ("crash", {}),
         ("leave", {}),
-        ("hang", {"time_limit": 5.0}),
+        pytest.param("hang", {"time_limit": 5.0}, marks=pytest.mark.heavy),
         ("eat", {"memory_limit": 400.0}),
     ],
 )
@@ -227,7 +229,7 @@ def test_processes_of_a_component_end_with_the_run(package, silent, way, options
 
 
 @pytest.mark.parametrize("kind", ["FMU", "SSP"])
-@pytest.mark.parametrize("way", ["", "crash", "hang"])
+@pytest.mark.parametrize("way", ["", "crash", pytest.param("hang", marks=pytest.mark.heavy)])
 def test_processes_of_a_component_end_with_the_check(wild, pack, xml, silent, monkeypatch, kind, way):
     path = wild(way)
     if kind == "SSP":

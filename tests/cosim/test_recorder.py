@@ -36,7 +36,7 @@ def test_streamed_results_are_those_in_memory(package, tmp_path):
     options = {"stop": 2.0 * ROWS * 1e-3 + 0.1}  # two blocks and a part of one
     memory = simulate(package, **options)
     stream = simulate(package, stream=tmp_path / "rows.csv", **options)
-    memory.to_csv(tmp_path / "memory.csv")
+    memory.write(tmp_path / "memory.csv")
     written, whole = (cells(tmp_path / name) for name in ("rows.csv", "memory.csv"))
     copies = {name for each in stream.summary["copies"].values() for name in each}
     assert 0 < len(copies) < len(memory.names)
@@ -107,7 +107,7 @@ def test_a_full_disk_leaves_whole_rows_and_the_results_before(package, tmp_path)
         in said
     )
     assert f"The rows so far are in {out / 'partial'}; {out} is as it was." in said
-    rows = Results.from_csv(out / "partial" / "results.csv")
+    rows = Results.read(out / "partial" / "results.csv")
     assert len(rows) % ROWS == 0 and len(rows) >= ROWS
     assert {path.name: path.read_bytes() for path in out.iterdir() if path.is_file()} == before
 
@@ -133,7 +133,7 @@ def test_a_signal_that_copies_another_is_not_written_twice(package, tmp_path, al
     head = cells(tmp_path / "results.csv")[0]
     assert set(head[1:]) == set(memory.names) - {name for each in copies.values() for name in each}
     (tmp_path / "summary.json").write_text(json.dumps({"copies": copies}))
-    read = Results.from_csv(tmp_path / "results.csv")
+    read = Results.read(tmp_path / "results.csv")
     assert set(read.names) == set(memory.names)
     for name in memory:
         np.testing.assert_array_equal(read[name], memory[name], err_msg=name)

@@ -164,7 +164,7 @@ def test_stick_slip_amplifies_the_tolerance(tmp_path):
         vdfmu.simulate(
             package, stop=10.0, step=1e-3, algorithm="gauss-seidel", record=["plant.q[*]"],
             parameters={"plant.tolerance": tolerance},
-        ).array("plant.q")
+        )["plant.q"]
         for tolerance in (1e-6, 1e-7, 1e-9, 1e-11)
     ]  # fmt: skip
     coarse, usual, fine = (np.abs(other - q[-1]).max() for other in q[:-1])

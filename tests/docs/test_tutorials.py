@@ -26,6 +26,7 @@ BLOCK = re.compile(r"^```(?P<kind>\w+)(?P<options>[^\n]*)\n(?P<body>.*?)^```", r
 SKIP = "<!-- not run -->\n"  # before a block that the test leaves out
 VARIES = re.compile(r"^│ (Wall time|Real-time factor) .*$", re.MULTILINE)
 INSTALLS = re.compile(r"^make |pip install", re.MULTILINE)  # what is done in a clone
+LONG = re.compile(rf"{INSTALLS.pattern}|vdfmu reference|vdfmu sweep")
 
 
 def read_blocks(path):
@@ -104,7 +105,7 @@ def run_page(path):
     [
         *PAGES,
         ROOT / "docs" / "modes.md",
-        ROOT / "docs" / "systems.md",
+        pytest.param(ROOT / "docs" / "systems.md", marks=pytest.mark.heavy),
         ROOT / "docs" / "reference" / "units.md",
     ],
     ids=lambda page: page.stem,
@@ -128,7 +129,7 @@ def readme_blocks():
 @pytest.mark.parametrize(
     ("kind", "body", "output"),
     [
-        pytest.param(*block, marks=[pytest.mark.heavy] * bool(INSTALLS.search(block[1])), id=str(number))
+        pytest.param(*block, marks=[pytest.mark.heavy] * bool(LONG.search(block[1])), id=str(number))
         for number, block in enumerate(readme_blocks())
     ],
 )
@@ -197,7 +198,7 @@ def test_there_is_a_guide_for_each_tool():
 
 
 def test_there_are_these_tutorials():
-    names = ["dynamics", "fmpy", "native", "own-controller", "own_arm", "own_robot", "sweep"]
+    names = ["dynamics", "fmpy", "native", "own-controller", "own_arm", "own_robot", "results", "sweep"]
     assert [page.stem for page in PAGES] == names
 
 

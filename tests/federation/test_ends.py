@@ -181,7 +181,7 @@ def test_the_command_keeps_the_rows_and_leaves_no_process(package, federates, tm
         if code == 130
         else "federate r" in shown and "SIGKILL" in shown
     )
-    kept = vdfmu.Results.from_csv(out / "partial" / "results.csv")
+    kept = vdfmu.Results.read(out / "partial" / "results.csv")
     assert len(kept) > 2 and "p.y" in kept and "r.y" in kept
     assert "federates" in json.loads((out / "partial" / "summary.json").read_text())
     assert not any(os.path.exists(f"/proc/{process}") for process in processes.values())

@@ -72,7 +72,7 @@ def test_each_has_the_rows_of_its_components(package, start, tmp_path):
     for code, shown in ends(start("p"), start("g")):
         assert code == 0, shown
     one = vdfmu.simulate(package, algorithm="jacobi", step=0.1)
-    parts = [vdfmu.Results.from_csv(tmp_path / name / "results.csv") for name in "pg"]
+    parts = [vdfmu.Results.read(tmp_path / name / "results.csv") for name in "pg"]
     assert sorted(name for part in parts for name in part.names) == sorted(one.names)
     for part in parts:
         assert part.time.tobytes() == one.time.tobytes()
@@ -84,7 +84,7 @@ def test_a_failure_is_told_to_all(start, tmp_path):
         assert code == 1
         assert re.search(r"f: doStep at t = 0\.5 s failed: .*q\[3\] is not finite", shown)
     for name in "pg":
-        assert len(vdfmu.Results.from_csv(tmp_path / name / "partial" / "results.csv")) == 6
+        assert len(vdfmu.Results.read(tmp_path / name / "partial" / "results.csv")) == 6
 
 
 def test_all_must_run_the_same(start):
@@ -114,4 +114,4 @@ def test_the_end_of_one_ends_the_other(start, tmp_path, number, reason):
     (code, shown), (other, _) = ends(*runs)
     assert (code, other) == (1, 130 if number == signal.SIGINT else -9)
     assert reason in shown
-    assert len(vdfmu.Results.from_csv(tmp_path / "p" / "partial" / "results.csv")) > 2
+    assert len(vdfmu.Results.read(tmp_path / "p" / "partial" / "results.csv")) > 2

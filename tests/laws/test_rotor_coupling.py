@@ -185,9 +185,9 @@ def test_the_cost_stays_linear_in_the_number_of_joints():
 
     def count(n):
         def equations(counter):
-            drives = {"ell": counter.array(n), "I_m": counter.array(n)}
+            drives = {"ell": counter[n], "I_m": counter[n]}
             robot = dataclasses.replace(counting_chain(n, counter), **drives)
-            one = counter.array(n)
+            one = counter[n]
             q_ddot = forward_dynamics(robot, one, one, one, None, Rotors(one, one))
             rotor_acceleration(robot, one, link_motion(robot, one, one, q_ddot))
             inverse_dynamics(robot, one, one, one, rotors=(one, one))

@@ -8,6 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from vdfmu.dynamics import forward_kinematics
 from vdfmu.engine.cosim.results import Results, Signal
 from vdfmu.model import Robot, load_robot
 from vdfmu.model.parameters import PARAMETERS
@@ -46,13 +47,16 @@ def make_results(n: int, points: int = POINTS, at_rest: bool = False) -> Results
     q_d = np.sin(np.outer(time, phase))
     q_d[:, 0 if at_rest else max(1, n - 1) :] = 0.0
     tau_m = 0.1 * np.cos(np.outer(time, phase))
+    q = q_d - 1e-5 * phase * np.sin(5.0 * time)[:, None]
     columns = {
         "trajectory.q_d": q_d,
-        "plant.q": q_d - 1e-5 * phase * np.sin(5.0 * time)[:, None],
+        "plant.q": q,
+        "plant.kappa": q + 1e-4 * phase,
+        "plant.p_O": forward_kinematics(make_robot(TYPES[n]), q)[0],
         "controller.tau_m": tau_m,
         "controller.tau": tau_m + 1e-3 * phase * np.cos(7.0 * time)[:, None],
     }
-    names = [f"{name}[{i + 1}]" for name in columns for i in range(n)]
+    names = [f"{name}[{i + 1}]" for name, values in columns.items() for i in range(values.shape[1])]
     signals = [Signal(name, "real", "", column) for column, name in enumerate(names)]
     return Results(time, signals, {"real": np.hstack(list(columns.values()))})
 

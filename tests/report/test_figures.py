@@ -14,8 +14,11 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
+import vdfmu
+from vdfmu import style
 from vdfmu.errors import VdfmuError
-from vdfmu.report import plots, style
+from vdfmu.report import plots
+from vdfmu.report.tool import draw_tool
 from vdfmu.scenario import load_scenario
 
 ONE, TWO, MIXED, SIX = (
@@ -80,8 +83,8 @@ def test_errors_have_one_panel_a_unit(made, types):
     panels = plots.draw_errors(results, scenario).axes
     groups = [kind for kind in ("revolute", "prismatic") if kind in types]
     assert len(panels) == 2 * len(groups)
-    error = results.array("trajectory.q_d") - results.array("plant.q")
-    compensation = scenario.robot.ell * (results.array("controller.tau") - results.array("controller.tau_m"))
+    error = results["trajectory.q_d"] - results["plant.q"]
+    compensation = scenario.robot.ell * (results["controller.tau"] - results["controller.tau_m"])
     for column, kind in enumerate(groups):
         joints = [i for i, t in enumerate(types) if t == kind]
         factor, unit, torque = (1e3, "mm", "N]") if kind == "prismatic" else (180.0 / np.pi, "deg", "N.m]")
@@ -223,7 +226,7 @@ def test_many_settings_leave_room_for_the_panels(made, tmp_path: Path):
     results, scenario = made.results(2), made.scenario(TWO)
     results.summary = {"settings": {f"plant.inertia[{i},1,1]": "0.123456789" for i in range(1, 105)}}
     assert "and 100 more." in caption(plots.draw_torques(results, scenario))
-    assert len(plots.run_figures(results, scenario, tmp_path)) == 2
+    assert len(plots.run_figures(results, scenario, tmp_path)) == 3
 
 
 # --- that they can be read -------------------------------------------------------------------------------
@@ -316,15 +319,31 @@ def test_an_unfinished_run_can_be_drawn(made, tmp_path: Path):
 @pytest.mark.parametrize(
     ("source", "names"),
     [
-        ("", ["torques.png", "errors.png"]),
-        ("Table 4; the maximum is a bound", ["figure_10.png", "figure_11.png"]),
-        ("Table 5, joints 1 and 2", ["figure_13.png", "figure_14.png"]),
+        ("", ["torques.png", "errors.png", "tool.png"]),
+        ("Table 4; the maximum is a bound", ["figure_10.png", "figure_11.png", "tool.png"]),
+        ("Table 5, joints 1 and 2", ["figure_13.png", "figure_14.png", "tool.png"]),
     ],
 )
 def test_names_follow_from_the_table_compared_with(made, tmp_path: Path, source, names):
     paths = plots.run_figures(made.results(2), made.scenario(TWO, source), tmp_path / "made" / "here")
     assert paths == [tmp_path / "made" / "here" / name for name in names]
     assert sorted(path.name for path in paths[0].parent.iterdir()) == sorted(names)
+
+
+def test_torsion_and_the_error_of_the_tool_in_mm(made):
+    results, scenario = made.results(3), made.scenario(MIXED)
+    figure = draw_tool(results, scenario)
+    first, second, tool = figure.axes
+    assert [axes.get_ylabel() for axes in (first, second)] == [r"$\kappa - q$ [deg]", r"$\kappa - q$ [mm]"]
+    # the torsions that the run was made with, 1e-4 times 1, 2, 3; the sum with q leaves their last four digits
+    np.testing.assert_allclose(first.lines[1].get_ydata(), np.rad2deg(3e-4), rtol=1e-11)
+    np.testing.assert_allclose(second.lines[0].get_ydata(), 0.2, rtol=1e-11)
+    jacobian = vdfmu.jacobian(scenario.robot, results["plant.q"])[:, :3]
+    moved = np.einsum("mij,mj->mi", jacobian, results["trajectory.q_d"] - results["plant.q"])
+    rotation = vdfmu.forward_kinematics(scenario.robot, results["plant.q"])[1]
+    error = 1e3 * np.linalg.norm(np.einsum("mij,mj->mi", rotation, moved), axis=1)
+    # angles of 3e-5 and a reach of less than 1 m: the rest of second order is below 1e-9 m, 1e-6 mm
+    np.testing.assert_allclose(tool.lines[3].get_ydata(), error, atol=1e-6)
 
 
 @pytest.mark.parametrize(
@@ -340,7 +359,7 @@ def test_files_are_png_of_plausible_size(made, tmp_path: Path, types):
     paths = plots.run_figures(made.results(len(types)), made.scenario(types), tmp_path)
     paths += plots.run_figures(made.results(len(types)), made.scenario(types, "Table 5"), tmp_path)
     paths += plots.run_figures(made.contrast(types), made.scenario(types), tmp_path)
-    assert len({path.name for path in paths}) == 6
+    assert len({path.name for path in paths}) == 7
     for path in paths:
         png = path.read_bytes()
         width, height = struct.unpack(">II", png[16:24])

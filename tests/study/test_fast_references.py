@@ -79,17 +79,17 @@ def test_without_the_compiler_a_reference_is_the_same(own_cache, monkeypatch, na
     plain = reference(name, described(), step=1e-3, stop=0.05)
     for group, values in fast.signals.items():
         # rounding of other functions sin and exp, which changes the solver's steps within its tolerance of 1e-11
-        np.testing.assert_allclose(plain.array(group), values, rtol=1e-9, atol=1e-9, err_msg=group)
+        np.testing.assert_allclose(plain[group], values, rtol=1e-9, atol=1e-9, err_msg=group)
 
 
 @pytest.mark.parametrize("name", NAMES)
 def test_references_are_exact_to_1e_11_rad(own_cache, monkeypatch, name):
-    usual = reference(name, described(), step=1e-3, stop=0.3).array("plant.q")
+    usual = reference(name, described(), step=1e-3, stop=0.3)["plant.q"]
     for tolerances in (solution._SHORT, solution._LONG):
         monkeypatch.setitem(tolerances, "rtol", 3e-14)
         monkeypatch.setitem(tolerances, "atol", 1e-15)
     use(own_cache / "other", monkeypatch)
-    tight = reference(name, described(), step=1e-3, stop=0.3).array("plant.q")
+    tight = reference(name, described(), step=1e-3, stop=0.3)["plant.q"]
     # the local error of 1e-12 a step of a loop that forgets within some hundred steps
     assert np.abs(usual - tight).max() < 1e-11
 
@@ -100,7 +100,7 @@ def test_a_reference_of_the_same_values_is_not_solved_again(own_cache, solved, n
     again = reference(name, described(), step=1e-3, stop=0.05)
     assert len(solved) == 1
     for group, values in first.signals.items():
-        np.testing.assert_array_equal(again.array(group), values)
+        np.testing.assert_array_equal(again[group], values)
 
 
 CHANGES = {
@@ -116,7 +116,7 @@ def test_what_changes_a_reference_has_it_solved(own_cache, solved, change):
     first = reference("continuous", described(), step=1e-3, stop=0.05)
     other = reference("continuous", CHANGES[change](described()), step=1e-3, stop=0.05)
     assert len(solved) == 2
-    assert np.any(first.array("plant.q") != other.array("plant.q"))
+    assert np.any(first["plant.q"] != other["plant.q"])
 
 
 @pytest.mark.parametrize("options", [{"step": 5e-4}, {"stop": 0.06}, {"groups": ["plant.q"]}])
@@ -135,7 +135,7 @@ def test_a_damaged_solution_is_solved_again(own_cache, solved):
     kept.write_bytes(content)
     again = reference("sampled", described(), step=1e-3, stop=0.05)
     assert len(solved) == 2
-    np.testing.assert_array_equal(again.array("plant.q"), first.array("plant.q"))
+    np.testing.assert_array_equal(again["plant.q"], first["plant.q"])
 
 
 def test_half_a_solution_is_not_kept(own_cache):

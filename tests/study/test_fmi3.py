@@ -38,7 +38,7 @@ def test_inputs_run_on_lines_by_intermediate_updates_as_by_their_derivatives(iso
             tmp_path / version / "system.ssp", stop=0.1, step=step, algorithm="iterative", record=["plant.q[*]"],
             isolate=isolate,
         )  # fmt: skip
-        return results.array("plant.q")[:: round(0.004 / step)]
+        return results["plant.q"][:: round(0.004 / step)]
 
     exact = positions("2.0", 0.000125)  # of an error below a hundredth of those at 2 ms and more
     for step in (0.004, 0.002):
@@ -79,5 +79,5 @@ def test_the_plant_integrated_by_the_master(version, tmp_path):
     pack_zip(tmp_path / "other.ssp", members | {"SystemStructure.ssd": changed.encode()})
     other = vdfmu.simulate(tmp_path / "other.ssp", stop=0.1, tolerance=1e-9)
     # both to the tolerance of their solvers, 1e-7 and 1e-9 of angles below 1 rad; not the same solver
-    difference = np.abs(other.array("plant.q") - run.array("plant.q")).max()
+    difference = np.abs(other["plant.q"] - run["plant.q"]).max()
     assert 0.0 < difference < 1e-7

@@ -109,7 +109,7 @@ def test_both_commands_take_files_and_say_what_is_wrong_with_them(tmp_path, monk
     ):
         done = CliRunner().invoke(app, [*words, *options])
         assert done.exit_code == 0, done.output
-    a, b = (Results.from_csv(tmp_path / name / "results.csv") for name in "ab")
+    a, b = (Results.read(tmp_path / name / "results.csv") for name in "ab")
     np.testing.assert_array_equal(a["plant.q[1]"], b["plant.q[1]"])
     # held: until 21.3 ms the first row, then the second
     assert a["plant.F_e[1]"].tolist() == [0.0] * 23 + [20.0] * 28

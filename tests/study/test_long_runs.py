@@ -84,13 +84,13 @@ def test_the_whole_tells_what_its_definition_does(tmp_path):
     robot = vdfmu.load_robot("planar_2dof")
     results = on_disk(tmp_path, 50, robot.n)
     found = told(results, robot)
-    true = results.array("plant.tau_s")[:-1]
-    late = results.array("estimator.tau_f_hat")[1:] - true
+    true = results["plant.tau_s"][:-1]
+    late = results["estimator.tau_f_hat"][1:] - true
     tau_m = 1.125 * results["controller.tau_m[1]"]
-    ours = results.array("controller.tau") - results.array("controller.tau_m")
+    ours = results["controller.tau"] - results["controller.tau_m"]
     theirs = 1.125 * results["controller.tau[1]"] - np.append(tau_m[0], tau_m[:-1])
     a, b = np.sqrt(np.mean(ours**2, axis=0)), np.sqrt(np.mean(theirs**2))
-    difference = np.abs(results.array("plant.q") - 1.125 * results["plant.q[1]"][:, None])
+    difference = np.abs(results["plant.q"] - 1.125 * results["plant.q[1]"][:, None])
     # sums of 50 squares in another order
     assert found["rms_tau_f_hat_error_nm"] == pytest.approx(np.sqrt(np.mean(late**2, axis=0)), rel=1e-14)
     assert found["rms_torque_difference"] == pytest.approx(np.max(np.abs(a - b) / b), rel=1e-13)
@@ -118,7 +118,7 @@ def test_a_reference_in_stretches_is_the_whole(monkeypatch, name):
     assert [len(part.t) for part in parts] == [20, 20, 11]
     np.testing.assert_array_equal(np.concatenate([part.t for part in parts]), whole.t)
     for signal, array in whole.signals.items():
-        np.testing.assert_array_equal(np.concatenate([part.array(signal) for part in parts]), array)
+        np.testing.assert_array_equal(np.concatenate([part[signal] for part in parts]), array)
 
 
 def test_a_run_holds_no_reference_as_a_whole(tmp_path, monkeypatch):

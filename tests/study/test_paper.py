@@ -18,7 +18,7 @@ def test_contrast_formulations_agree_and_a_gravity_constant_explains_table_3(tmp
     table_3 = np.array(summary["paper"]["rms_torque_difference_nmm"])
     carrying = [1, 2, 4]  # joints 2, 3, 5: the others carry no weight
     assert ours[carrying] == pytest.approx(table_3[carrying], rel=0.03)
-    assert results.array("vd.tau").shape == (len(results.time), 6)
+    assert results["vd.tau"].shape == (len(results.time), 6)
     assert {"figure_7.png", "figure_8.png"} <= {p.name for p in tmp_path.iterdir()}
 
 
@@ -54,7 +54,7 @@ def test_statistics_of_split_converge_where_single_solutions_do_not(tmp_path):
         vdfmu.run("tracking_split", out=tmp_path, reference=False, settings={"plant.tolerance": tolerance})
         for tolerance in (1e-6, 1e-7, 1e-8)
     ]
-    q = np.array([run.array("plant.q") for run in runs])
+    q = np.array([run["plant.q"] for run in runs])
     # With lumped friction 1e-6 and 1e-8 differ by 1.3e-8 rad (docs/solver.md); here they have separated.
     assert np.ptp(q, axis=0).max() > 1e-4
     for key in ("rms_position_error_deg", "rms_torque_compensation_error_nm"):
@@ -100,7 +100,7 @@ def test_two_joint_run_moves_two_joints_and_holds_the_others(tmp_path):
     results = vdfmu.run("two_joint", stop=6.0, out=tmp_path, reference=False)
     errors = np.array(results.summary["rms_position_error_deg"])
     assert np.all(errors[:2] < [0.0456, 0.0227])  # Table 5
-    moved = np.ptp(results.array("trajectory.q_d"), axis=0)
+    moved = np.ptp(results["trajectory.q_d"], axis=0)
     assert np.all(moved[:2] > 0.0)
     assert np.all(moved[2:] == 0.0)
     assert {"figure_13.png", "figure_14.png"} <= {p.name for p in tmp_path.iterdir()}

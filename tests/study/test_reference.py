@@ -32,8 +32,8 @@ class Case:
         """Return the largest position and torque differences of a run to a reference."""
         results = simulate(self.package, step=step, stop=stop, algorithm=algorithm)
         solution = reference(name, self.description, step=step, stop=stop)
-        position = np.abs(results.array("plant.q") - solution.array("plant.q")).max()
-        torque = results.array("controller.tau") - solution.array("controller.tau")
+        position = np.abs(results["plant.q"] - solution["plant.q"]).max()
+        torque = results["controller.tau"] - solution["controller.tau"]
         torque = np.abs(self.robot.ell * torque).max()
         return position, torque
 
@@ -83,7 +83,7 @@ def test_a_payload_that_the_feedforward_does_not_know_costs_accuracy(tmp_path):
         assert position < POSITION
         assert torque < TORQUE
         solution = reference("sampled", case.description, step=1e-3, stop=0.5)
-        q = solution.array("plant.q")
+        q = solution["plant.q"]
         worst.append(np.abs(q - [motion_of(case.scenario, t) for t in solution.t]).max())
     # 0.5 kg at 0.5 m weighs 2.5 N m on joint 2, over K_p of 1000 N m/rad; sampling leaves 1e-5 rad.
     assert worst[0] < 2e-5
@@ -101,7 +101,7 @@ def test_limits_of_joints_and_motors_are_those_of_the_reference(tmp_path):
         position, torque = case.differences("gauss-seidel", "sampled", 1e-3, 0.5)
         assert position < POSITION
         assert torque < TORQUE
-        motions.append(reference("sampled", case.description, step=1e-3, stop=0.5).array("plant.q"))
+        motions.append(reference("sampled", case.description, step=1e-3, stop=0.5)["plant.q"])
     assert np.abs(motions[1] - motions[0]).max() > 1e-3  # they act
 
 
@@ -137,7 +137,7 @@ def test_the_rotor_follows_its_own_desired_velocity_without_sampling():
         values = system_values(scenario, {"controller.velocity": velocity})
         solution = reference("continuous", SystemDescription(scenario, values), step=1e-2, stop=10.0)
         desired = [motion_of(scenario, t) for t in solution.t]
-        largest[velocity] = np.abs(solution.array("plant.q") - desired).max()
+        largest[velocity] = np.abs(solution["plant.q"] - desired).max()
     assert largest["kappa_dot"] < 1e-8
     assert largest["mixed"] > 5e-6
 
@@ -178,10 +178,10 @@ def test_first_order_in_the_communication_step_against_the_continuous_reference(
     steps = np.array([1e-3, 5e-4, 2.5e-4, 1.25e-4, 6.25e-5])
     stop = 0.5
     errors = []
-    exact = reference("continuous", case.description, step=steps[0], stop=stop).array("plant.q")
+    exact = reference("continuous", case.description, step=steps[0], stop=stop)["plant.q"]
     for step in steps:
         results = simulate(case.package, step=step, stop=stop, algorithm=algorithm, record=["plant.q*"])
-        q = results.array("plant.q")[:: round(steps[0] / step)]
+        q = results["plant.q"][:: round(steps[0] / step)]
         errors.append(np.abs(q - exact).max())
     orders = -np.diff(np.log2(errors))
     assert orders[-1] == pytest.approx(1.0, abs=0.1)
@@ -206,6 +206,6 @@ def test_estimates_are_those_of_the_reference(tmp_path, algorithm):
     results = simulate(case.package, step=1e-3, stop=0.3, algorithm=algorithm)
     solution = reference(REFERENCE_OF[algorithm], case.description, step=1e-3, stop=0.3)
     for signal in ("estimator.tau_s_hat", "estimator.tau_f_hat", "plant.kappa"):
-        expected = solution.array(signal)
-        difference = np.abs(results.array(signal) - expected).max()
+        expected = solution[signal]
+        difference = np.abs(results[signal] - expected).max()
         assert difference < 1e-7 * max(1.0, np.abs(expected).max()), signal

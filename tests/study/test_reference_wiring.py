@@ -178,7 +178,7 @@ def test_a_system_of_other_wiring_is_solved_as_by_hand(name, period, sensor):
         CONTROLLED, {"sensor": {"period": period}}, wish=Wish, sensor=sensor, oscillator=Oscillator, feedback=Feedback
     )  # fmt: skip
     solution = reference(name, system, step=H, stop=STOP)
-    found = np.hstack([solution.array(key) for key in ("sensor.z", "feedback.u", "oscillator.x")])
+    found = np.hstack([solution[key] for key in ("sensor.z", "feedback.u", "oscillator.x")])
     np.testing.assert_allclose(found, by_hand(name, period), rtol=0.0, atol=2e-9)
 
 
@@ -188,8 +188,8 @@ def test_samples_at_the_same_time_are_taken_once_each(name):
     system = made({}, {"slow": {"period": 0.3}}, fast=Count, slow=Count)
     solution = reference(name, system, step=0.1, stop=3.0)
     k = np.arange(31)
-    np.testing.assert_array_equal(solution.array("fast.count")[:, 0], k)
-    np.testing.assert_array_equal(solution.array("slow.count")[:, 0], -(-k // 3))
+    np.testing.assert_array_equal(solution["fast.count"][:, 0], k)
+    np.testing.assert_array_equal(solution["slow.count"][:, 0], -(-k // 3))
 
 
 def test_units_that_read_each_other_and_themselves_need_no_loop():
@@ -199,7 +199,7 @@ def test_units_that_read_each_other_and_themselves_need_no_loop():
     )
     solution = reference("continuous", system, step=0.1, stop=1.0)
     expected = 3.0 * (0.5 * 3.0 * (0.5 * np.sin(solution.t) + 1.0) + 1.0)
-    np.testing.assert_allclose(solution.array("a.s")[:, 0], expected, rtol=1e-14)  # some ten operations
+    np.testing.assert_allclose(solution["a.s"][:, 0], expected, rtol=1e-14)  # some ten operations
     with pytest.raises(
         UsageError, match=r"no sampled reference: each of (a|b) -> .* has to step before the next"
     ):

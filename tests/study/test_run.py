@@ -31,7 +31,7 @@ def test_a_run_writes_results_summary_package_and_figures(planar_run):
 
 def test_results_hold_every_connected_variable_with_its_unit(planar_run):
     folder, results = planar_run
-    read = Results.from_csv(folder / "results.csv")
+    read = Results.read(folder / "results.csv")
     system = vdfmu.load_ssp(folder / "system.ssp")
     connected = {".".join(end) for c in system.connections for end in (c.start, c.end)}
     assert connected <= set(read.names)
@@ -45,8 +45,8 @@ def test_results_hold_every_connected_variable_with_its_unit(planar_run):
 def test_the_summary_holds_the_errors_of_the_recorded_signals(planar_run):
     _, results = planar_run
     summary = results.summary
-    error = np.degrees(results.array("trajectory.q_d") - results.array("plant.q"))
-    torque = 100.0 * (results.array("controller.tau") - results.array("feedforward.tau_m"))  # ell is 100
+    error = np.degrees(results["trajectory.q_d"] - results["plant.q"])
+    torque = 100.0 * (results["controller.tau"] - results["feedforward.tau_m"])  # ell is 100
     # the same sums of squares in another order: equal to some units of rounding
     assert summary["rms_position_error_deg"] == pytest.approx(np.sqrt((error**2).mean(axis=0)), rel=1e-12)
     assert summary["max_position_error_deg"] == pytest.approx(np.abs(error).max(axis=0), rel=1e-12)
@@ -129,7 +129,7 @@ def with_references(monkeypatch, folder, change):
         r = vdfmu.simulate(
             package, start=0.0, stop=stop, step=step, algorithm="gauss-seidel", parameters=parameters
         )
-        signals = {key: r.array(key) for key in ("plant.q", "controller.tau", "feedforward.tau_m")}
+        signals = {key: r[key] for key in ("plant.q", "controller.tau", "feedforward.tau_m")}
         for first in range(0, len(r), BLOCK):
             rows = slice(first, first + BLOCK)
             yield Reference(name, r.time[rows], {key: array[rows] for key, array in signals.items()})
@@ -169,7 +169,7 @@ def test_a_unit_that_fails_leaves_the_rows_before_and_the_reason(tmp_path):
         CosimError, match=r"plant: doStep at t = .* s failed: .*(local error|not finite)"
     ) as caught:
         vdfmu.run("planar_tracking", out=tmp_path, settings={"controller.K_p": 1e9})
-    rows = Results.from_csv(tmp_path / "partial" / "results.csv")
+    rows = Results.read(tmp_path / "partial" / "results.csv")
     assert len(rows.time) >= 1
     assert rows.time[-1] == pytest.approx(caught.value.time)
     summary = json.loads((tmp_path / "partial" / "summary.json").read_text())
@@ -200,7 +200,7 @@ def test_files_of_an_earlier_run_are_replaced_and_nothing_else(tmp_path):
 def test_files_that_no_run_wrote_are_replaced_when_asked(tmp_path):
     (tmp_path / "results.csv").write_text("mine")
     vdfmu.run("planar_tracking", out=tmp_path, stop=0.01, reference=False, overwrite=True)
-    assert len(Results.from_csv(tmp_path / "results.csv")) == 11
+    assert len(Results.read(tmp_path / "results.csv")) == 11
 
 
 def test_a_run_that_fails_before_its_first_row_leaves_nothing(tmp_path, monkeypatch):
@@ -219,11 +219,11 @@ def test_rows_of_a_failed_run_are_replaced_by_those_of_the_next_failed_one_only(
     for gain in (1e9, 1e8):
         with pytest.raises(CosimError) as caught:
             vdfmu.run("planar_tracking", settings={"controller.K_p": gain}, **options)
-        rows = len(Results.from_csv(tmp_path / "partial" / "results.csv"))
+        rows = len(Results.read(tmp_path / "partial" / "results.csv"))
         assert rows == len(caught.value.results)
         assert caught.value.__notes__ == [f"The rows so far are in {tmp_path / 'partial'}."]
     vdfmu.run("planar_tracking", **options)
-    assert len(Results.from_csv(tmp_path / "partial" / "results.csv")) == rows
+    assert len(Results.read(tmp_path / "partial" / "results.csv")) == rows
     assert [p.name for p in tmp_path.iterdir() if p.is_dir()] == ["partial"]
 
 

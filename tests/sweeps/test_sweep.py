@@ -80,7 +80,7 @@ def test_each_point_is_the_run_of_its_values(tmp_path):
             package, stop=0.2, step=1e-3, algorithm=row["master"],
             parameters={"controller.K_p[2]": row["controller.K_p[2]"], "plant.mass": mass.tolist()},
         )  # fmt: skip
-        error = results.array("trajectory.q_d") - results.array("plant.q")
+        error = results["trajectory.q_d"] - results["plant.q"]
         # of the mean of squares in another order: rounding
         np.testing.assert_allclose(
             [row["error[1]"], row["error[2]"]], np.sqrt(np.mean(error**2, axis=0)), rtol=1e-12
@@ -110,7 +110,7 @@ def test_robots_motions_and_payloads_vary_together(tmp_path):
     assert len({row["robot"] for row in rows}) == len({row["unit:trajectory"] for row in rows}) == 2
     for row in rows:
         results = vdfmu.run(**found.options(row["point"]), reference=False, out=tmp_path / "run")
-        error = results.array("trajectory.q_d") - results.array("plant.q")
+        error = results["trajectory.q_d"] - results["plant.q"]
         # of the mean of squares in another order: rounding
         np.testing.assert_allclose(
             [row["error[1]"], row["error[2]"]], np.sqrt(np.mean(error**2, axis=0)), rtol=1e-12

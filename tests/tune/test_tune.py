@@ -68,7 +68,7 @@ def test_the_cost_is_that_of_runs_one_by_one(tuned, tmp_path):
                 "plant.mass": (factor * scenario.robot.mass).tolist(),
             },
         )  # fmt: skip
-        error = results.array("trajectory.q_d") - results.array("plant.q")
+        error = results["trajectory.q_d"] - results["plant.q"]
         costs.append(np.sqrt(np.mean(error**2, axis=0)))
     # of the mean of squares in another order: rounding
     np.testing.assert_allclose(tuned.after.cost, np.mean(costs, axis=0), rtol=1e-12)

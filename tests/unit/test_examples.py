@@ -87,13 +87,13 @@ def test_run_tends_to_the_continuous_reference_with_the_step(system):
     coarse, stop = 2e-3, 0.2
     settings = {"encoder.resolution": 1e-9, "wall.distance": 10.0, "encoder.period": 2 * coarse}
     description = SystemDescription(system.scenario, system_values(system.scenario, settings))
-    q = reference("continuous", description, step=coarse, stop=stop).array("plant.q")
+    q = reference("continuous", description, step=coarse, stop=stop)["plant.q"]
     errors = []
     for k in (1, 2, 4):
         results = simulate(
             system.package, stop=stop, step=coarse / k, algorithm="gauss-seidel", parameters=settings
         )
-        errors.append(np.abs(results.array("plant.q")[::k] - q).max())
+        errors.append(np.abs(results["plant.q"][::k] - q).max())
     # Inputs held over a step are an error of first order: half of it at half of the step, but for higher orders.
     assert errors[0] / errors[1] == pytest.approx(2.0, abs=0.3), errors
     assert errors[1] / errors[2] == pytest.approx(2.0, abs=0.3), errors
@@ -256,7 +256,7 @@ def test_an_fmu_in_place_of_the_unit_that_it_was_built_of(examples, planar):
     assert "reference" not in summary
     same = vdfmu.run("planar_tracking", stop=0.2, out="again", reference=False, units={"controller": built})
     for name in ("plant.q", "controller.tau"):
-        assert (same.array(name) == usual.array(name)).all()  # the same code: the same bits
+        assert (same[name] == usual[name]).all()  # the same code: the same bits
 
 
 @pytest.mark.slow

@@ -17,15 +17,20 @@ app = typer.Typer(help="Show the cache of what was built, or clear it.")
 @app.callback(invoke_without_command=True, epilog="Example: [bold]vdfmu cache[/bold]")
 def show(context: typer.Context) -> None:
     """Show the cache of what was built: its folder, entries and size."""
+    if context.invoked_subcommand is None:
+        say_cache()
+
+
+def say_cache() -> None:
+    """Print folder, entries and size."""
     from vdfmu.kernel.cache import COMPILER, cache_folder, entries, limit
 
-    if context.invoked_subcommand is None:
-        folder = cache_folder()
-        found = entries(folder)
-        say(f"Folder   {folder}")
-        say(f"Entries  {len(found)}")
-        say(f"Size     {_size(found)}, at most {limit() / 2**20:g} MB")
-        say(f"What the compiler keeps for itself, in {folder / COMPILER}, is not counted.")
+    folder = cache_folder()
+    found = entries(folder)
+    say(f"Folder   {folder}")
+    say(f"Entries  {len(found)}")
+    say(f"Size     {_size(found)}, at most {limit() / 2**20:g} MB")
+    say(f"What the compiler keeps for itself, in {folder / COMPILER}, is not counted.")
 
 
 @app.command("clear", epilog="Example: [bold]vdfmu cache clear[/bold]")

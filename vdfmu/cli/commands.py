@@ -12,14 +12,13 @@ from typing import Annotated
 import typer
 
 from vdfmu import __version__
-from vdfmu.cli import cache, files, identify, margins, models, modes, robots, runs, sweeps, tunes, units
+from vdfmu.cli import cache, doctor, files, identify, margins, models, modes, robots, runs, sweeps, tunes, units
 from vdfmu.cli.terminal import console, fail
 from vdfmu.errors import ModelError, SspError, UsageError, VdfmuError
 from vdfmu.once import one_job
 
 app = typer.Typer(
     no_args_is_help=True,
-    add_completion=False,
     pretty_exceptions_enable=False,
     rich_markup_mode="rich",
     help="Flexible-joint manipulators as co-simulation FMUs: build them, wire them, run them, check them.",
@@ -44,6 +43,7 @@ for function, example in (
     (files.ssp, "vdfmu ssp two_joint --format 2.0 --out two_joint.ssp"),
     (files.reference, "vdfmu reference two_joint --out reference"),
     (files.check, "vdfmu check fmus/Plant.fmu"),
+    (doctor.doctor, "vdfmu doctor"),
 ):
     app.command(epilog=f"Example: [bold]{example}[/bold]")(function)
 app.add_typer(sweeps.app, name="sweep")

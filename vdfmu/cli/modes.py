@@ -141,7 +141,7 @@ def _over_path(robot: str, path: str, dry: bool, out: Path | None, overwrite: bo
     target = target_file(out, f"{scenario.name}_modes.png", overwrite)
     from vdfmu.analysis.modes import MOTORS, modes_along, ranges
     from vdfmu.report.modes import draw_modes
-    from vdfmu.report.style import save
+    from vdfmu.style import save
 
     times, along = modes_along(scenario, dry=dry)
     n = scenario.robot.n

@@ -114,6 +114,9 @@ def run(
     inputs: InputOption = None,
     input_hold: HoldOption = False,
     formats: FormatOption = "csv",
+    pictures: Annotated[
+        str, typer.Option("--pictures", help="Kinds of the figures: png, svg and pdf, separated by commas.")
+    ] = "png",
     study: Annotated[
         Path | None,
         typer.Option(
@@ -166,6 +169,7 @@ def run(
             backend=backend,
             fmi_version=fmi,
             formats=formats.split(","),
+            pictures=pictures.split(","),
             progress=bars.update,
             log=bars.log,
         )
@@ -216,14 +220,11 @@ def simulate(
 
     Start, stop, step and master that are not given are those of the package's default experiment and its annotations.
     """
-    draw = None
-    if plot:
-        from vdfmu.report.signals import signals_figure as draw
     _run_package(
         package, out, unpack_limit, settings, record, formats, variant=variant, start=start, stop=stop, step=step,
         master=master, adaptive=adaptive, tolerance=tolerance, inputs=inputs, input_hold=input_hold,
         ignore_unmatched=ignore_unmatched, isolate=isolate, time_limit=time_limit, memory_limit=memory_limit,
-        overwrite=overwrite, draw=draw,
+        overwrite=overwrite, plot=plot,
     )  # fmt: skip
 
 

@@ -4,50 +4,56 @@ from __future__ import annotations
 
 import re
 import sys
-from collections.abc import Generator, Iterable, Sequence
+from collections.abc import Generator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, NoReturn
+from typing import TYPE_CHECKING, Annotated, NoReturn
 
 import typer
-from rich.console import Console, ConsoleOptions, RenderableType
 from rich.markup import escape
-from rich.segment import Segment
 
+from vdfmu import bars
+from vdfmu.bars import Terminal, errors
 from vdfmu.errors import UsageError
 from vdfmu.progress import showing
-from vdfmu.text import error_text, shown
+from vdfmu.text import error_text
 
 if TYPE_CHECKING:
-    from rich.progress import TaskID
-
     from vdfmu.engine.cosim import LogMessage
     from vdfmu.scenario import Scenario
 
 
-class _Terminal(Console):
-    """The one place through which text goes to the terminal: what it would act on is shown, but for rich's own."""
-
-    def print(self, *objects: Any, **options: Any) -> None:
-        super().print(*(shown(item) if isinstance(item, str) else item for item in objects), **options)
-
-    def render(self, renderable: RenderableType, options: ConsoleOptions | None = None) -> Iterable[Segment]:
-        for segment in super().render(renderable, options):
-            yield segment if segment.control else segment._replace(text=shown(segment.text))
+console = Terminal(highlight=False)
 
 
-console = _Terminal(highlight=False)
-errors = _Terminal(stderr=True, highlight=False)
+def complete_scenario(incomplete: str) -> list[str]:
+    """Complete the name of a scenario in the shell."""
+    from vdfmu.scenario.load import scenario_names
+
+    return [name for name in (*scenario_names(), "reach") if name.startswith(incomplete)]
+
+
+def complete_robot(incomplete: str) -> list[str]:
+    """Complete the name of a robot in the shell."""
+    from vdfmu.model import robot_names
+
+    return [name for name in robot_names() if name.startswith(incomplete)]
+
 
 ScenarioArgument = Annotated[
     str,
     typer.Argument(
-        help="Name of a shipped scenario, reach for a first motion of any robot, or path of a TOML file."
+        help="Name of a shipped scenario, reach for a first motion of any robot, or path of a TOML file.",
+        autocompletion=complete_scenario,
     ),
 ]
 RobotOption = Annotated[
     str | None,
-    typer.Option("--robot", help="Robot in place of the scenario's: a name or the path of a TOML file."),
+    typer.Option(
+        "--robot",
+        help="Robot in place of the scenario's: a name or the path of a TOML file.",
+        autocompletion=complete_robot,
+    ),
 ]
 BackendOption = Annotated[
     str | None,
@@ -135,55 +141,17 @@ def fail(error: object, code: int) -> NoReturn:
     sys.exit(code)
 
 
-class Bars:
-    """Progress bars, one a stage, and the messages of the units above them."""
+class Bars(bars.Bars):
+    """Progress bars, and the messages of the units above them."""
 
     def __init__(self) -> None:
-        from rich.progress import (
-            BarColumn,
-            MofNCompleteColumn,
-            Progress,
-            ProgressColumn,
-            Task,
-            TextColumn,
-            TimeElapsedColumn,
-            TimeRemainingColumn,
-        )
-        from rich.text import Text
-
-        class Rate(ProgressColumn):
-            """Steps in a second."""
-
-            def render(self, task: Task) -> Text:
-                rate = task.finished_speed or task.speed
-                return Text(f"{rate:.3g}/s" if rate else "")
-
-        self._progress = Progress(
-            TextColumn("{task.description:20}"), BarColumn(20), TextColumn("{task.percentage:3.0f} %"),
-            MofNCompleteColumn(), Rate(), TimeElapsedColumn(), TimeRemainingColumn(), console=errors, transient=False,
-            disable=not errors.is_terminal,
-        )  # fmt: skip
-        self._tasks: dict[str, TaskID] = {}
+        super().__init__()
         self._notes: dict[str, list[str]] = {}
 
-    def __enter__(self) -> Bars:
-        self._progress.start()
-        return self
-
     def __exit__(self, *_: object) -> None:
-        self._progress.stop()
+        super().__exit__()
         for what, names in self._notes.items():
             self.say(": ".join(["note", *([", ".join(names)] if names else []), what]))
-
-    def update(self, stage: str, done: int, total: int) -> None:
-        """Show how far a stage is."""
-        if stage not in self._tasks:
-            self._tasks[stage] = self._progress.add_task(stage)
-        self._progress.update(self._tasks[stage], completed=done, total=total)
-
-    def say(self, text: str) -> None:
-        """Print a line above the bars."""
-        self._progress.console.print(text, markup=False, soft_wrap=True)
 
     def log(self, message: LogMessage) -> None:
         """Show a message of a unit; notes of the same words come once, at the end."""
@@ -197,5 +165,5 @@ class Bars:
 @contextmanager
 def building() -> Generator[None]:
     """Show how far tracing and compiling are."""
-    with Bars() as bars, showing(bars.update):
+    with Bars() as shown, showing(shown.update):
         yield

@@ -18,6 +18,8 @@ from vdfmu.interrupt import InterruptGuard
 
 SYSTEM_OUTPUTS = ("results.csv", "results.parquet", "signals.png", "summary.json")
 """Files that a run of a package writes, and replaces in the folder of an earlier one; no package is among them."""
+PICTURES = ("png", "svg", "pdf")
+"""Kinds of files of a picture."""
 DRAWN = 20_000
 """Rows that a picture shows at most: 8 for each of its pixels."""
 
@@ -29,6 +31,13 @@ def known_formats(formats: Sequence[str]) -> None:
         raise UsageError(f"format: expected csv, parquet, or csv,parquet for both, got {got}.")
     if "parquet" in formats:
         needed()
+
+
+def known_pictures(pictures: Sequence[str]) -> None:
+    """Raise UsageError for a kind of picture that there is not."""
+    unknown = [kind for kind in pictures if kind not in PICTURES]
+    if unknown:
+        raise UsageError(f"pictures: expected some of {', '.join(PICTURES)}, got {', '.join(unknown)}.")
 
 
 @contextmanager

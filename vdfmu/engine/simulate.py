@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial as bound
 from pathlib import Path
 from typing import Any
@@ -15,7 +15,7 @@ from vdfmu.engine.federation import Federation
 from vdfmu.engine.folder import DRAWN, SYSTEM_OUTPUTS, keep, known_formats, replacing_results, write_summary
 from vdfmu.engine.ssp.read import DEFAULT, load_ssp
 from vdfmu.errors import CosimError, UsageError, VdfmuError
-from vdfmu.progress import Progress
+from vdfmu.progress import Shown, called, with_bars
 
 
 def default_folder(package: str | os.PathLike[str]) -> Path:
@@ -23,6 +23,7 @@ def default_folder(package: str | os.PathLike[str]) -> Path:
     return Path("results") / f"{Path(package).stem}_ssp"
 
 
+@with_bars
 def run_system(
     package: str | os.PathLike[str],
     *,
@@ -45,9 +46,9 @@ def run_system(
     out: str | os.PathLike[str] | None = None,
     overwrite: bool = False,
     formats: Sequence[str] = ("csv",),
-    progress: Progress | None = None,
+    progress: Shown = None,
     log: Callable[[LogMessage], None] | None = None,
-    draw: Callable[[Results, Path, Collection[str]], object] | None = None,
+    plot: bool = False,
 ) -> Results:
     """Run an SSP and write its results and ``summary.json``.
 
@@ -72,13 +73,12 @@ def run_system(
         Of ``results.csv`` and ``results.parquet``, those to write; Parquet needs pyarrow.
     inputs, input_hold : optional
         Signals for inputs that nothing is connected to, as of :func:`vdfmu.engine.cosim.simulate`.
-    progress : callable, optional
-        Called with stage, done, total.
+    progress : callable or bool, optional
+        Called with stage, done, total; True shows bars, on the terminal or in the notebook.
     log : callable, optional
         Receives the messages of the units.
-    draw : callable, optional
-        Draws a picture: called with the results, thinned to what it shows, a folder, and signals that need not be
-        shown, for they copy others; such as :func:`vdfmu.report.signals.signals_figure`.
+    plot : bool, optional
+        Whether to draw the signals, but for those that copy others: ``signals.png``.
 
     Returns
     -------
@@ -114,7 +114,7 @@ def run_system(
                 time_limit=time_limit, memory_limit=memory_limit, log=log,
                 stream=[partial / f"results.{form}" for form in formats], about=summary,
                 federation=federation,
-                progress=progress and bound(progress, "co-simulation"),
+                progress=bound(called(progress), "co-simulation"),
             )  # fmt: skip
         except (CosimError, Interrupted) as error:
             keep(error, partial)
@@ -124,8 +124,10 @@ def run_system(
         write_summary(results.summary, partial)
         copies = {".".join(connection.end) for connection in system.connections}
         try:
-            if draw is not None:
-                draw(results.thinned(DRAWN), partial, () if record else copies)
+            if plot:
+                from vdfmu.engine.picture import signals_figure  # takes long to import
+
+                signals_figure(results.thinned(DRAWN), partial, () if record else copies)
         except VdfmuError:
             raise
         except Exception as error:

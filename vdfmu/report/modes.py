@@ -9,8 +9,8 @@ import numpy as np
 import numpy.typing as npt
 from matplotlib.figure import Figure
 
+from vdfmu import style
 from vdfmu.arrays import Floats
-from vdfmu.report import style
 
 _SOLID: dict[str, Any] = {"linestyle": "-"}
 _DOTTED: dict[str, Any] = {"linestyle": ":"}

@@ -17,13 +17,14 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
+from vdfmu import style
 from vdfmu.arrays import Floats
 from vdfmu.engine.cosim.results import Results
 from vdfmu.model import Robot
-from vdfmu.report import style
 from vdfmu.report.captions import contrast_caption, paper_table, run_caption
 from vdfmu.report.contrast import Contrast
 from vdfmu.report.joints import UNITS, Group, group_joints, panel_letter
+from vdfmu.report.tool import draw_tool
 from vdfmu.scenario import Scenario
 
 _BACK: dict[str, Any] = {"color": style.COLORS[5], "linewidth": 3.2}
@@ -117,7 +118,7 @@ def draw_moving_positions(results: Results, scenario: Scenario) -> Figure:
     groups = group_joints(scenario.robot, moving)
     caption = run_caption(results, scenario, {5: 13})
     figure, grid = _unit_columns("Joint positions and their tracking errors", caption, groups, 2)
-    q_d, q = results.array("trajectory.q_d"), results.array("plant.q")
+    q_d, q = results["trajectory.q_d"], results["plant.q"]
     for column, group in enumerate(groups):
         axes: Axes = grid[0, column]
         unit, time = group.unit, results.time
@@ -173,21 +174,28 @@ def draw_moving_torques(results: Results, scenario: Scenario) -> Figure:
 
 FIGURES: dict[int, dict[str, Callable[..., Figure]]] = {
     3: {"figure_7": draw_contrast_torques, "figure_8": draw_contrast_differences},
-    4: {"figure_10": draw_torques, "figure_11": draw_errors},
-    5: {"figure_13": draw_moving_positions, "figure_14": draw_moving_torques},
-    0: {"torques": draw_torques, "errors": draw_errors},
+    4: {"figure_10": draw_torques, "figure_11": draw_errors, "tool": draw_tool},
+    5: {"figure_13": draw_moving_positions, "figure_14": draw_moving_torques, "tool": draw_tool},
+    0: {"torques": draw_torques, "errors": draw_errors, "tool": draw_tool},
 }
 """Table of the paper that a scenario compares with, to the names of its pictures and what draws them."""
 
 
-def run_figures(shown: Results | Contrast, scenario: Scenario, folder: Path | str) -> list[Path]:
+def run_figures(
+    shown: Results | Contrast, scenario: Scenario, folder: Path | str, pictures: Sequence[str] = ("png",)
+) -> list[Path]:
     """Write the pictures of a run: which ones, `FIGURES` says, by the table in ``scenario.paper["source"]``.
 
-    The folder is made if it is missing.
+    The folder is made if it is missing. `pictures` are suffixes that `vdfmu.style.save` knows.
     """
     table = 3 if not isinstance(shown, Results) else {4: 4, 5: 5}.get(paper_table(scenario), 0)
     wanted = FIGURES[table].items()
-    return [style.save(draw(shown, scenario), Path(folder, f"{name}.png")) for name, draw in wanted]
+    figures = {name: draw(shown, scenario) for name, draw in wanted}
+    return [
+        style.save(figure, Path(folder, f"{name}.{suffix}"))
+        for name, figure in figures.items()
+        for suffix in pictures
+    ]
 
 
 # --- panels ----------------------------------------------------------------------------------------------
@@ -254,7 +262,7 @@ def _over_each_other(
 
 def _position_errors(axes: Axes, results: Results, group: Group) -> None:
     """Draw desired minus actual link positions of the joints of one unit."""
-    error = group.unit.factor * (results.array("trajectory.q_d") - results.array("plant.q"))
+    error = group.unit.factor * (results["trajectory.q_d"] - results["plant.q"])
     _errors(axes, results.time, error, group, "Position tracking", "$q_d - q$", group.unit.position)
 
 
@@ -304,10 +312,10 @@ def _rms_bars(
 
 def _torques(results: Results, robot: Robot) -> tuple[Floats, Floats]:
     """Control torque and the feedforward that the controller added to, (m, n), link-side [N.m or N]."""
-    return robot.ell * results.array("controller.tau"), robot.ell * results.array("controller.tau_m")
+    return robot.ell * results["controller.tau"], robot.ell * results["controller.tau_m"]
 
 
 def _moving(results: Results) -> list[int]:
     """Joints whose desired position changes; all if none does."""
-    q_d = results.array("trajectory.q_d")
+    q_d = results["trajectory.q_d"]
     return np.flatnonzero(np.ptp(q_d, axis=0)).tolist() or list(range(q_d.shape[1]))

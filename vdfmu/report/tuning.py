@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
-from vdfmu.report import style
+from vdfmu import style
 
 _BEFORE, _AFTER = "#888888", style.COLORS[0]
 _PANELS = {

@@ -63,7 +63,7 @@ def write_reference(scenario: Scenario, folder: Path, values: Mapping[str, Mappi
     for algorithm, table in tables.items():
         results = simulate(system, algorithm=algorithm, record=record)
         thin = results.thinned(ROWS)
-        thin.to_csv(table)
+        thin.write(table)
         stride = -(-len(results) // len(thin))
     facts = {
         "name": scenario.name, "stop": scenario.stop, "step": scenario.step, "tolerance": scenario.tolerance,

@@ -15,9 +15,9 @@ be traced. The solvers are scipy's, not ours. A solution is kept in the cache by
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from hashlib import sha256
 from itertools import islice
-from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -41,7 +41,8 @@ _KEPT = 2**24
 """Most bytes of a solution that is kept."""
 
 
-class Reference(NamedTuple):
+@dataclass(frozen=True)
+class Reference:
     """Solution on the communication points: `t` (m,), and the outputs, ``unit.group``, (m, size) each.
 
     Row k holds the outputs of the step that ends at t_k, as the rows of a co-simulation do; row 0 those at the start.
@@ -51,7 +52,7 @@ class Reference(NamedTuple):
     t: Floats
     signals: dict[str, Floats]
 
-    def array(self, name: str) -> Floats:
+    def __getitem__(self, name: str) -> Floats:
         """Values (m, size) of ``unit.group``."""
         return self.signals[name]
 

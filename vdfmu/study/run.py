@@ -17,12 +17,21 @@ from vdfmu.engine.algorithms import ALGORITHMS, count_steps
 from vdfmu.engine.cosim import Interrupted, LogMessage, Results, simulate
 from vdfmu.engine.cosim.inputs import Inputs, read_inputs
 from vdfmu.engine.cosim.simulator import check_coupling
-from vdfmu.engine.folder import DRAWN, SYSTEM_OUTPUTS, keep, known_formats, replacing_results, write_summary
+from vdfmu.engine.folder import (
+    DRAWN,
+    PICTURES,
+    SYSTEM_OUTPUTS,
+    keep,
+    known_formats,
+    known_pictures,
+    replacing_results,
+    write_summary,
+)
 from vdfmu.errors import CosimError, UsageError
 from vdfmu.fmu.build import build_notes, choose_backend
 from vdfmu.model import Robot, load_robot
 from vdfmu.once import one_job
-from vdfmu.progress import Progress, showing
+from vdfmu.progress import Progress, Shown, called, showing, with_bars
 from vdfmu.scenario import Scenario, load_scenario
 from vdfmu.scenario.check import model_notes
 from vdfmu.scenario.parts import cached_fmus
@@ -47,14 +56,20 @@ from vdfmu.temporary import temporary_folder
 RUN_OUTPUTS = (
     *SYSTEM_OUTPUTS,
     "system.ssp",
-    *(f"figure_{number}.png" for number in (7, 8, 10, 11, 13, 14)),
-    "torques.png",
-    "errors.png",
+    *(
+        f"{name}.{suffix}"
+        for name in (*(f"figure_{k}" for k in (7, 8, 10, 11, 13, 14)), "torques", "errors", "tool")
+        for suffix in PICTURES
+    ),
+    "signals.svg",
+    "signals.pdf",
 )
 """Files that the run of a scenario writes and replaces."""
 _VISIBLE = 1e-3
 """Share of the largest position error above which a difference to a reference shows in the tables of three digits."""
-_DRAWN = ("trajectory.q_d", "plant.q", "controller.tau", "controller.tau_m")
+_DRAWN = (
+    "trajectory.q_d", "plant.q", "plant.kappa", "plant.p_O", "controller.tau", "controller.tau_m",
+)  # fmt: skip
 """Signals that the figures of a run show; a system without them gets a picture of its signals."""
 _LEFT_OUT = "left out, since the unit in place of the system's has no such signal"
 _NUDGE = 1e-9
@@ -103,6 +118,7 @@ def prepare(
     return scenario
 
 
+@with_bars
 @one_job()
 def run(
     scenario: Scenario | str | os.PathLike[str],
@@ -122,7 +138,8 @@ def run(
     inputs: Inputs = None,
     input_hold: bool | None = None,
     formats: Sequence[str] = ("csv",),
-    progress: Progress | None = None,
+    pictures: Sequence[str] = ("png",),
+    progress: Shown = None,
     log: Callable[[LogMessage], None] | None = None,
 ) -> Results:
     """Run a scenario and write its results, ``summary.json`` and figures.
@@ -166,8 +183,10 @@ def run(
         Whether their values hold until the next row.
     formats : sequence of "csv" and "parquet"
         Of ``results.csv`` and ``results.parquet``, those to write; Parquet needs pyarrow.
-    progress : callable, optional
-        Called with stage, done, total.
+    pictures : sequence of "png", "svg" and "pdf"
+        Kinds of files of the figures.
+    progress : callable or bool, optional
+        Called with stage, done, total; True shows bars, on the terminal or in the notebook.
     log : callable, optional
         Receives the messages of the units.
 
@@ -188,8 +207,9 @@ def run(
         inputs=inputs, input_hold=input_hold,
     )  # fmt: skip
     known_formats(formats)
+    known_pictures(pictures)
     folder = Path(out) if out is not None else Path("results") / scenario.name
-    report = progress or (lambda stage, done, total: None)
+    report = called(progress)
     if scenario.kind == "contrast":
         if backend is not None or fmi_version != "2.0":
             raise UsageError(
@@ -201,7 +221,7 @@ def run(
                 f"scenario {scenario.name} has no units, so there is nothing to set: {', '.join(names)}."
             )
         with replacing_results(folder, RUN_OUTPUTS, overwrite) as partial:
-            return _run_contrast(scenario, partial, formats)
+            return _run_contrast(scenario, partial, formats, pictures)
 
     if backend is None and fmi_version != "2.0":
         backend = "native"
@@ -252,11 +272,11 @@ def run(
         if has_signals(results, *_DRAWN):
             from vdfmu.report.plots import run_figures  # takes long to import
 
-            run_figures(results.thinned(DRAWN), scenario, partial)
+            run_figures(results.thinned(DRAWN), scenario, partial, pictures)
         else:
-            from vdfmu.report.signals import signals_figure
+            from vdfmu.engine.picture import signals_figure
 
-            signals_figure(results.thinned(DRAWN), partial)
+            signals_figure(results.thinned(DRAWN), partial, pictures=pictures)
         write_summary(summary, partial)
         return results
 
@@ -268,7 +288,9 @@ def _simulate(scenario: Scenario, package: Path, **options: Any) -> Results:
     )  # fmt: skip
 
 
-def _run_contrast(scenario: Scenario, folder: Path, formats: Sequence[str]) -> Results:
+def _run_contrast(
+    scenario: Scenario, folder: Path, formats: Sequence[str], pictures: Sequence[str]
+) -> Results:
     from vdfmu.report.plots import run_figures
 
     study = contrast(scenario)
@@ -276,7 +298,7 @@ def _run_contrast(scenario: Scenario, folder: Path, formats: Sequence[str]) -> R
     results.summary = _head(scenario) | study.summary(dict(scenario.paper))
     for form in formats:
         results.write(folder / f"results.{form}")
-    run_figures(study, scenario, folder)
+    run_figures(study, scenario, folder, pictures)
     write_summary(results.summary, folder)
     return results
 
@@ -302,8 +324,7 @@ def _references(
     visible = math.inf
     if has_signals(results, "trajectory.q_d", "plant.q"):
         visible = _VISIBLE * max(
-            float(np.abs(part.array("trajectory.q_d") - part.array("plant.q")).max())
-            for part in results.blocks(BLOCK)
+            float(np.abs(part["trajectory.q_d"] - part["plant.q"]).max()) for part in results.blocks(BLOCK)
         )
     description = SystemDescription(scenario, values)
     sampled = REFERENCE_OF.get(scenario.master)
@@ -341,7 +362,7 @@ def _separation(
     inertias = {f"I_m[{i + 1}]": values["plant"][f"I_m[{i + 1}]"] for i in range(scenario.robot.n)}
     parameters = {f"plant.{name}": (1.0 + _NUDGE) * inertia for name, inertia in inertias.items()}
     nudged = _simulate(scenario, package, record=["plant.q[*]"], parameters=parameters)
-    return float(np.abs(nudged.array("plant.q") - results.array("plant.q")).max())
+    return float(np.abs(nudged["plant.q"] - results["plant.q"]).max())
 
 
 def _head(scenario: Scenario) -> dict[str, Any]:

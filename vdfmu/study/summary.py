@@ -34,8 +34,8 @@ def tracking_errors(results: Results, robot: Robot) -> dict[str, Any]:
     scale = np.where(revolute, 180.0 / np.pi, 1e3)
     squares, largest = np.zeros((2, robot.n)), np.zeros(robot.n)
     for part in results.blocks(BLOCK):
-        error = scale * (part.array("trajectory.q_d") - part.array("plant.q"))
-        compensation = robot.ell * (part.array("controller.tau") - part.array("controller.tau_m"))
+        error = scale * (part["trajectory.q_d"] - part["plant.q"])
+        compensation = robot.ell * (part["controller.tau"] - part["controller.tau_m"])
         squares += np.sum(np.square([error, compensation]), axis=1)
         largest = np.maximum(largest, np.max(np.abs(error), axis=0))
     rms_error, rms_compensation = np.sqrt(squares / len(results)).tolist()
@@ -103,13 +103,13 @@ def compare(
     name, at, position, torque, before = "", 0.0, -1.0, 0.0, None
     squares = np.zeros((4, robot.n))  # of the errors of position and torque, ours and theirs
     for part, solution in zip(results.blocks(BLOCK), reference, strict=True):
-        q_d, q = part.array("trajectory.q_d"), part.array("plant.q")
-        tau, tau_m = part.array("controller.tau"), part.array("controller.tau_m")
-        name, late = solution.name, solution.array("feedforward.tau_m")
-        q_r, tau_r = solution.array("plant.q"), solution.array("controller.tau")
+        q_d, q = part["trajectory.q_d"], part["plant.q"]
+        tau, tau_m = part["controller.tau"], part["controller.tau_m"]
+        name, late = solution.name, solution["feedforward.tau_m"]
+        q_r, tau_r = solution["plant.q"], solution["controller.tau"]
         if name == "sampled-delayed":  # the controller added to the feedforward of one step ago
             late = np.vstack([late[:1] if before is None else before, late[:-1]])
-            before = solution.array("feedforward.tau_m")[-1:]
+            before = solution["feedforward.tau_m"][-1:]
         difference = np.abs(q - q_r).max(axis=1)
         if difference.max() > position:
             at, position = float(part.time[difference.argmax()]), float(difference.max())
@@ -139,7 +139,7 @@ def _compare_all(results: Results, reference: Iterable[Reference]) -> dict[str, 
         name = solution.name
         for signal, rows in solution.signals.items():
             if signal in groups:
-                seen = part.array(signal) if groups[signal] else part[signal]
+                seen = part[signal] if groups[signal] else part[signal]
                 values = seen.reshape(rows.shape)
                 found[signal] = max(found.get(signal, 0.0), float(np.abs(values - rows).max()))
     return {"name": name, "max_difference": found}
@@ -154,10 +154,10 @@ def estimation_errors(results: Results, master: str) -> dict[str, Any]:
     late = int(master in REFERENCE_OF)
     squares, before = 0.0, np.empty((0, 0))
     for part in results.blocks(BLOCK):
-        true = part.array("plant.tau_s")
+        true = part["plant.tau_s"]
         rows = slice(late if not before.size else 0, None)  # of the first block
         seen = np.vstack([before, true])[: len(true)] if before.size else true[: len(true) - late]
-        errors = [part.array(f"estimator.{name}")[rows] - seen for name in _ESTIMATES]
+        errors = [part[f"estimator.{name}"][rows] - seen for name in _ESTIMATES]
         squares = squares + np.sum(np.square([seen, *errors]), axis=1)
         before = true[len(true) - late :]
     rms = np.sqrt(squares / (len(results) - late)).tolist()
@@ -187,8 +187,8 @@ def power_bond(results: Results, robot: Robot) -> dict[str, Any]:
     for part in results.blocks(BLOCK):
         h = np.diff(part.time, prepend=before)[:, None]  # 0 at the first row, which ends no step
         before = part.time[-1]
-        taken = robot.ell * part.array("plant.tau") * part.array("plant.kappa_dot")
-        given = robot.ell * part.array("controller.tau") * part.array("controller.kappa_dot")
+        taken = robot.ell * part["plant.tau"] * part["plant.kappa_dot"]
+        given = robot.ell * part["controller.tau"] * part["controller.kappa_dot"]
         residual = 0.5 * h * (taken - given)
         energies += np.sum([residual, np.abs(residual), np.abs(h * taken)], axis=1)
     names = ("residual_energy_j", "residual_energy_abs_j", "exchanged_energy_j")

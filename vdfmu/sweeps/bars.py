@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from vdfmu.report import style
+from vdfmu import style
 from vdfmu.sweeps.indices import CONFIDENCE, indices
 from vdfmu.sweeps.looks import COLOUR_MAP, HIGH, LOW, new_figure
 from vdfmu.sweeps.sides import View, groups

@@ -15,7 +15,7 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import LogLocator, NullLocator
 from numpy.typing import NDArray
 
-from vdfmu.report import style
+from vdfmu import style
 from vdfmu.sweeps.sides import Side, View
 
 COLOUR_MAP = "viridis"

@@ -278,7 +278,7 @@ def _evaluate(node: ast.expr, results: Results) -> Any:
     if (name := _signal(node)) is not None:
         if name in results:
             return results[name].astype(float)
-        return results.array(name)
+        return results[name]
     if isinstance(node, ast.Constant):
         return node.value
     if isinstance(node, ast.BinOp):

@@ -13,8 +13,8 @@ from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from vdfmu import style
 from vdfmu.errors import UsageError
-from vdfmu.report import style
 from vdfmu.sweeps.bars import draw_indices, draw_tornado
 from vdfmu.sweeps.looks import FAILED, LOW, at_bottom, colours_of, dress, legend_of, new_figure
 from vdfmu.sweeps.sides import View, view

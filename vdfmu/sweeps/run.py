@@ -12,7 +12,7 @@ from vdfmu.engine.cosim.inputs import Inputs
 from vdfmu.errors import UsageError, VdfmuError
 from vdfmu.interrupt import InterruptGuard
 from vdfmu.once import one_job
-from vdfmu.progress import Progress
+from vdfmu.progress import Shown, called, with_bars
 from vdfmu.sweeps.chunks import Chunks
 from vdfmu.sweeps.job import Job
 from vdfmu.sweeps.ledger import Ledger
@@ -21,6 +21,7 @@ from vdfmu.sweeps.plan import make_plan, name_of
 from vdfmu.sweeps.table import Sweep
 
 
+@with_bars
 @one_job()
 def sweep(
     scenario: Any,
@@ -49,7 +50,7 @@ def sweep(
     out: str | os.PathLike[str] | None = None,
     overwrite: bool = False,
     retry: bool = False,
-    progress: Progress | None = None,
+    progress: Shown = None,
 ) -> Sweep:
     """Run a scenario or a system package at many points, and keep a row for each.
 
@@ -97,8 +98,8 @@ def sweep(
         Whether to replace another study in it.
     retry : bool
         Whether points that failed are run again.
-    progress : callable, optional
-        Called with stage, done, total.
+    progress : callable or bool, optional
+        Called with stage, done, total; True shows bars, on the terminal or in the notebook.
 
     Returns
     -------
@@ -128,11 +129,11 @@ def sweep(
     plan = make_plan(
         scenario, over, sample=os.fspath(sample), n=n, seed=seed, measure=measure, keep=keep, settings=settings,
         options={name: value for name, value in options.items() if value is not None}, backend=backend,
-        engine=engine, progress=progress,
+        engine=engine, progress=called(progress),
     )  # fmt: skip
     folder = default_folder(scenario) if out is None else Path(out)
     job = packed(plan.job)
-    report = progress or (lambda stage, done, total: None)
+    report = called(progress)
     with Ledger(folder, plan.facts, plan.key, plan.points, overwrite) as ledger:
         done = ledger.done()
         if retry:

@@ -14,7 +14,7 @@ from vdfmu.engine.cosim.inputs import Inputs
 from vdfmu.errors import UsageError, VdfmuError
 from vdfmu.files import replacing
 from vdfmu.once import one_job
-from vdfmu.progress import Progress
+from vdfmu.progress import Shown, called, with_bars
 from vdfmu.scenario.values import group_value
 from vdfmu.study.run import prepare
 from vdfmu.sweeps.ledger import Ledger
@@ -68,6 +68,7 @@ class Tuned:
         return rows
 
 
+@with_bars
 @one_job()
 def tune(
     scenario: Any,
@@ -97,7 +98,7 @@ def tune(
     time_limit: float | None = None,
     out: str | os.PathLike[str] | None = None,
     overwrite: bool = False,
-    progress: Progress | None = None,
+    progress: Shown = None,
 ) -> Tuned:
     """Search the values of parameters that make a cost smallest, over a spread of robots and within limits.
 
@@ -145,8 +146,8 @@ def tune(
         Folder; default ``results/tune_NAME``.
     overwrite : bool
         Whether to replace another search in it.
-    progress : callable, optional
-        Called with stage, done, total.
+    progress : callable or bool, optional
+        Called with stage, done, total; True shows bars, on the terminal or in the notebook.
 
     Returns
     -------
@@ -183,7 +184,7 @@ def tune(
     plan = problem.plan
     plan.facts["search"] = {"method": method, "budget": budget, "scipy": scipy.__version__}
     folder = Path("results") / f"tune_{plan.facts['scenario']}" if out is None else Path(out)
-    report = progress or (lambda stage, done, total: None)
+    report = called(progress)
     with Ledger(folder, plan.facts, plan.key, {}, overwrite) as ledger:
         ledger.reopen()
         known = Sweep(folder) if any(folder.rglob("*.parquet")) else None
@@ -219,8 +220,8 @@ def tune(
 
 def _write(found: Tuned, scores: Sequence[Score]) -> None:
     """Write the values, the comparison and the picture."""
-    from vdfmu.report.style import save
     from vdfmu.report.tuning import draw_tuning
+    from vdfmu.style import save
 
     sections: dict[str, dict[str, Any]] = {}
     for name, value in found.settings.items():

@@ -15,7 +15,8 @@ from typing import Any
 import numpy as np
 
 from vdfmu.arrays import Floats
-from vdfmu.engine.cosim.results import copies_beside, later
+from vdfmu.engine.cosim.csv_file import summary_beside
+from vdfmu.engine.cosim.results import copies_in, later
 from vdfmu.errors import UsageError
 
 _HEADING = re.compile(r"(.*?)(?:\s+\[(.+)\])?")
@@ -187,7 +188,7 @@ def _from_csv(path: Path, hold: bool, problems: list[str]) -> Table | None:
         problems += [f"{path}: {text}" for text in (*found[:_MOST_PROBLEMS], *more)]
         return None
     table = np.array(rows)
-    copies = copies_beside(path) if results else {}
+    copies = copies_in(summary_beside(path)) if results else {}
     for name, (of, late) in copies.items():
         if of in names and name not in names:
             place = names.index(of)

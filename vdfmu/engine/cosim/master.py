@@ -98,7 +98,7 @@ def simulate(
     memory_limit : float, optional
         Memory [MB] that isolated components have. Default: half of that of the machine.
     stream : Path or two of them, optional
-        CSV file to which the rows go as they come, in the form of `Results.to_csv` and at least every two seconds. An
+        CSV file to which the rows go as they come, in the form of `Results.write` and at least every two seconds. An
         input with the values of another signal, or those of a row before, is left out: `copies` of the summary names
         both. With the suffix ``.parquet`` a Parquet file, which is written when the run ends, by an error too, but not
         if the process is killed; see `Results.write`. The results are read from disk then, where they take as much room

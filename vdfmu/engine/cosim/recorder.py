@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vdfmu.arrays import Floats
-from vdfmu.engine.cosim.results import Signal, csv_head, csv_lines, no_rows
+from vdfmu.engine.cosim.csv_file import csv_head, csv_lines
+from vdfmu.engine.cosim.results import Signal, no_rows
 
 ROWS = 512
 """Rows that are kept in memory at most."""

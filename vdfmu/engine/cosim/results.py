@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-import csv
-import io
-import json
 import math
 import mmap
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from itertools import chain
+from functools import cached_property
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -17,12 +14,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vdfmu.arrays import Floats
+from vdfmu.engine.cosim.frames import Listing, compare, contents, to_pandas, to_xarray
 from vdfmu.errors import UsageError, VdfmuError
-from vdfmu.files import write_whole
 from vdfmu.text import close_to
 
 KINDS = ("real", "integer", "boolean")
 _BLOCK = 512
+_ELEMENT = re.compile(r"(.+)\[(\d+(?:,\d+)*)\]")
 
 
 class Signal(NamedTuple):
@@ -60,8 +58,10 @@ class Results:
     Examples
     --------
     >>> results["plant.q[1]"]            # one signal, (m,)
-    >>> results.array("plant.q")         # plant.q[1] ... plant.q[n], (m, n)
-    >>> results.array("plant.R_O")       # plant.R_O[1,1] ... plant.R_O[3,3], (m, 3, 3)
+    >>> results["plant.q"]               # plant.q[1] ... plant.q[n], (m, n)
+    >>> results["plant.R_O"]             # plant.R_O[1,1] ... plant.R_O[3,3], (m, 3, 3)
+    >>> results.to_pandas()              # or to_xarray()
+    >>> results.plot("plant.q", over={"soft": other})
     """
 
     def __init__(
@@ -76,7 +76,7 @@ class Results:
         self.summary: dict[str, Any] = {} if summary is None else summary
         self.messages = list(messages)
         self._signals = {signal.name: signal for signal in signals}
-        self._data = dict(data)
+        self.data = dict(data)
 
     @property
     def names(self) -> list[str]:
@@ -102,55 +102,141 @@ class Results:
         return len(self.time)
 
     def __contains__(self, name: object) -> bool:
-        return name in self._signals
+        return name in self._signals or name in self.groups
 
     def __iter__(self) -> Iterator[str]:
         return iter(self._signals)
 
-    def __getitem__(self, name: str) -> NDArray[Any]:
-        """Return one signal, shape (m,); UsageError when there is none of that name."""
-        signal = self._signals.get(name)
-        if signal is None:
-            raise UsageError(f"the results have no signal {name!r}{close_to(name, self._signals)}")
-        column = np.asarray(self._data[signal.kind])[:, signal.column]
-        return column.astype(bool) if signal.kind == "boolean" else column
+    @cached_property
+    def groups(self) -> dict[str, dict[tuple[int, ...], str]]:
+        """Names without indices, to the signals of each index: ``{"plant.q": {(1,): "plant.q[1]", ...}, ...}``.
 
-    def array(self, name: str) -> NDArray[Any]:
-        """Return the elements of an array in the order of their indices.
+        A signal without indices is a group of its own, with the index ``()``.
+        """
+        found: dict[str, dict[tuple[int, ...], str]] = {}
+        for name in self._signals:
+            match = _ELEMENT.fullmatch(name)
+            index = tuple(map(int, match[2].split(","))) if match else ()
+            found.setdefault(match[1] if match else name, {})[index] = name
+        return found
+
+    def __getitem__(self, name: str) -> NDArray[Any]:
+        """Return a signal, or the elements of an array in the order of their indices.
 
         Parameters
         ----------
         name : str
-            Without indices.
+            Of a signal; or of an array, without indices.
 
         Returns
         -------
-        (m, n) array of ``name[1]`` ... ``name[n]``, (m, j, k) array of ``name[1,1]`` ... ``name[j,k]``, and so on
+        (m,) array of a signal, (m, n) of ``name[1]`` ... ``name[n]``, (m, j, k) of ``name[1,1]`` ... ``name[j,k]``
 
         Raises
         ------
         UsageError
             There are no such signals, or they do not fill an array.
         """
-        pattern = re.compile(re.escape(name) + r"\[(\d+(?:,\d+)*)\]")
-        found = {
-            tuple(map(int, match[1].split(","))): s for s in self._signals if (match := pattern.fullmatch(s))
-        }
-        if not found:
-            raise UsageError(f"the results have no signals {name}[1], {name}[2], ...")
-        ranks = {len(index) for index in found}
-        shape = [len(set(axis)) for axis in zip(*found, strict=False)]
-        if len(ranks) > 1 or math.prod(shape) != len(found):
+        signal = self._signals.get(name)
+        if signal is not None:
+            column = np.asarray(self.data[signal.kind])[:, signal.column]
+            return column.astype(bool) if signal.kind == "boolean" else column
+        group = self.groups.get(name)
+        if group is None:
             raise UsageError(
-                f"the signals {', '.join(found.values())} are not all elements of an array; take them one by one"
+                f"the results have no signal {name!r}{close_to(name, [*self._signals, *self.groups])}"
             )
-        listed = [self._signals[found[i]] for i in sorted(found)]
+        shape = self.shape_of(name)
+        if shape is None:
+            raise UsageError(
+                f"the signals {', '.join(group.values())} are not all elements of an array; take them one by one"
+            )
+        listed = [self._signals[group[index]] for index in sorted(group)]
         kinds = {signal.kind for signal in listed}
         if len(kinds) == 1 and kinds != {"boolean"}:
-            columns = np.asarray(self._data[listed[0].kind])[:, [signal.column for signal in listed]]
+            columns = np.asarray(self.data[listed[0].kind])[:, [signal.column for signal in listed]]
         else:
             columns = np.stack([self[signal.name] for signal in listed], axis=1)
         return columns.reshape(-1, *shape)
+
+    def shape_of(self, group: str) -> tuple[int, ...] | None:
+        """Return the shape of a row of a group; None if its signals do not fill an array."""
+        indices = self.groups[group]
+        shape = tuple(len(set(axis)) for axis in zip(*indices, strict=False))
+        whole = len({len(index) for index in indices}) == 1 and math.prod(shape) == len(indices)
+        return shape if whole else None
+
+    def __repr__(self) -> str:
+        return repr(self.contents())
+
+    def _repr_html_(self) -> str:
+        return self.contents().to_html()
+
+    def contents(self) -> Listing:
+        """Return what is there, as a table that shows itself: groups, their shapes, units and extremes."""
+        return contents(self)
+
+    def to_pandas(self) -> Any:
+        """Return a DataFrame with a column for each signal and the time as index; ``attrs["units"]`` has the units.
+
+        Raises
+        ------
+        UsageError
+            pandas is not installed, ``pip install vdfmu[notebook]``.
+        """
+        return to_pandas(self)
+
+    def to_xarray(self) -> Any:
+        """Return a Dataset with a variable for each group, its unit as the attribute ``units``.
+
+        The dimensions are ``time`` and, with indices from 1, ``plant.q_1``, or ``plant.R_O_1`` and ``plant.R_O_2``.
+
+        Raises
+        ------
+        UsageError
+            xarray is not installed, ``pip install vdfmu[notebook]``.
+        """
+        return to_xarray(self)
+
+    def compare(self, other: Results) -> Listing:
+        """Return the differences to other results, group by group, the largest in its unit first.
+
+        Values of `other` between its rows are interpolated; those of integers and booleans hold. Only the time that
+        both have counts.
+
+        Raises
+        ------
+        UsageError
+            They have no time or no signals in common.
+        """
+        return compare(self, other)
+
+    def plot(
+        self, *names: str, over: Mapping[str, Results] | None = None, path: str | Path | None = None
+    ) -> Any:
+        """Draw signals over time, a panel for each group.
+
+        Parameters
+        ----------
+        *names : str
+            Signals or groups; default as many of all as a picture holds.
+        over : mapping of str to Results, optional
+            Other runs to draw over this one, by what they are called.
+        path : path, optional
+            File to write: PNG, SVG or PDF by its suffix.
+
+        Returns
+        -------
+        matplotlib.figure.Figure
+
+        Raises
+        ------
+        UsageError
+            There is no such signal, or the file cannot be written.
+        """
+        from vdfmu.engine.picture import plot  # takes long to import
+
+        return plot(self, names, over or {}, path)
 
     def renamed(self, rename: Callable[[str], str]) -> Results:
         """Return the same results with other names of the signals."""
@@ -158,7 +244,7 @@ class Results:
             signal._replace(name=rename(signal.name), of=rename(signal.of) if signal.of else "")
             for signal in self._signals.values()
         ]
-        return Results(self.time, signals, self._data, self.summary, self.messages)
+        return Results(self.time, signals, self.data, self.summary, self.messages)
 
     def thinned(self, most: int) -> Results:
         """Return at most `most` rows at equal distances, with the first; the same results if there are no more."""
@@ -167,10 +253,10 @@ class Results:
             return self
         size = stride * -(-_BLOCK // stride)
         parts = [
-            {kind: array[::stride].copy() for kind, array in block._data.items()}
+            {kind: array[::stride].copy() for kind, array in block.data.items()}
             for block in self.blocks(size)
         ]
-        data = {kind: np.concatenate([part[kind] for part in parts]) for kind in self._data}
+        data = {kind: np.concatenate([part[kind] for part in parts]) for kind in self.data}
         return Results(self.time[::stride], list(self._signals.values()), data, self.summary, self.messages)
 
     def blocks(self, rows: int) -> Iterator[Results]:
@@ -178,16 +264,18 @@ class Results:
         signals = list(self._signals.values())
         for first in range(0, len(self), rows):
             part = slice(first, first + rows)
-            yield Results(self.time[part], signals, {kind: array[part] for kind, array in self._data.items()})
-            for array in self._data.values():
+            yield Results(self.time[part], signals, {kind: array[part] for kind, array in self.data.items()})
+            for array in self.data.values():
                 if isinstance(array.base, mmap.mmap) and hasattr(mmap, "MADV_DONTNEED"):
                     array.base.madvise(mmap.MADV_DONTNEED)
 
     def write(self, path: str | Path) -> None:
-        """Write a file of results: in Parquet if its suffix is ``.parquet``, else as `to_csv`.
+        """Write a file of results: in Parquet if its suffix is ``.parquet``, else CSV.
 
-        A Parquet file has the same bits in a third of the room, the units and the summary as metadata, and no signal
-        that copies another; see `vdfmu.engine.cosim.parquet`.
+        The first line of CSV has the names, the second the units (``integer`` and ``boolean`` for these kinds), then
+        follows a line a communication point. Numbers have the shortest form that reads back to the same bits. The file
+        appears under its name only when it is complete. A Parquet file has the same bits in a third of the room, the
+        units and the summary as metadata, and no signal that copies another; see `vdfmu.engine.cosim.parquet`.
 
         Raises
         ------
@@ -197,18 +285,20 @@ class Results:
             The file cannot be written.
         """
         path = Path(path)
-        if path.suffix.lower() != ".parquet":
-            self.to_csv(path)
-            return
-        from vdfmu.engine.cosim.parquet import write_parquet
+        if path.suffix.lower() == ".parquet":
+            from vdfmu.engine.cosim.parquet import write_parquet
 
-        write_parquet(self, path)
+            write_parquet(self, path)
+        else:
+            from vdfmu.engine.cosim.csv_file import write_csv
+
+            write_csv(self, path)
 
     @classmethod
     def read(cls, path: str | Path) -> Results:
         """Read what `write` or a run wrote, with the copies of signals in the file.
 
-        A Parquet file has its summary too; for CSV see `from_csv`.
+        A Parquet file has its summary too, a CSV file the one in the ``summary.json`` beside it.
 
         Raises
         ------
@@ -216,71 +306,13 @@ class Results:
             The file is missing or of another form, or pyarrow is.
         """
         path = Path(path)
-        if path.suffix.lower() != ".parquet":
-            return cls.from_csv(path)
-        from vdfmu.engine.cosim.parquet import read_parquet
+        if path.suffix.lower() == ".parquet":
+            from vdfmu.engine.cosim.parquet import read_parquet
 
-        return read_parquet(path)
+            return read_parquet(path)
+        from vdfmu.engine.cosim.csv_file import read_csv
 
-    def to_csv(self, path: str | Path) -> None:
-        """Write all signals.
-
-        The first line has the names, the second the units (``integer`` and ``boolean`` for these kinds),
-        then follows a line a communication point. Numbers have the shortest form that reads back to the
-        same bits. The file appears under its name only when it is complete.
-
-        Raises
-        ------
-        VdfmuError
-            The file cannot be written.
-        """
-        signals = list(self._signals.values())
-        blocks = (slice(first, first + _BLOCK) for first in range(0, len(self.time), _BLOCK))
-        lines = (csv_lines(self.time[rows], signals, self._data, rows) for rows in blocks)
-        write_whole(Path(path), (text.encode() for text in chain([csv_head(signals)], lines)))
-
-    @classmethod
-    def from_csv(cls, path: str | Path) -> Results:
-        """Read what `to_csv` or a run wrote; UsageError when the file is missing or of another form.
-
-        What the ``summary.json`` beside it calls copies of signals in the file is among the results too.
-        """
-        path = Path(path)
-        try:
-            text = path.read_bytes().decode()
-        except (OSError, UnicodeDecodeError) as error:
-            raise UsageError(f"cannot read {path}: {getattr(error, 'strerror', None) or error}") from None
-        stream = io.StringIO(text, newline="")
-        reader = csv.reader(stream)
-        try:
-            names, units = next(reader), next(reader)
-        except (StopIteration, csv.Error):
-            raise UsageError(f"{path}: expected a line of names and a line of units") from None
-        if len(names) != len(units) or names[:1] != ["time"]:
-            raise UsageError(f"{path}: expected as many units as names, and 'time' as the first column")
-        body = stream.read()
-        try:
-            table = (
-                np.loadtxt(io.StringIO(body), delimiter=",", ndmin=2, comments=None)
-                if body.strip()
-                else np.empty((0, len(names)))
-            )
-        except ValueError as error:
-            raise UsageError(f"{path}: {error}") from None
-        if table.shape[1] != len(names):
-            raise UsageError(f"{path}: expected {len(names)} columns, got {table.shape[1]}")
-        signals: list[Signal] = []
-        chosen: dict[str, list[int]] = {kind: [] for kind in KINDS}
-        for index, (name, unit) in enumerate(zip(names[1:], units[1:], strict=True), start=1):
-            kind = unit if unit in KINDS[1:] else "real"
-            signals.append(Signal(name, kind, unit if kind == "real" else "", len(chosen[kind])))
-            chosen[kind].append(index)
-        data = {
-            kind: table[:, columns].astype(np.float64 if kind == "real" else np.int32)
-            for kind, columns in chosen.items()
-        }
-        signals, data = with_copies(signals, data, copies_beside(path))
-        return cls(table[:, 0].copy(), signals, data)
+        return read_csv(path)
 
 
 def copies_of(signals: Sequence[Signal]) -> dict[str, dict[str, str]]:
@@ -290,14 +322,6 @@ def copies_of(signals: Sequence[Signal]) -> dict[str, dict[str, str]]:
         if signal.of:
             found.setdefault(str(signal.late), {})[signal.name] = signal.of
     return found
-
-
-def copies_beside(path: Path) -> dict[str, tuple[str, int]]:
-    """Return signal to the one that it copies, and how many rows late: what ``summary.json`` beside a file says."""
-    try:
-        return copies_in(json.loads(path.with_name("summary.json").read_bytes()))
-    except (OSError, ValueError):  # none of ours
-        return {}
 
 
 def copies_in(summary: Any) -> dict[str, tuple[str, int]]:
@@ -337,38 +361,3 @@ def no_rows(path: Path, error: OSError) -> VdfmuError:
         f"{path}: the rows cannot be written: {error.strerror or error}. Free space, or choose another folder with "
         "--out."
     )
-
-
-def csv_head(signals: Sequence[Signal]) -> str:
-    """Return the lines of names and of units."""
-    head = ""
-    for row in (
-        ["time", *(s.name for s in signals)],
-        ["s", *(s.unit if s.kind == "real" else s.kind for s in signals)],
-    ):
-        line = io.StringIO()
-        csv.writer(line, lineterminator="\r\n").writerow(row)  # both of which are then quoted in names
-        head += line.getvalue().removesuffix("\r\n") + "\n"
-    return head
-
-
-def csv_lines(time: Floats, signals: Sequence[Signal], data: Mapping[str, NDArray[Any]], rows: slice) -> str:
-    """Return a line for each `time` and its row of `data`; numbers in their shortest form of the same bits."""
-    if not len(time):
-        return ""
-    texts = {kind: _texts(array[rows]) for kind, array in data.items()}
-    columns = [*_texts(time[:, None]), *(texts[s.kind][s.column] for s in signals)]
-    return "".join(line + "\n" for line in map(",".join, zip(*columns, strict=True)))
-
-
-def _texts(array: NDArray[Any]) -> list[list[str]]:
-    """Return the texts of the numbers of each column of an array (m, n)."""
-    if array.dtype.kind != "f" or not array.size:
-        return [list(map(str, column)) for column in array.T.tolist()]
-    # It takes a fifth of a second to import, and then a fifth of the time of Python's own texts.
-    from scipy.io import mmwrite
-
-    stream = io.BytesIO()
-    mmwrite(stream, array, symmetry="general")  # a head, then a line a number, column by column
-    texts = stream.getvalue().decode().splitlines()[-array.size :]
-    return [texts[first : first + len(array)] for first in range(0, array.size, len(array))]

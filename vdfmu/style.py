@@ -24,6 +24,7 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import ScalarFormatter
 
 from vdfmu.arrays import Floats
+from vdfmu.errors import UsageError
 from vdfmu.files import write_whole
 
 P = ParamSpec("P")
@@ -35,7 +36,7 @@ WIDTH = 8.0
 COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 """Okabe and Ito (2008), safe for colour-blind readers; their yellow is left out, too faint on white."""
 
-_DASHES = ("-", "--", "-.", ":")
+DASHES = ("-", "--", "-.", ":")
 _GREY = "#555555"
 _MARGIN = 0.1
 _PLAIN = range(-2, 4)  # decades that an axis shows without a power of ten
@@ -67,6 +68,7 @@ _RC: dict[str, Any] = {
     "ytick.color": _GREY,
     "xtick.labelcolor": "black",
     "ytick.labelcolor": "black",
+    "svg.hashsalt": "vdfmu",
     "figure.constrained_layout.h_pad": 0.06,
     "figure.constrained_layout.w_pad": 0.06,
     "figure.constrained_layout.hspace": 0.03,
@@ -177,7 +179,7 @@ def legend_beside(axes: Axes, handles: Sequence[Artist]) -> None:
 
 def joint_look(i: int) -> dict[str, Any]:
     """Return colour and dashes of joint `i`, from 0: a joint looks the same in every panel."""
-    return {"color": COLORS[i % len(COLORS)], "linestyle": _DASHES[i // len(COLORS) % len(_DASHES)]}
+    return {"color": COLORS[i % len(COLORS)], "linestyle": DASHES[i // len(COLORS) % len(DASHES)]}
 
 
 def joint_handles(joints: Sequence[int]) -> list[Line2D]:
@@ -209,20 +211,40 @@ def thin(time: Floats, values: Floats, buckets: int = 1000) -> tuple[Floats, Flo
 
 
 def save(figure: Figure, path: Path) -> Path:
-    """Write a figure as PNG; the same figure gives the same bytes. The folder is made if it is missing.
+    """Write a figure as PNG, SVG or PDF, by the suffix; the same figure gives the same bytes.
+
+    The folder is made if it is missing.
 
     Raises
     ------
     UsageError, VdfmuError
-        The file cannot be written.
+        The suffix is another one, or the file cannot be written.
     """
+    write = _WRITERS.get(path.suffix.lower())
+    if write is None:
+        raise UsageError(
+            f"{path}: expected a picture {', '.join(_WRITERS)}, got {path.suffix or 'no suffix'}."
+        )
     stream = io.BytesIO()
     with matplotlib.style.context(["default", _RC]):
-        # not by savefig, which draws all twice, for the layout first
-        FigureCanvasAgg(figure).print_png(
-            stream, metadata={"Software": None}, pil_kwargs={"compress_level": 3}
-        )
+        write(figure, stream)
     with contextlib.suppress(OSError):  # of which the writing then says more
         path.parent.mkdir(parents=True, exist_ok=True)
     write_whole(path, [stream.getvalue()])
     return path
+
+
+def _png(figure: Figure, stream: io.BytesIO) -> None:
+    # not by savefig, which draws all twice, for the layout first
+    FigureCanvasAgg(figure).print_png(stream, metadata={"Software": None}, pil_kwargs={"compress_level": 3})
+
+
+def _svg(figure: Figure, stream: io.BytesIO) -> None:
+    figure.savefig(stream, format="svg", metadata={"Date": None})
+
+
+def _pdf(figure: Figure, stream: io.BytesIO) -> None:
+    figure.savefig(stream, format="pdf", metadata={"CreationDate": None})
+
+
+_WRITERS: dict[str, Callable[[Figure, io.BytesIO], None]] = {".png": _png, ".svg": _svg, ".pdf": _pdf}

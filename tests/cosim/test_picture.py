@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from vdfmu.engine.cosim.results import Results, Signal
-from vdfmu.report.signals import PANELS, draw_signals, signals_figure
+from vdfmu.engine.picture import PANELS, draw_signals, signals_figure
 
 FACTS = {"system": "s", "package": "folder/s.ssp", "algorithm": "jacobi", "step": 1e-3}
 
@@ -95,7 +95,7 @@ def test_any_name_unit_and_value_can_be_drawn(tmp_path):
         *((f"a.v{i}", "real", "") for i in range(5)),
     )  # fmt: skip
     results.summary["system"] = r"A $\bad$ B " + 30 * "long "
-    data = results._data["real"]
+    data = results.data["real"]
     for column, values in enumerate((1e-310, 1.7e308, 5e-324, np.inf, np.nan), start=3):
         data[:, column] = np.where(results.time > 0.3, values, -1.0)
     figure = draw_signals(results)

@@ -1,0 +1,118 @@
+"""Reference pages made from the code: the command line, and the file of a scenario."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+import typer.main
+
+from vdfmu.cli.commands import app
+from vdfmu.scenario.schema import scenario_schema
+
+
+def command_line_page() -> str:
+    """Return the reference of all commands and options, in markdown."""
+    return "\n".join([_COMMANDS_HEAD, *_command("vdfmu", typer.main.get_command(app)), ""])
+
+
+def _command(name: str, command: Any) -> Iterator[str]:
+    inner: Mapping[str, Any] = getattr(command, "commands", {})
+    if name != "vdfmu":
+        yield f"\n{'#' * min(len(name.split()), 3)} {name}\n"
+        yield _plain(command.help or "")
+        example = re.search(r"\[bold\](.*)\[/bold\]", command.epilog or "")
+        if example:
+            yield f"\n```sh\n{example[1]}\n```"
+    arguments = [p for p in command.params if p.param_type_name == "argument"]
+    options = [p for p in command.params if p.param_type_name == "option" and "--help" not in p.opts]
+    for kind, parameters in (("argument", arguments), ("option", options)):
+        if parameters:
+            yield f"\n| {kind} | default | what it is |\n| --- | --- | --- |"
+            for parameter in parameters:
+                text = _plain(getattr(parameter, "help", "") or "")
+                yield f"| {_names(parameter)} | {_default(parameter)} | {text} |"
+    for word, below in inner.items():
+        yield from _command(f"{name} {word}", below)
+
+
+def _names(parameter: Any) -> str:
+    if parameter.param_type_name == "argument":
+        return f"`{parameter.metavar or parameter.name.upper()}`"
+    names = ", ".join(f"`{name}`" for name in (*parameter.opts, *parameter.secondary_opts))
+    metavar = (parameter.metavar or "").replace("|", r"\|")
+    return names + (f" `{metavar}`" if metavar else "")
+
+
+def _default(parameter: Any) -> str:
+    value = parameter.default
+    return "" if value in (None, False, "", ()) or callable(value) else f"`{value}`"
+
+
+def _plain(text: str) -> str:
+    """Return a text for a cell of a table."""
+    text = re.sub(r"\[/?bold\]", "", text)
+    return " ".join(text.split()).replace("|", r"\|").replace("<", "&lt;").replace("*", r"\*")
+
+
+def scenario_file_page() -> str:
+    """Return the reference of a scenario file, in markdown."""
+    schema = scenario_schema()
+    keys: Mapping[str, Any] = schema["properties"]
+    tables = {key: value for key, value in keys.items() if value.get("properties")}
+    top = {key: value for key, value in keys.items() if key not in tables}
+    lines = [_SCENARIO_HEAD, "## Top of the file", *_keys(top, schema["required"])]
+    for name, table in tables.items():
+        lines += [f"\n## [{name}]", *_keys(table["properties"], table["required"])]
+    return "\n".join([*lines, ""])
+
+
+def _keys(keys: Mapping[str, Any], required: list[str]) -> list[str]:
+    lines = ["", "| key | value | what it is |", "| --- | --- | --- |"]
+    for key, schema in keys.items():
+        must = ", needed" if key in required else ""
+        lines.append(f"| `{key}` | {_value(schema)}{must} | {_plain(schema.get('description', ''))} |")
+    return lines
+
+
+def _value(schema: Mapping[str, Any]) -> str:
+    if "anyOf" in schema:
+        return " or ".join(dict.fromkeys(_value(each) for each in schema["anyOf"]))
+    if "enum" in schema:
+        return ", ".join(f"`{value}`" for value in schema["enum"])
+    kind = schema.get("type", "")
+    if kind == "array":
+        return f"list: {_value(schema['items'])}"
+    bounds = [
+        f"{sign} {schema[key]:g}"
+        for key, sign in (
+            ("minimum", "≥"), ("exclusiveMinimum", ">"), ("maximum", "≤"), ("exclusiveMaximum", "<"),
+        )
+        if key in schema
+    ]  # fmt: skip
+    words = {"string": "text", "boolean": "true or false", "object": "table", "": "number or list"}
+    return " ".join([words.get(kind, kind), *([", ".join(bounds)] if bounds else [])])
+
+
+_COMMANDS_HEAD = """---
+hide: [toc]
+---
+
+# Command line
+
+This page is made from the commands themselves when the documentation is built. `vdfmu COMMAND --help` says the same.
+`vdfmu --install-completion` lets the shell complete commands and options.
+"""
+
+_SCENARIO_HEAD = """---
+hide: [toc]
+---
+
+# Scenario file
+
+This page is made from the schema of the file, `vdfmu models schema scenario`, when the documentation is built. A
+scenario is one TOML file: [The scenarios](scenarios.md) has those that are shipped. Beside the keys below it has a
+table for each component of its system, here those of the shipped one, with the component's parameters; one value
+stands for all joints. SI units, angles in rad.
+"""

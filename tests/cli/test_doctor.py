@@ -1,0 +1,64 @@
+"""What ``vdfmu doctor`` says, with and without packages."""
+
+from __future__ import annotations
+
+import tomllib
+from importlib.metadata import PackageNotFoundError
+from pathlib import Path
+
+from typer.testing import CliRunner
+
+from vdfmu.cli import doctor
+from vdfmu.cli.commands import app
+
+PROJECT = tomllib.loads((Path(__file__).parents[2] / "pyproject.toml").read_text())["project"]
+OURS = {"test", "bench", "docs", "dev"}
+
+
+def declared(_: str) -> list[str]:
+    extras = PROJECT["optional-dependencies"]
+    return [
+        *PROJECT["dependencies"],
+        *(f'{text}; extra == "{name}"' for name in extras for text in extras[name]),
+    ]
+
+
+def test_every_extra_of_a_user_has_what_is_not_there_without_it():
+    assert set(doctor.WITHOUT) == set(PROJECT["optional-dependencies"]) - OURS
+
+
+def test_what_is_missing_is_said_with_its_price_and_the_way_to_it(monkeypatch, tmp_path):
+    monkeypatch.setenv("VDFMU_CACHE_DIR", str(tmp_path))
+    monkeypatch.setattr(doctor, "requires", declared)
+    whole = CliRunner().invoke(app, ["doctor"])
+    assert whole.exit_code == 0
+    assert "Extra    sweep: pyarrow " in whole.output
+    assert f"Folder   {tmp_path}" in whole.output
+
+    def version(name: str) -> str:
+        if name in ("pyarrow", "casadi"):
+            raise PackageNotFoundError(name)
+        return "1.0"
+
+    monkeypatch.setattr(doctor, "version", version)
+    less = CliRunner().invoke(app, ["doctor"])
+    assert less.exit_code == 1
+    assert (
+        "Extra    parquet: pyarrow>=15 not installed: results are CSV, three times the size. " in less.output
+    )
+    assert "pip install 'vdfmu[sweep]'" in less.output
+    assert "error: casadi>=3.6.5 not installed, without which nothing runs" in less.output
+
+
+def test_the_shell_completes_names(monkeypatch):
+    def completed(words: str) -> list[str]:
+        variables = {
+            "COMP_WORDS": words,
+            "COMP_CWORD": str(len(words.split()) - 1),
+            "_VDFMU_COMPLETE": "complete_bash",
+        }
+        return CliRunner().invoke(app, [], prog_name="vdfmu", env=variables).output.split()
+
+    assert completed("vdfmu run two_joint") == ["two_joint", "two_joint_table5"]
+    assert completed("vdfmu run tracking --robot planar") == ["planar_2dof"]
+    assert completed("vdfmu doc") == ["doctor"]

@@ -1,0 +1,81 @@
+"""``vdfmu doctor``: what is installed, what a missing package costs, and where the cache is."""
+
+from __future__ import annotations
+
+import os
+import platform
+import re
+import sys
+from importlib.metadata import PackageNotFoundError, requires, version
+
+import typer
+
+WITHOUT = {
+    "native": "FMUs are in Python: a run takes some 20 times as long, and they run only where vdfmu is installed",
+    "parquet": "results are CSV, three times the size",
+    "sweep": "no parameter studies (vdfmu sweep) and no tuning",
+    "federate": "a system runs in one process only",
+    "notebook": "no to_pandas(), no to_xarray(), no bars in a notebook",
+    "robots": "no robots from MJCF; those from URDF need nothing",
+}
+"""Extra of the package that a user installs, and what is not there without it."""
+_REQUIREMENT = re.compile(r"([\w.-]+)(?:\[([\w,.-]+)\])?(.*)")
+
+
+def doctor() -> None:
+    """Say what is installed, what a missing compiler or extra costs, and where the cache is."""
+    from vdfmu import __version__
+    from vdfmu.cli.cache import say_cache
+    from vdfmu.cli.terminal import say
+    from vdfmu.errors import FmuError
+    from vdfmu.fmu.native.compile import compiler_version, native_available
+    from vdfmu.fmu.native.platforms import this_platform
+
+    try:
+        here = this_platform()
+    except FmuError as error:
+        here = f"{platform.system()} on {platform.machine()}: {error}"
+    say(f"vdfmu {__version__}, Python {platform.python_version()} ({sys.executable})")
+    say(f"Machine  {here}, {os.cpu_count()} processors")
+    packages, missing = installed("")
+    say(f"Needs    {', '.join(packages)}")
+    if native_available():
+        say(f"Compiler {compiler_version()}: native FMUs for this and all other platforms")
+    for extra, without in WITHOUT.items():
+        there, lacks = installed(extra)
+        if not there + lacks:  # of an installation before this version
+            lacks = ["it is"]
+        if lacks:
+            say(
+                f"Extra    {extra}: {', '.join(lacks)} not installed: {without}. pip install 'vdfmu[{extra}]'"
+            )
+        else:
+            say(f"Extra    {extra}: {', '.join(there)}")
+    say_cache()
+    if missing:
+        say(f"error: {', '.join(missing)} not installed, without which nothing runs: install vdfmu again")
+        raise typer.Exit(1)
+
+
+def installed(extra: str) -> tuple[list[str], list[str]]:
+    """Return the packages of an extra, or those that are always needed: ``name version``, and the names not there."""
+    there: list[str] = []
+    missing: list[str] = []
+    for text in requires("vdfmu") or []:
+        requirement, _, condition = (part.strip() for part in text.partition(";"))
+        wanted = re.search(r"extra == ['\"]([\w-]+)['\"]", condition)
+        if (wanted[1] if wanted else "") != extra:
+            continue
+        found = _REQUIREMENT.match(requirement)
+        assert found
+        if found[1] == "vdfmu":
+            for inner in found[2].split(","):
+                parts = installed(inner)
+                there += parts[0]
+                missing += parts[1]
+            continue
+        try:
+            there.append(f"{found[1]} {version(found[1])}")
+        except PackageNotFoundError:
+            missing.append(requirement)
+    return there, missing
