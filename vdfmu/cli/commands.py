@@ -12,7 +12,20 @@ from typing import Annotated
 import typer
 
 from vdfmu import __version__
-from vdfmu.cli import cache, doctor, files, identify, margins, models, modes, robots, runs, sweeps, tunes, units
+from vdfmu.cli import (
+    cache,
+    doctor,
+    files,
+    identify,
+    margins,
+    models,
+    modes,
+    robots,
+    runs,
+    sweeps,
+    tunes,
+    units,
+)
 from vdfmu.cli.terminal import console, fail
 from vdfmu.errors import ModelError, SspError, UsageError, VdfmuError
 from vdfmu.once import one_job

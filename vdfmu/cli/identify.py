@@ -59,7 +59,7 @@ def identify(
     say_notes(found.advice)
     if plot is not None:
         from vdfmu.report.identify import draw_torques
-        from vdfmu.report.style import save
+        from vdfmu.style import save
 
         title = f"Identification of {arm.name} from {log.name}"
         units = tuple("N" if kind == "prismatic" else "N.m" for kind in arm.joint_types)

@@ -112,7 +112,7 @@ def _draw_bode(robot: Robot, q: list[float], joint: int, dry: bool, target: Path
     from vdfmu.analysis.space import linearize
     from vdfmu.errors import UsageError
     from vdfmu.report.modes import draw_bode
-    from vdfmu.report.style import save
+    from vdfmu.style import save
 
     if not 1 <= joint <= robot.n:
         raise UsageError(f"--bode {joint}: expected a joint, 1 to {robot.n}.")

@@ -53,8 +53,10 @@ class Identified:
         With standard deviations, and the values of the robot file.
     held : mapping of str to str
         What is not identified and keeps its value: why, and the way out.
+    torque_level : (n,) array [N.m or N]
+        Root mean square of the spring torques.
     stiffness, stiffness_deviation : (n,) arrays [N.m/rad or N/m]
-        Of the springs, link-side: torque by deformation at the root mean square of the spring torques.
+        Of the springs, link-side: torque by deformation at that torque.
     delay : float [s]
         By which torques are later than positions.
     band : float [Hz]
@@ -72,6 +74,7 @@ class Identified:
     deviation: Floats
     nominal: Floats
     held: Mapping[str, str]
+    torque_level: Floats
     stiffness: Floats
     stiffness_deviation: Floats
     delay: float
@@ -134,10 +137,10 @@ def identify(log: Log, robot: Robot, *, band: float | None = None) -> Identified
     problem, rows, t, band = _prepare(log, robot, band)
     x, covariance, held = solve(problem)
     errors, shown, deviation = problem.errors(x), problem.shown, np.sqrt(np.diag(covariance))
-    stiffness, slopes = problem.stiffness(x)
+    level, stiffness, slopes = problem.stiffness(x)
     return Identified(
         tuple(problem.names), tuple(problem.units), x[:shown], deviation[:shown], problem.start[:shown], held,
-        stiffness, np.sqrt(np.einsum("ij,jk,ik->i", slopes, covariance, slopes)),
+        level, stiffness, np.sqrt(np.einsum("ij,jk,ik->i", slopes, covariance, slopes)),
         float(x[problem.places["delay"]][0]), band, t[rows], problem.tau, errors[0],
         errors[1] if len(errors) > 1 else None, problem.base,
     )  # fmt: skip

@@ -103,8 +103,8 @@ class Problem:
         stretch[:, each, at["offset"].start + each] = -1.0
         return [torque, stretch]
 
-    def stiffness(self, x: Floats) -> tuple[Floats, Floats]:
-        """Secant stiffness (n,) at the root mean square of the spring torques, and its slopes (n, p)."""
+    def stiffness(self, x: Floats) -> tuple[Floats, Floats, Floats]:
+        """Root mean square of the spring torques, secant stiffness there, (n,) each, and its slopes (n, p)."""
         torque = np.sqrt(np.mean(self._springs(x) ** 2, axis=0))
         slopes = np.zeros((self.robot.n, len(x)))
 
@@ -116,7 +116,7 @@ class Problem:
                 ends = [x.copy(), x.copy()]
                 ends[0][k], ends[1][k] = 1.00001 * x[k], 0.99999 * x[k]
                 slopes[:, k] = (secant(ends[0]) - secant(ends[1])) / (2e-5 * x[k])
-        return secant(x), slopes
+        return torque, secant(x), slopes
 
     def _dry(self, x: Floats) -> tuple[Floats, Floats, Floats]:
         """Sign and Stribeck share of the friction (54), and the velocity, (m, n) each."""

@@ -18,7 +18,7 @@ from vdfmu.model.parameters import PARAMETERS
 from vdfmu.robots.write import toml_value
 
 _SMALL = 1e-3
-"""Of a parameter that is 0, as a share of its largest among the links: its size."""
+"""Of a parameter that is 0, as a share of the largest of its kind in the link: its size."""
 _OWN = 0.1
 """How much easier all parameters of a link change by the same factor than each by itself."""
 
@@ -68,7 +68,9 @@ def _links(found: Identified, robot: Robot) -> dict[str, Floats]:
     """Mass, centre of mass and inertia of the links, with the base parameters and nearest to the robot file."""
     phi = body_parameters(robot)
     table = np.abs(phi).reshape(-1, 10)
-    sizes = np.maximum(table, _SMALL * table.max(axis=0)).ravel()
+    kinds = np.hstack([table[:, [0]], *(table[:, part].max(axis=1, keepdims=True).repeat(k, axis=1)
+                                        for part, k in ((slice(1, 4), 3), (slice(4, 10), 6)))])  # fmt: skip
+    sizes = np.maximum(table, _SMALL * np.maximum(kinds, _SMALL)).ravel()
     together = np.repeat(np.eye(robot.n), 10, axis=0) * phi[:, None]
     ways = np.hstack([_OWN * np.diag(sizes), together])
     base = np.array(found.values[len(found.names) - len(found.base.names) :])

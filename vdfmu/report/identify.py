@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from matplotlib.figure import Figure
 
+from vdfmu import style
 from vdfmu.arrays import Floats
-from vdfmu.report import style
 
 
 @style.styled
