@@ -33,7 +33,7 @@ def run(tmp_path_factory):
     out = tmp_path_factory.mktemp("run")
     vdfmu.run(
         "planar_tracking", units={"trajectory": Multisine}, stop=60.0, reference=False, out=out, overwrite=True,
-        settings={"trajectory.q_start": START, "plant.q_0": START, "trajectory.size": 0.8},
+        settings={"trajectory.q_start": START, "plant.q_0": START, "trajectory.size": 0.4, "trajectory.f": 0.07},
     )  # fmt: skip
     return out
 
@@ -90,6 +90,7 @@ def test_noisy_logs_give_the_truth_within_a_per_cent(clean, robot, guess):
     assert found.delay == pytest.approx(0.5e-3, abs=0.1e-3)
 
 
+@pytest.mark.heavy
 def test_a_log_without_noise_leaves_what_the_method_does(clean, robot, guess):
     found = identify(clean, guess)
     true = np.array(found.of(robot))
@@ -109,23 +110,22 @@ def test_intervals_cover_the_truth(clean, robot, guess):
         for name, t, a, b in zip(found.names, found.of(robot), low, high, strict=True):
             if name not in found.held:
                 inside.append(a <= t <= b)
-    # 8 x 22 intervals, those of one log correlated: as 60 independent ones, 0.95 has a deviation of 0.03; the method's
+    # 8 x 21 intervals, those of one log correlated: as 60 independent ones, 0.95 has a deviation of 0.03; the method's
     # own error, half a deviation of the noise, takes it to 0.92
     assert np.mean(inside) > 0.83, np.mean(inside)
 
 
+@pytest.mark.heavy
 def test_without_link_positions_the_springs_are_kept_and_said(clean, robot):
     found = identify(clean._replace(q=None), robot)
     assert not any(name.startswith("K_") for name in found.names)
     assert "log them by encoders behind the gears" in found.advice[0]
     true = dict(zip(found.names, found.of(robot), strict=True))
     values = dict(zip(found.names, found.values, strict=True))
-    # the rotors' inertia is not told from the links' below the resonance: their sum is
-    assert values["f_c[1]"] == pytest.approx(true["f_c[1]"], rel=0.01)
-    assert values["mx2"] == pytest.approx(true["mx2"], rel=0.01)
-    assert {"I_m[1]", "I_m[2]"} & set(found.held) or values["I_m[1]"] == pytest.approx(
-        true["I_m[1]"], rel=0.05
-    )
+    assert {"I_m[1]", "I_m[2]"} <= set(found.held) and "told from their inertia" in found.held["I_m[1]"]
+    # links lie by the springs of the robot file, quasi-static: of their accelerations a per cent of the deformation's
+    for name in ("f_c[1]", "f_s[2]", "mx2", "Izz2", "Izz1 + 0.25 m2"):
+        assert values[name] == pytest.approx(true[name], rel=0.01), name
 
 
 def test_what_a_motion_cannot_tell_is_kept_with_the_way_out(clean, guess):
@@ -136,6 +136,7 @@ def test_what_a_motion_cannot_tell_is_kept_with_the_way_out(clean, guess):
     assert "log larger torques" in found.held["c_f[2]"] and "correlation with K_" in found.held["c_f[2]"]
 
 
+@pytest.mark.heavy
 def test_the_command_writes_a_robot_that_says_where_it_is_from(clean, robot, guess, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "guess.toml").write_text(robot_text(guess, "a guess"))
@@ -188,6 +189,7 @@ def test_a_file_of_the_kuka_data_set_is_read(tmp_path):
         read_log(tmp_path / "other.mat", robot)
 
 
+@pytest.mark.heavy
 def test_a_parquet_file_of_a_run_is_read_like_its_csv(run, clean, robot, tmp_path):
     from vdfmu.engine.cosim import Results
 

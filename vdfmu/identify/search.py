@@ -10,7 +10,7 @@ from scipy.optimize import least_squares
 from vdfmu.arrays import Floats
 from vdfmu.identify.problem import Problem
 
-_UNKNOWN = 0.15
+_UNKNOWN = 0.1
 """Standard deviation, relative, from which on a parameter is not identified."""
 _ROUNDS = 3
 """Of weights."""
@@ -30,6 +30,11 @@ def solve(problem: Problem) -> tuple[Floats, Floats, dict[str, str]]:
         problem.names[i]: "0 in the robot file, where the search would start; give a value"
         for i in np.flatnonzero(~free)
     }
+    if problem.stretch is None:
+        rotors = range(problem.places["I_m"].start, problem.places["I_m"].stop)
+        free[rotors] = False
+        why = "without positions of links it cannot be told from their inertia; log them by encoders behind the gears"
+        held |= {problem.names[i]: why for i in rotors}
     sizes = _sizes(problem)
     weights = _weights(problem, x, free, sizes)
     while True:
