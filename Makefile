@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 PIP_INSTALL := -m pip install --quiet --disable-pip-version-check
 
-.PHONY: demo test test-all hostile bench docs lint sbom audit lock clean
+.PHONY: demo test test-all hostile bench docs lint sbom audit lock vendor clean
 
 demo: $(VENV)/demo  ## run the paper's tracking simulation (Section IV-B)
 	$(BIN)/vdfmu run tracking
@@ -22,7 +22,7 @@ bench: $(VENV)/bench  ## measure times and growth exponents
 	$(BIN)/python -m benchmarks
 
 docs: $(VENV)/docs  ## build the documentation into site/; a warning is an error
-	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
+	$(BIN)/python docs/make.py
 
 lint: $(VENV)/dev  ## ruff and pyright
 	$(BIN)/ruff check .
@@ -45,6 +45,11 @@ audit: $(VENV)/supply  ## ask for known vulnerabilities of the versions in const
 
 lock: $(VENV)/supply  ## choose the versions and write their hashes; LOCK=--upgrade takes the newest
 	$(VENV)/tools/bin/python requirements/lock.py $(LOCK)
+
+# Needs node and npm; nothing else does. The versions are those of requirements/web/package-lock.json, held against hashes.
+vendor:  ## pack three.js and uPlot, which the pages of runs are drawn with, into the package
+	npm --prefix requirements/web ci --ignore-scripts --no-audit --no-fund
+	node requirements/web/build.mjs
 
 clean:  ## remove the environment and all that was built
 	rm -rf $(VENV) build dist site results .pytest_cache .ruff_cache .hypothesis

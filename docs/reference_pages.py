@@ -53,7 +53,13 @@ def _default(parameter: Any) -> str:
 def _plain(text: str) -> str:
     """Return a text for a cell of a table."""
     text = re.sub(r"\[/?bold\]", "", text)
-    return " ".join(text.split()).replace("|", r"\|").replace("<", "&lt;").replace("*", r"\*")
+    return (
+        " ".join(text.split())
+        .replace("|", r"\|")
+        .replace("<", "&lt;")
+        .replace("*", r"\*")
+        .replace("[", r"\[")
+    )
 
 
 def scenario_file_page() -> str:

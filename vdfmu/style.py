@@ -15,7 +15,6 @@ from pathlib import Path
 from typing import Any, ParamSpec
 
 import matplotlib.style
-import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -26,6 +25,7 @@ from matplotlib.ticker import ScalarFormatter
 from vdfmu.arrays import Floats
 from vdfmu.errors import UsageError
 from vdfmu.files import write_whole
+from vdfmu.thinning import extremes
 
 P = ParamSpec("P")
 
@@ -95,7 +95,7 @@ def new_figure(
     Title and, in a line of its own, a legend stand above that space, the caption below: neither hides
     data.
     """
-    figure = Figure(figsize=(width, height), dpi=DPI, layout="constrained")
+    figure = _Picture(figsize=(width, height), dpi=DPI, layout="constrained")
     FigureCanvasAgg(figure)
     left = _MARGIN / width
     figure.text(left, 1.0 - _MARGIN / height, title, va="top", fontsize=12.0, fontweight="bold")
@@ -198,16 +198,20 @@ def thin(time: Floats, values: Floats, buckets: int = 1000) -> tuple[Floats, Flo
     So no peak is lost, and a curve of many points looks the same at the resolution of the picture.
     Up to ``2 * buckets`` points all are kept.
     """
-    m = len(values)
-    if m <= 2 * buckets:
+    if len(values) <= 2 * buckets:
         return time, values
-    edges = np.linspace(0, m, buckets + 1).astype(int)
-    first, last = edges[:-1, None], edges[1:, None]
-    places = np.minimum(first + np.arange(np.max(last - first)), last - 1)  # the last repeats in shorter ones
-    low, high = np.where(np.isnan(values), [[np.inf], [-np.inf]], values)
-    extremes = [np.argmin(low[places], axis=1), np.argmax(high[places], axis=1)]
-    rows = np.unique([0, m - 1, *(first[:, 0] + extremes).ravel()])
+    rows = extremes(values, buckets)
     return time[rows], values[rows]
+
+
+class _Picture(Figure):
+    """A figure that a notebook shows, also without pyplot."""
+
+    def _repr_png_(self) -> bytes:
+        stream = io.BytesIO()
+        with matplotlib.style.context(["default", _RC]):
+            _png(self, stream)
+        return stream.getvalue()
 
 
 def save(figure: Figure, path: Path) -> Path:

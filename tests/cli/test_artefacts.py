@@ -27,6 +27,7 @@ READERS = {
     "federate",
     "models",
     "modes",
+    "report",
     "robot",
     "simulate",
     "sweep",

@@ -84,11 +84,11 @@ def _read(end: int) -> bytes:
 def test_the_rate_is_shown(monkeypatch):
     from rich.console import Console
 
-    from vdfmu.cli import terminal
+    from vdfmu import bars as module
 
     shown = Console(file=io.StringIO(), force_terminal=True, width=120)
-    monkeypatch.setattr(terminal, "errors", shown)
-    with terminal.Bars() as bars:
+    monkeypatch.setattr(module, "errors", shown)
+    with module.Bars() as bars:
         for done in range(5):
             bars.update("points", done, 5)
             time.sleep(0.01)

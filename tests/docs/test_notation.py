@@ -119,7 +119,7 @@ def test_a_parameter_of_the_robot_has_the_shape_unit_and_equation_of_the_table(n
 
 def test_the_page_of_the_robot_file_has_every_key(monkeypatch):
     monkeypatch.syspath_prepend(DOCS)
-    page = importlib.import_module("hooks").robot_file_page()
+    page = importlib.import_module("interface_pages").robot_file_page()
     for row in PARAMETERS.values():
         section = page.split(f"## [{row.table}]" if row.per_joint or row.table else "## Top")[-1]
         section = page.split("## [[joints]]")[-1] if row.table == "joints" else section
@@ -139,6 +139,6 @@ def test_the_pages_of_the_command_line_and_the_scenario_file_have_every_name(mon
         "| `PACKAGE` |",
     ):
         assert option in commands
-    assert "| `stop` | number > 0, needed | End of the run [s] |" in keys
+    assert "| `stop` | number > 0, needed | End of the run \\[s] |" in keys
     table = keys.split("## [controller]")[1].split("\n## ")[0]
     assert "| `velocity` | `kappa_dot`, `q_dot`, `mixed` |" in table

@@ -39,6 +39,7 @@ app = typer.Typer(
 for function, example in (
     (runs.run, "vdfmu run tracking --set controller.K_p=1500 --out results/soft"),
     (runs.simulate, "vdfmu simulate tracking.ssp --master jacobi --out results/jacobi"),
+    (runs.report, "vdfmu report results/tracking results/soft"),
     (runs.federate, "vdfmu federate tracking.ssp --split plant --split feedforward,controller"),
     (
         tunes.tune,

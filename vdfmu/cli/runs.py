@@ -294,6 +294,31 @@ def federate(
     )  # fmt: skip
 
 
+def report(
+    folders: Annotated[
+        list[Path] | None,
+        typer.Argument(
+            metavar="[DIR ...]",
+            help="Folders of runs; several are compared on one page. Default: the newest in results.",
+            show_default=False,
+        ),
+    ] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            help="File to write; default report.html in the folder, of several comparison.html beside it."
+        ),
+    ] = None,
+) -> None:
+    """Write the page of a run, or of several beside each other: one file, which any browser opens."""
+    from vdfmu.report.page import NAME, newest_run, read_run, write_report
+
+    folders = folders or [newest_run(Path("results"))]
+    runs = [read_run(folder) for folder in folders]
+    default = folders[0] / NAME if len(runs) == 1 else folders[0].parent / "comparison.html"
+    say(f"Written to {write_report(runs, out or default)}")
+
+
 def _run_package(
     package: Path,
     out: Path | None,

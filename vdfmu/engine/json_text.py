@@ -10,9 +10,9 @@ from typing import Any, cast
 import numpy as np
 
 
-def to_json(summary: Mapping[str, Any]) -> str:
+def to_json(summary: Mapping[str, Any], indent: int | None = 2) -> str:
     """Return a summary as JSON, which has no NaN and no infinity: they become the texts "nan", "inf" and "-inf"."""
-    return json.dumps(_portable(summary), indent=2, allow_nan=False)
+    return json.dumps(_portable(summary), indent=indent, allow_nan=False)
 
 
 def _portable(value: Any) -> Any:

@@ -1,4 +1,4 @@
-"""The frame of a page, of an FMU, a package or a parameter study, that needs no other file and no network."""
+"""The frame of a page, of an FMU, a package, a run or a parameter study, that needs no other file and no network."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ img { max-width: 100%; display: block; margin: 1rem 0; }
 """
 
 
-def page(title: str, what: str, body: str, width: int) -> bytes:
-    """Return a page of a width [rem] with its title, a line on what it is about, and HTML."""
+def page(title: str, what: str, body: str, width: int, head: str = "") -> bytes:
+    """Return a page of a width [rem] with its title, a line on what it is about, and HTML, also for its head."""
     return f"""<!DOCTYPE html>
 <html lang="en">
 <head>
@@ -29,7 +29,7 @@ def page(title: str, what: str, body: str, width: int) -> bytes:
 <meta name="viewport" content="width=device-width">
 <title>{escape(title)}</title>
 <style>{_STYLE}body {{ max-width: {width}rem; }}
-</style>
+</style>{head}
 </head>
 <body>
 <h1>{escape(title)}</h1>

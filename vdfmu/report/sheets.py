@@ -73,6 +73,23 @@ def tracking_sheet(summary: Summary) -> Sheet:
     return Sheet("Tracking and compensation errors", tuple(columns), _rows(cells), notes)
 
 
+def comparison_sheet(names: Sequence[str], summaries: Sequence[Summary]) -> list[Sheet]:
+    """Return a table for each error that several runs have, a column a run; empty where fewer than two have it."""
+    made: list[Sheet] = []
+    for heading, key, unit_key in _TRACKING:
+        found = [(name, one) for name, one in zip(names, summaries, strict=True) if one.get(key)]
+        if len(found) < 2:
+            continue
+        n = max(len(one[key]) for _, one in found)
+        columns, cells = ["Joint"], [[str(i + 1) for i in range(n)]]
+        for name, one in found:
+            label, values = _with_units(name, one[key], _units(one, unit_key, len(one[key])))
+            columns.append(label)
+            cells.append(values + [_NONE] * (n - len(values)))
+        made.append(Sheet(heading.replace("\n", " "), tuple(columns), _rows(cells), []))
+    return made
+
+
 _ESTIMATION = {
     "Torque\nRMS": "rms_spring_torque_nm",
     "As printed\nRMS error": "rms_tau_f_hat_error_nm",

@@ -6,9 +6,11 @@ import base64
 from collections.abc import Mapping
 from html import escape
 from itertools import groupby
+from pathlib import Path
 from typing import Any
 
-from vdfmu.engine.ssp.parse import NAMESPACES
+from vdfmu.engine.ssp.parse import NAMESPACES, parse_xml
+from vdfmu.files import read_member
 
 _COLOURS = ("#1f4e79", "#d9730d", "#2e7d4f", "#8e3b8c")
 _ICON = 10.0
@@ -21,6 +23,24 @@ svg.system { font-family: system-ui, sans-serif; max-width: 100%; height: auto; 
 .system .wire { fill: none; stroke-width: .5; stroke-linejoin: round; }
 .system .open { fill: #ffffff; stroke: #57606a; stroke-width: .4; }
 """
+
+
+def system_diagram(package: Path) -> str:
+    """Return the picture of the system in a package; empty where there is none, or not all of it has a place."""
+    data = read_member(package, "SystemStructure.ssd")
+    if data is None:
+        return ""
+    ssd = parse_xml(data, str(package))
+    places = [ssd.find("ssd:System/ssd:SystemGeometry", NAMESPACES)]
+    sources: set[str] = set()
+    for component in ssd.iterfind("ssd:System/ssd:Elements/*", NAMESPACES):
+        geometry = component.find("ssd:ElementGeometry", NAMESPACES)
+        places += [geometry, *(c.find("*") for c in component.iterfind("ssd:Connectors/*", NAMESPACES))]
+        sources |= set() if geometry is None else {geometry.get("iconSource", "")}
+    if any(place is None for place in places):
+        return ""
+    icons = {source: read_member(package, source) for source in sources if source}
+    return draw_system(ssd, {source: icon for source, icon in icons.items() if icon is not None})
 
 
 def draw_system(ssd: Any, icons: Mapping[str, bytes]) -> str:

@@ -12,7 +12,6 @@ from typing import Any
 
 import numpy as np
 
-from vdfmu import __version__
 from vdfmu.engine.algorithms import ALGORITHMS, count_steps
 from vdfmu.engine.cosim import Interrupted, LogMessage, Results, simulate
 from vdfmu.engine.cosim.inputs import Inputs, read_inputs
@@ -32,6 +31,8 @@ from vdfmu.fmu.build import build_notes, choose_backend
 from vdfmu.model import Robot, load_robot
 from vdfmu.once import one_job
 from vdfmu.progress import Progress, Shown, called, showing, with_bars
+from vdfmu.report.content import arm_of
+from vdfmu.report.page import NAME, Run, write_report
 from vdfmu.scenario import Scenario, load_scenario
 from vdfmu.scenario.check import model_notes
 from vdfmu.scenario.parts import cached_fmus
@@ -48,6 +49,7 @@ from vdfmu.study.summary import (
     has_signals,
     implied_gains,
     power_bond,
+    run_facts,
     sampling_warnings,
     tracking_errors,
 )
@@ -63,6 +65,7 @@ RUN_OUTPUTS = (
     ),
     "signals.svg",
     "signals.pdf",
+    NAME,
 )
 """Files that the run of a scenario writes and replaces."""
 _VISIBLE = 1e-3
@@ -243,12 +246,13 @@ def run(
             built = cached_fmus(scenario, fmus, backend, fmi_version)
             package = write_ssp(scenario, built, partial / "system.ssp", values, mixed=True)
         report("build", 1, 1)
-        summary = _head(scenario) | {
+        summary = run_facts(scenario) | {
             "backend": backend,
             "fmi": fmi_version,
             "settings": text_settings,
             "warnings": warnings,
             "left_out": list(scenario.system.dropped),
+            "arm": arm_of(scenario.robot, values.get("plant", {})),
         }
         try:
             results = _simulate(
@@ -277,7 +281,7 @@ def run(
             from vdfmu.engine.picture import signals_figure
 
             signals_figure(results.thinned(DRAWN), partial, pictures=pictures)
-        write_summary(summary, partial)
+        _write(results, scenario, partial)
         return results
 
 
@@ -295,12 +299,18 @@ def _run_contrast(
 
     study = contrast(scenario)
     results = study.results()
-    results.summary = _head(scenario) | study.summary(dict(scenario.paper))
+    results.summary = run_facts(scenario) | study.summary(dict(scenario.paper))
     for form in formats:
         results.write(folder / f"results.{form}")
     run_figures(study, scenario, folder, pictures)
-    write_summary(results.summary, folder)
+    _write(results, scenario, folder)
     return results
+
+
+def _write(results: Results, scenario: Scenario, folder: Path) -> None:
+    """Write the page and the summary of a complete run."""
+    write_report([Run(scenario.name, results, results.summary, folder / "system.ssp")], folder / NAME)
+    write_summary(results.summary, folder)
 
 
 def _references(
@@ -363,20 +373,3 @@ def _separation(
     parameters = {f"plant.{name}": (1.0 + _NUDGE) * inertia for name, inertia in inertias.items()}
     nudged = _simulate(scenario, package, record=["plant.q[*]"], parameters=parameters)
     return float(np.abs(nudged["plant.q"] - results["plant.q"]).max())
-
-
-def _head(scenario: Scenario) -> dict[str, Any]:
-    return {
-        "scenario": scenario.name,
-        "kind": scenario.kind,
-        "robot": scenario.robot.name,
-        "friction": scenario.robot.friction,
-        "joints": scenario.robot.n,
-        "vdfmu": __version__,
-        "master": scenario.master,
-        "adaptive": scenario.adaptive,
-        "step": scenario.step,
-        "stop": scenario.stop,
-        "tolerance": scenario.tolerance,
-        "inputs": [table.where for table in scenario.inputs],
-    }

@@ -2,19 +2,50 @@
 
 from __future__ import annotations
 
+import platform
 from collections.abc import Iterable, Mapping
+from importlib.metadata import version
 from typing import Any
 
 import numpy as np
 
+from vdfmu import __version__
 from vdfmu.engine.cosim.results import Results
 from vdfmu.measure import unit_of
 from vdfmu.model import Robot
+from vdfmu.scenario import Scenario
 from vdfmu.study.reference import BLOCK, REFERENCE_OF, Reference
 
 _SAMPLING_LIMIT = 0.5
 _COMPARED = ("plant.q", "controller.tau", "feedforward.tau_m")
 _ESTIMATES = ("tau_f_hat", "tau_s_hat")
+
+
+def run_facts(scenario: Scenario) -> dict[str, Any]:
+    """Return what is known of a run before it begins, and with which versions it is made."""
+    return {
+        "scenario": scenario.name,
+        "kind": scenario.kind,
+        "robot": scenario.robot.name,
+        "friction": scenario.robot.friction,
+        "joints": scenario.robot.n,
+        "vdfmu": __version__,
+        "versions": _versions(),
+        "master": scenario.master,
+        "adaptive": scenario.adaptive,
+        "step": scenario.step,
+        "stop": scenario.stop,
+        "tolerance": scenario.tolerance,
+        "inputs": [table.where for table in scenario.inputs],
+        "plant_factors": {key: np.asarray(f).tolist() for key, f in scenario.plant_factors.items()},
+    }
+
+
+def _versions() -> dict[str, str]:
+    """Versions of what the numbers of a run depend on, beside the package's."""
+    return {"Python": platform.python_version()} | {
+        name: version(name) for name in ("numpy", "scipy", "casadi", "fmpy")
+    }
 
 
 def has_signals(results: Results, *groups: str) -> bool:

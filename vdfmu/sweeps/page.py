@@ -14,6 +14,7 @@ import numpy as np
 from vdfmu.errors import UsageError
 from vdfmu.files import write_whole
 from vdfmu.fmu.page import page, table
+from vdfmu.report.page import look
 from vdfmu.sweeps.indices import indices
 from vdfmu.sweeps.plots import plot
 from vdfmu.sweeps.table import Sweep
@@ -76,7 +77,7 @@ def write_page(study: Sweep, path: Path | None = None) -> Path:
         ]
     with suppress(OSError):  # of which the writing then says more
         path.parent.mkdir(parents=True, exist_ok=True)
-    write_whole(path, [page(str(facts["scenario"]), "Parameter study", "\n".join(parts), 60)])
+    write_whole(path, [page(str(facts["scenario"]), "Parameter study", "\n".join(parts), 60, look())])
     return path
 
 
@@ -116,7 +117,8 @@ def _of_measure(study: Sweep, name: str) -> Iterable[str]:
 
 
 def _table(heads: tuple[str, ...], rows: Iterable[list[str]]) -> str:
-    return table(heads, ([escape(one) for one in row] for row in rows), ("",) * len(heads))
+    cells = ([escape(one) for one in row] for row in rows)
+    return f'<div class="wide">{table(heads, cells, ("",) * len(heads))}</div>'
 
 
 def _unit(unit: str) -> str:

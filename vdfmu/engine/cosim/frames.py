@@ -67,7 +67,10 @@ def _unit(results: Results, group: str) -> str:
 def contents(results: Results) -> Listing:
     """Return the table of contents; see `Results.contents`."""
     rows: list[tuple[Any, ...]] = []
+    copies = {signal.name for signal in results.signals if signal.of}
     for group, elements in results.groups.items():
+        if copies.issuperset(elements.values()):
+            continue
         columns = [results[name] for name in elements.values()]
         ends = (
             (float(min(map(np.min, columns))), float(max(map(np.max, columns)))) if len(results) else ("", "")
@@ -76,8 +79,13 @@ def contents(results: Results) -> Listing:
     about = results.summary.get("scenario") or results.summary.get("system")
     of = f" of {about}" if about else ""
     span = f" from {results.time[0]:g} to {results.time[-1]:g} s" if len(results) else ""
-    title = f"Results{of}: {len(results.names)} signals, {len(results)} rows{span}"
-    return Listing(title, ("signal", "shape", "unit", "least", "largest"), rows)
+    title = f"Results{of}: {len(results.names) - len(copies)} signals, {len(results)} rows{span}"
+    note = (
+        (f"{len(copies)} more copy one of these: inputs that have the values of an output.",)
+        if copies
+        else ()
+    )
+    return Listing(title, ("signal", "shape", "unit", "least", "largest"), rows, note)
 
 
 def compare(one: Results, other: Results) -> Listing:

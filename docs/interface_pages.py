@@ -1,16 +1,10 @@
-"""What the documentation adds to mkdocs: formulas as drawings, and the pages made from the tables of the package."""
+"""Reference pages made from the tables of the package: the variables of the units, and the file of a robot."""
 
 from __future__ import annotations
 
-import re
-import warnings
-from html import escape, unescape
 from itertools import groupby
 from typing import Any
 from xml.etree.ElementTree import Element
-
-from mkdocs.structure.files import File
-from reference_pages import command_line_page, scenario_file_page
 
 from vdfmu.fmu.description import model_description
 from vdfmu.fmu.description3 import model_description_3
@@ -20,50 +14,6 @@ from vdfmu.model.read import POSITIVE
 from vdfmu.unit.interface import Array, Interface, general_description
 from vdfmu.unit.variable import Variable
 from vdfmu.units import shipped_units
-
-with warnings.catch_warnings():  # it opens its font in a way that Python 3.11 calls deprecated
-    warnings.simplefilter("ignore", DeprecationWarning)
-    import ziamath
-
-_FORMULA = re.compile(r'<(span|div) class="arithmatex">\\[(\[](.*?)\\[)\]]</\1>', re.DOTALL)
-_TAG = re.compile(r"\\tag\{(.*?)\}")
-_SYMBOL = re.compile(r'<symbol id="(.*?)".*?</symbol>', re.DOTALL)
-_SIZE = 17  # px of a formula's letters, beside text of 16 px
-
-
-def on_page_content(html: str, **_: Any) -> str:
-    """Replace every formula by an SVG drawing: pages need no script, no font and no network."""
-    symbols: dict[str, str] = {}
-
-    def draw(match: re.Match[str]) -> str:
-        latex = unescape(match[2]).strip()
-        tag = _TAG.search(latex)
-        inline = match[1] == "span"
-        formula = ziamath.Latex(_TAG.sub("", latex), size=_SIZE, color="currentColor", inline=inline)
-        svg = formula.svg()
-        for symbol in _SYMBOL.finditer(svg):  # a glyph is drawn once a page
-            symbols[symbol[1]] = symbol[0]
-        place = f"vertical-align:{formula.getyofst():.2f}px" if inline else ""
-        head = f'<svg class="formula" role="img" aria-label="{escape(latex)}" style="{place}" '
-        svg = _SYMBOL.sub("", svg).replace("<svg ", head, 1)
-        if inline:
-            return svg
-        number = f'<span class="number">({tag[1]})</span>' if tag else ""
-        return f'<div class="formula"><div>{svg}</div>{number}</div>'
-
-    html = _FORMULA.sub(draw, html)
-    return (
-        f'<svg class="glyphs" aria-hidden="true">{"".join(symbols.values())}</svg>' if symbols else ""
-    ) + html
-
-
-def on_files(files: Any, config: Any) -> Any:
-    """Add the pages that are made from the code."""
-    files.append(File.generated(config, "interface.md", content=interface_page()))
-    files.append(File.generated(config, "robot_file.md", content=robot_file_page()))
-    files.append(File.generated(config, "command_line.md", content=command_line_page()))
-    files.append(File.generated(config, "scenario_file.md", content=scenario_file_page()))
-    return files
 
 
 def interface_page() -> str:

@@ -1,0 +1,55 @@
+"""Build the documentation into ``site``: write the pages that are made from the code, then all as HTML."""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+from interface_pages import interface_page, robot_file_page
+from notebook_pages import NOTEBOOKS, page
+from reference_pages import command_line_page, scenario_file_page
+
+from vdfmu.files import write_whole
+
+DOCS = Path(__file__).resolve().parent
+PAGES = {
+    "interface.md": interface_page,
+    "robot_file.md": robot_file_page,
+    "command_line.md": command_line_page,
+    "scenario_file.md": scenario_file_page,
+}
+"""Page to what makes it; none of them is kept with the sources."""
+
+_SHIM = re.compile(r'src="https://[^"]*iframe-worker[^"]*"')
+
+
+def main() -> int:
+    """Write the pages and build; return the exit code."""
+    for name, made in PAGES.items():
+        write_whole(DOCS / name, [made().encode()])
+    for name in NOTEBOOKS:
+        text, pictures = page(name)
+        for file, content in {f"{name}.md": text.encode(), **pictures}.items():
+            write_whole(DOCS / "notebooks" / file, [content])
+    paths = [str(DOCS), str(DOCS.parent), os.environ.get("PYTHONPATH", "")]
+    done = subprocess.run(
+        [sys.executable, "-m", "zensical", "build", "--clean", "--strict"],
+        cwd=DOCS.parent,
+        env=os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, paths))},
+        check=False,
+    )
+    site = DOCS.parent / "site"
+    for program in (*site.glob("*.py"), *site.rglob("*.ipynb")):  # it copies all that it does not know
+        program.unlink()
+    for built in site.rglob("*.html"):  # what search needs from disk comes with the pages, not from a network
+        root = "../" * (len(built.relative_to(site).parts) - 1)
+        text = _SHIM.sub(f'src="{root}js/iframe-worker.js"', built.read_text(encoding="utf-8"))
+        built.write_text(text, encoding="utf-8")
+    return done.returncode
+
+
+if __name__ == "__main__":
+    sys.exit(main())

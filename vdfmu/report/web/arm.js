@@ -1,0 +1,307 @@
+// The arm in 3D. Frame {B_i} of joint i is a group of three.js, placed as Eq. (32)-(36) place it in {B_(i-1)}.
+
+import { darkScheme, reducedMotion, split, unpack } from "./data.js";
+
+const T = vendor;
+const POSITIVE = new T.Color("#e2570d"), NEGATIVE = new T.Color("#1667c7"), NEUTRAL = new T.Color("#a3aeba");
+
+/** The frames of an arm. */
+export class Chain {
+  constructor(arm) {
+    this.types = arm.types;
+    this.root = new T.Group();
+    let parent = this.root;
+    this.links = arm.types.map((_, i) => {
+      const placed = new T.Group(), link = new T.Group();
+      placed.position.set(...arm.offset[i]);
+      placed.setRotationFromMatrix(turned(arm.rotation[i]));
+      parent.add(placed.add(link));
+      parent = link;
+      return link;
+    });
+    this.tool = new T.Group();
+    this.tool.position.set(...arm.tool_offset);
+    parent.add(this.tool);
+  }
+
+  set(q) {
+    this.links.forEach((link, i) => {
+      if (this.types[i] === "prismatic") link.position.z = q[i];
+      else link.rotation.z = q[i];
+    });
+    this.root.updateMatrixWorld(true);
+  }
+
+  /** Position of the end effector in {I} [m]. */
+  toolAt(q) {
+    this.set(q);
+    return new T.Vector3().setFromMatrixPosition(this.tool.matrixWorld);
+  }
+}
+
+const turned = (R) => new T.Matrix4().set(...R[0], 0, ...R[1], 0, ...R[2], 0, 0, 0, 0, 1);
+
+/** Positions, errors, torques and torsion of a run at its frames. */
+export class Motion {
+  constructor(run) {
+    this.time = unpack(run.frames.time, Float64Array);
+    const n = run.arm.types.length;
+    for (const name of ["q", "error", "torque", "torsion"]) {
+      this[name] = run.frames[name] ? split(unpack(run.frames[name]), n) : null;
+    }
+  }
+
+  /** Values of all joints at a time, between frames on a straight line. */
+  at(name, t) {
+    const last = this.time.length - 1;
+    let low = 0, high = last;
+    while (high - low > 1) {
+      const middle = (low + high) >> 1;
+      if (this.time[middle] <= t) low = middle;
+      else high = middle;
+    }
+    const share = high > low ? Math.min(1, Math.max(0, (t - this.time[low]) / (this.time[high] - this.time[low]))) : 0;
+    return this[name].map((row) => (1 - share) * row[low] + share * row[high]);
+  }
+
+  row(name, k) {
+    return this[name].map((row) => row[k]);
+  }
+}
+
+/** Distance [mm] between desired and actual end effector at the frames: errors are added to positions in double precision. */
+export function toolErrors(run) {
+  const chain = new Chain(run.arm), motion = new Motion(run);
+  return Float64Array.from(motion.time, (_, k) => {
+    const q = motion.row("q", k), error = motion.row("error", k);
+    return 1e3 * chain.toolAt(q).distanceTo(chain.toolAt(q.map((v, i) => v + error[i])));
+  });
+}
+
+/** The picture of an arm in a canvas. */
+export class Scene3D {
+  constructor(host, run) {
+    this.host = host;
+    this.renderer = new T.WebGLRenderer({ antialias: true, alpha: true });
+    this.renderer.setPixelRatio(Math.min(2, devicePixelRatio));
+    this.renderer.shadowMap.enabled = true;
+    host.append(this.renderer.domElement);
+    this.camera = new T.PerspectiveCamera(32, 1, 0.01, 100);
+    this.quantity = "torque";
+    this.magnify = 1;
+    this.load(run);
+    new ResizeObserver(() => this.resize()).observe(host);
+    darkScheme.addEventListener("change", () => this.load(this.run));
+  }
+
+  load(run) {
+    this.run = run;
+    this.motion = new Motion(run);
+    const { arm } = run;
+    const g = new T.Vector3(...arm.gravity);
+    this.up = g.length() ? g.normalize() : new T.Vector3(0, 0, 1);
+    this.reach = Math.max(0.05, [...arm.offset, arm.tool_offset].reduce((sum, p) => sum + Math.hypot(...p), 0)
+      + Math.max(0, ...arm.types.map((type, i) => (type === "prismatic" ? Math.max(...this.motion.q[i].map(Math.abs)) : 0))));
+    this.scene = new T.Scene();
+    this.actual = new Chain(arm);
+    const travelled = this.measure();
+    dress(this.actual, arm, this, solid);
+    this.scene.add(this.actual.root, ...this.lights(), ...this.ground());
+    if (this.motion.error) {
+      this.desired = new Chain(arm);
+      dress(this.desired, arm, this, ghost);
+      this.scene.add(this.desired.root);
+    } else this.desired = null;
+    this.path = tube(travelled, 0.0045 * this.reach, "#e2570d", 1);
+    this.trace = tube(travelled, 0.0025 * this.reach, darkScheme.matches ? "#9aa7b5" : "#66717d", 0.55);
+    this.scene.add(this.path, this.trace);
+    this.aim();
+    this.draw();
+  }
+
+  /** Run the arm through its motion: its path, the space it needs, its lowest height. */
+  measure() {
+    this.box = new T.Box3();
+    const step = Math.max(1, Math.floor(this.motion.time.length / 250));
+    const path = [], point = new T.Vector3(), travelled = [0];
+    let before = null;
+    for (let k = 0; k < this.motion.time.length; k += 1) {
+      const at = this.actual.toolAt(this.motion.row("q", k));
+      if (before) travelled.push(travelled.at(-1) + at.distanceTo(before));
+      before = at;
+      if (k % step === 0 || k === this.motion.time.length - 1) path.push(at);
+      for (const link of k % step ? [] : this.actual.links) this.box.expandByPoint(point.setFromMatrixPosition(link.matrixWorld));
+      this.box.expandByPoint(at);
+    }
+    this.motion.travelled = [travelled];
+    this.box.expandByPoint(point.set(0, 0, 0));
+    const heights = [this.box.min, this.box.max].map((p) => p.dot(this.up));
+    this.floor = Math.min(...heights) - (Math.min(...heights) < -0.02 * this.reach ? 0.12 : 0.1) * this.reach;
+    return path;
+  }
+
+  lights() {
+    const sun = new T.DirectionalLight("#ffffff", 2.4);
+    const side = new T.Vector3(0.5, -0.6, 0).applyQuaternion(new T.Quaternion().setFromUnitVectors(new T.Vector3(0, 0, 1), this.up));
+    sun.position.copy(this.up).add(side).multiplyScalar(3 * this.reach);
+    sun.castShadow = true;
+    Object.assign(sun.shadow.camera, { left: -1.5 * this.reach, right: 1.5 * this.reach, top: 1.5 * this.reach, bottom: -1.5 * this.reach, near: 0.1 * this.reach, far: 8 * this.reach });
+    sun.shadow.mapSize.set(1024, 1024);
+    sun.shadow.normalBias = 0.01 * this.reach;
+    sun.shadow.radius = 4;
+    const sky = new T.HemisphereLight("#ffffff", darkScheme.matches ? "#3a4656" : "#aab4c0", 1.5);
+    sky.position.copy(this.up);
+    return [sun, sky];
+  }
+
+  ground() {
+    const lying = new T.Quaternion().setFromUnitVectors(new T.Vector3(0, 1, 0), this.up);
+    const colour = darkScheme.matches ? "#33404e" : "#d3dae2";
+    const grid = new T.GridHelper(4 * this.reach, 16, colour, colour);
+    const plane = new T.Mesh(new T.PlaneGeometry(20 * this.reach, 20 * this.reach).rotateX(-Math.PI / 2), new T.ShadowMaterial({ opacity: darkScheme.matches ? 0.45 : 0.2 }));
+    plane.receiveShadow = true;
+    for (const one of [grid, plane]) {
+      one.quaternion.copy(lying);
+      one.position.copy(this.up).multiplyScalar(this.floor);
+    }
+    const r = 0.06 * this.reach, height = -this.floor - 0.6 * r;
+    const foot = new T.Mesh(new T.CylinderGeometry(1.12 * r, 1.5 * r, height, 48), solid("#566270"));
+    foot.quaternion.copy(lying);
+    foot.position.copy(this.up).multiplyScalar(this.floor + height / 2);
+    foot.castShadow = true;
+    return [grid, plane, foot];
+  }
+
+  aim() {
+    const centre = this.box.getCenter(new T.Vector3());
+    const size = Math.max(0.5 * this.reach, this.box.getSize(new T.Vector3()).length() / 2 + 0.1 * this.reach);
+    const turn = new T.Quaternion().setFromUnitVectors(new T.Vector3(0, 0, 1), this.up);
+    this.camera.up.copy(this.up);
+    this.camera.position.copy(new T.Vector3(0.95, -1.25, 0.62).normalize().applyQuaternion(turn).multiplyScalar(3 * size).add(centre));
+    Object.assign(this.camera, { near: 0.02 * size, far: 60 * size });
+    this.controls?.dispose();
+    this.controls = new T.OrbitControls(this.camera, this.renderer.domElement);
+    this.renderer.domElement.style.touchAction = "pan-y"; // a finger that moves up or down scrolls the page
+    this.controls.enableDamping = !reducedMotion.matches;
+    this.controls.target.copy(centre);
+    this.controls.addEventListener("change", () => this.draw());
+    this.controls.update();
+  }
+
+  resize() {
+    const { clientWidth: width, clientHeight: height } = this.host;
+    if (!width || !height) return;
+    this.renderer.setSize(width, height);
+    this.camera.aspect = width / height;
+    this.camera.fov = width < height * 1.2 ? 40 : 32;
+    this.camera.updateProjectionMatrix();
+    if (this.sized) this.render(); // at once: a canvas of a new size is empty
+    else this.draw();
+    this.sized = true;
+  }
+
+  /** Show a time; errors may be drawn larger than they are. */
+  show(t) {
+    const q = this.motion.at("q", t);
+    const error = this.motion.error ? this.motion.at("error", t) : null;
+    this.actual.set(error ? q.map((v, i) => v - (this.magnify - 1) * error[i]) : q);
+    this.desired?.set(q.map((v, i) => v + error[i]));
+    const values = this.motion[this.quantity] && this.motion.at(this.quantity, t);
+    this.actual.marked?.forEach((material, i) => {
+      const share = values ? values[i] / (this.peaks()[i] || 1) : 0;
+      material.color.copy(NEUTRAL).lerp(share < 0 ? NEGATIVE : POSITIVE, Math.min(1, Math.abs(share)));
+    });
+    const share = this.motion.at("travelled", t)[0] / (this.motion.travelled[0].at(-1) || 1);
+    this.path.geometry.setDrawRange(0, 36 * Math.round((this.path.geometry.index.count / 36) * share)); // 6 sides of 2 triangles
+    this.draw();
+  }
+
+  /** Largest absolute value of each joint over the run. */
+  peaks() {
+    this.found ??= {};
+    const key = `${this.run.name} ${this.quantity}`;
+    this.found[key] ??= this.motion[this.quantity].map((row) => row.reduce((most, v) => Math.max(most, Math.abs(v)), 0));
+    return this.found[key];
+  }
+
+  draw() {
+    this.waiting ??= requestAnimationFrame(() => this.render());
+  }
+
+  render() {
+    cancelAnimationFrame(this.waiting);
+    this.waiting = undefined;
+    if (this.controls.enableDamping) this.controls.update();
+    this.renderer.render(this.scene, this.camera);
+  }
+}
+
+function solid(color) {
+  return new T.MeshStandardMaterial({ color, roughness: 0.5, metalness: 0.05 });
+}
+
+function ghost() {
+  return new T.MeshStandardMaterial({ color: "#2f8fe8", transparent: true, opacity: 0.3, depthWrite: false, polygonOffset: true, polygonOffsetFactor: 2, polygonOffsetUnits: 2 });
+}
+
+function tube(points, radius, color, opacity) {
+  const path = new T.CatmullRomCurve3(points.length > 1 ? points : [points[0], points[0].clone().addScalar(1e-6)]);
+  return new T.Mesh(new T.TubeGeometry(path, Math.max(2, points.length), radius, 6), new T.MeshBasicMaterial({ color, transparent: opacity < 1, opacity }));
+}
+
+/** Give the links of a chain bodies: a housing along the axis of each joint, tubes between them, or the robot's own shapes. */
+function dress(chain, arm, { reach, motion }, material) {
+  const n = arm.types.length, r0 = 0.06 * reach;
+  const light = material(darkScheme.matches ? "#dfe6ee" : "#e9edf2"), dark = material("#586473");
+  const add = (parent, geometry, look) => {
+    const mesh = new T.Mesh(geometry, look);
+    mesh.castShadow = mesh.receiveShadow = !look.transparent;
+    parent.add(mesh);
+    return mesh;
+  };
+  const bodies = [chain.root, ...chain.links];
+  const radius = (i) => r0 * (1 - 0.42 * (i / Math.max(1, n - 1)));
+  chain.marked = arm.types.map(() => material("#a3aeba"));
+  arm.types.forEach((type, i) => {
+    const r = radius(i), link = chain.links[i];
+    if (type === "prismatic") {
+      const travel = Math.max(...motion.q[i].map(Math.abs));
+      add(link.parent, new T.BoxGeometry(1.5 * r, 1.5 * r, travel + 2 * r).translate(0, 0, travel / 2), light);
+      add(link, new T.BoxGeometry(2.1 * r, 2.1 * r, 1.6 * r), chain.marked[i]);
+      return;
+    }
+    add(link, new T.CylinderGeometry(r, r, 2.2 * r, 40).rotateX(Math.PI / 2), chain.marked[i]);
+    for (const side of [-1, 1]) add(link, new T.CylinderGeometry(0.82 * r, 0.82 * r, 0.16 * r, 40).rotateX(Math.PI / 2).translate(0, 0, 1.16 * r * side), dark);
+  });
+  if (arm.shapes.length) {
+    for (const shape of arm.shapes) {
+      const look = material(new T.Color().setRGB(...shape.color.slice(0, 3), "srgb"));
+      const mesh = add(bodies[shape.joint] ?? chain.root, shaped(shape), look);
+      mesh.setRotationFromMatrix(turned(shape.rotation));
+      mesh.position.set(...shape.offset);
+    }
+  } else {
+    [...arm.offset, arm.tool_offset].forEach((to, i) => rod(add, bodies[i], to, 0.68 * radius(Math.min(Math.max(i - 1, 0) + 0.5, n - 1)), light));
+  }
+  [["#d22f2f", 0], ["#2f9e44", 1], ["#1667c7", 2]].forEach(([color, axis]) => {
+    const look = material === ghost ? null : new T.MeshBasicMaterial({ color });
+    const arrow = new T.CylinderGeometry(0.006 * reach, 0.006 * reach, 0.13 * reach, 12).translate(0, 0.065 * reach, 0);
+    if (look) add(chain.tool, axis === 0 ? arrow.rotateZ(-Math.PI / 2) : axis === 2 ? arrow.rotateX(Math.PI / 2) : arrow, look).castShadow = false;
+  });
+}
+
+/** A tube with round ends from the origin of a body to a point. */
+function rod(add, parent, to, r, look) {
+  const end = new T.Vector3(...to), length = end.length();
+  if (length < 1e-9) return;
+  const mesh = add(parent, new T.CapsuleGeometry(r, length, 10, 32).translate(0, length / 2, 0), look);
+  mesh.quaternion.setFromUnitVectors(new T.Vector3(0, 1, 0), end.normalize());
+}
+
+/** Geometry of a shape of a robot file: sides, half-axes, or radius and length along z. */
+function shaped({ shape, size: [a, b, c] }) {
+  if (shape === "box") return new T.BoxGeometry(a, b, c);
+  if (shape === "cylinder") return new T.CylinderGeometry(a, a, b, 40).rotateX(Math.PI / 2);
+  if (shape === "capsule") return new T.CapsuleGeometry(a, b, 10, 32).rotateX(Math.PI / 2);
+  return new T.SphereGeometry(1, 40, 20).scale(a, b ?? a, c ?? a);
+}

@@ -1,0 +1,169 @@
+// A figure: curves over time that zoom together, show their values under the pointer, and have a logarithmic scale.
+
+import { colourOf, darkScheme, make, raised, runs, text, toggle, view } from "./data.js";
+
+const { uPlot } = vendor;
+const DASHES = [[], [9, 4], [2, 3], [9, 3, 2, 3]];
+const HEIGHT = 240;
+
+export class Chart {
+  /** `curves` is a function that gives them: it is called when the chart first comes into sight. */
+  constructor(title, unit, curves) {
+    Object.assign(this, { unit, curves, log: false, seen: false, stale: true });
+    this.unitText = make("span", { class: "unit" }, unit);
+    this.place = make("div", { class: "plot", tabindex: 0, "aria-label": `${title}: values at the time shown`, focus: () => this.moveMark(), blur: () => this.plot?.setCursor({ left: -10, top: -10 }) });
+    this.tip = make("div", { class: "tip", role: "status", hidden: true });
+    this.mark = make("div", { class: "mark" });
+    this.element = make("figure", { class: "chart", "aria-label": `${title} in ${unit || "no unit"} over time in seconds` },
+      make("figcaption", {}, make("span", {}, make("strong", {}, title), " ", this.unitText),
+        toggle("log", false, (on) => { this.log = on; this.build(); }, { "aria-label": `${title}: logarithmic scale of absolute values` })),
+      this.place);
+    new IntersectionObserver(([entry]) => {
+      this.seen = entry.isIntersecting;
+      if (this.seen && this.stale) this.build();
+      if (this.seen) this.moveMark();
+    }, { rootMargin: "200px" }).observe(this.element);
+    new ResizeObserver(() => this.plot && this.plot.setSize({ width: this.place.clientWidth, height: HEIGHT })).observe(this.place);
+    view.addEventListener("time", () => this.moveMark());
+    for (const event of ["range", "shown"]) view.addEventListener(event, () => this.refresh());
+    darkScheme.addEventListener("change", () => this.rebuild());
+  }
+
+  rebuild() {
+    this.stale = true;
+    if (this.seen) this.build();
+  }
+
+  refresh() {
+    if (!this.seen || !this.plot) {
+      this.stale = true;
+      return;
+    }
+    this.unpacked.forEach((curve, k) => {
+      const show = this.shows(curve);
+      if (this.plot.series[k + 1].show !== show) this.plot.setSeries(k + 1, { show });
+    });
+    const [min, max] = view.range ?? view.full();
+    if (this.plot.scales.x.min !== min || this.plot.scales.x.max !== max) this.plot.setScale("x", { min, max });
+  }
+
+  shows(curve) {
+    return !view.hiddenJoints.has(curve.joint) && !view.hiddenRuns.has(curve.run);
+  }
+
+  /** Columns of one table: time, and a column a curve with nulls where it has no number. */
+  table() {
+    const seen = (v) => (Number.isFinite(v) && !(this.log && v === 0) ? (this.log ? Math.abs(v) : v) : null);
+    const byTime = new Map();
+    for (const curve of this.unpacked) {
+      if (!byTime.has(curve.time)) byTime.set(curve.time, []);
+      byTime.get(curve.time).push(Array.from(curve.values, seen));
+    }
+    const tables = [...byTime].map(([time, columns]) => [Array.from(time), ...columns]);
+    return tables.length > 1 ? uPlot.join(tables) : tables[0];
+  }
+
+  build() {
+    this.stale = false;
+    this.unpacked ??= this.curves();
+    this.plot?.destroy();
+    const style = getComputedStyle(document.documentElement);
+    const [ink, line] = ["--muted", "--line"].map((name) => style.getPropertyValue(name).trim());
+    const axis = { stroke: ink, grid: { stroke: line, width: 1 }, ticks: { stroke: line, width: 1, size: 4 }, font: "12px system-ui, sans-serif" };
+    const [min, max] = view.range ?? view.full();
+    const several = runs.length > 1;
+    this.plot = new uPlot({
+      width: this.place.clientWidth || 300,
+      height: HEIGHT,
+      legend: { show: false },
+      padding: [8, 10, 0, 0],
+      cursor: { y: false, points: { size: 7 }, drag: { x: true, y: false }, dataIdx: nearest },
+      scales: { x: { time: false, min, max }, y: this.log ? { distr: 3 } : { range: padded } },
+      axes: [
+        { ...axis, size: 30, space: 60, values: (_, splits) => splits.map((v, k) => `${text(v)}${k ? "" : " s"}`) },
+        { ...axis, size: 54, ...(this.log && { grid: { ...axis.grid, filter: decades }, ticks: { ...axis.ticks, filter: decades } }), values: (_, splits) => this.labels(splits) },
+      ],
+      series: [{}, ...this.unpacked.map((curve) => ({
+        label: several ? `${runs[curve.run].name}: ${curve.label}` : curve.label,
+        stroke: curve.dashed ? style.getPropertyValue("--ink").trim() : colourOf(curve.colour),
+        width: curve.dashed ? 1 : this.unpacked.some((one) => one.dashed) ? 2.6 : 1.4,
+        dash: curve.dashed ? [5, 4] : DASHES[curve.run % DASHES.length],
+        points: { show: false },
+        spanGaps: true,
+        show: this.shows(curve),
+      }))],
+      hooks: {
+        setCursor: [() => this.showTip()],
+        draw: [() => this.moveMark()],
+        setScale: [(plot, key) => key === "x" && plot.status && this.zoomed(plot.scales.x)],
+      },
+    }, this.table(), this.place);
+    this.plot.over.append(this.mark, this.tip);
+    this.plot.over.addEventListener("click", () => this.plot.select.width < 2 && this.plot.cursor.idx !== null && view.change("time", this.plot.posToVal(this.plot.cursor.left, "x")));
+    this.plot.over.addEventListener("touchmove", (event) => {
+      const box = this.plot.over.getBoundingClientRect();
+      this.plot.setCursor({ left: event.touches[0].clientX - box.left, top: 0 });
+    }, { passive: true });
+  }
+
+  zoomed({ min, max }) {
+    const [first, last] = view.full();
+    const range = min <= first && max >= last ? null : [min, max];
+    if (String(range) !== String(view.range)) view.change("range", range);
+  }
+
+  /** Numbers of the vertical axis; a common power of ten stands beside the unit. */
+  labels(splits) {
+    const largest = Math.max(...splits.map((v) => Math.abs(v ?? 0)));
+    const scaled = this.log || !largest || (largest >= 0.01 && largest < 1e5) ? 0 : 3 * Math.floor(Math.log10(largest) / 3);
+    this.unitText.textContent = `${scaled ? `10${raised(scaled)} ` : ""}${this.unit}`;
+    if (this.log) return decades(null, splits).map((v) => (v === null ? "" : `10${raised(Math.round(Math.log10(v)))}`));
+    return splits.map((v) => text(v / 10 ** scaled, 5));
+  }
+
+  showTip() {
+    const { left, idxs } = this.plot.cursor;
+    const rows = this.unpacked.flatMap((curve, k) => {
+      const value = this.plot.series[k + 1].show && idxs[k + 1] !== null ? this.plot.data[k + 1][idxs[k + 1]] : null;
+      return value === null || value === undefined ? [] : [[k, value]];
+    });
+    this.tip.hidden = left < 0 || !rows.length;
+    if (this.tip.hidden) return;
+    this.tip.replaceChildren(make("b", {}, `${text(this.plot.data[0][idxs[rows[0][0] + 1]])} s`), ...rows.map(([k, value]) => {
+      const series = this.plot.series[k + 1];
+      const dot = make("i", { style: `background:${this.unpacked[k].dashed ? "var(--ink)" : colourOf(this.unpacked[k].colour)}` });
+      return make("span", {}, dot, `${series.label} `, make("output", {}, `${text(value)} ${this.unit}`));
+    }));
+    const over = this.plot.over.clientWidth;
+    this.tip.style.left = `${Math.max(0, left > over / 2 ? left - this.tip.offsetWidth - 12 : Math.min(left + 12, over - this.tip.offsetWidth))}px`;
+  }
+
+  moveMark() {
+    if (!this.plot || !this.seen || this.plot.scales.x.min === null) return;
+    const place = this.plot.valToPos(view.time, "x");
+    this.mark.hidden = place < 0 || place > this.plot.over.clientWidth;
+    this.mark.style.transform = `translateX(${place}px)`;
+    if (document.activeElement === this.place) this.plot.setCursor({ left: place, top: 0 }); // keys read values too
+  }
+}
+
+/** Limits of a scale with a margin; numbers that are equal but for rounding get one around them. */
+function padded(_, low, high) {
+  if (low === null || high === null) return [-1, 1];
+  const span = Math.max(high - low, 1e-6 * Math.max(Math.abs(low), Math.abs(high))) || 1;
+  return [low - 0.06 * span, high + 0.06 * span];
+}
+
+/** Powers of ten among the numbers of a logarithmic axis. */
+function decades(_, splits) {
+  return splits.map((v) => (v !== null && Math.abs(Math.log10(v) - Math.round(Math.log10(v))) < 1e-6 ? v : null));
+}
+
+/** Row with a number that is nearest to the pointer: runs have rows of their own. */
+function nearest(plot, series, row) {
+  const values = plot.data[series];
+  for (let k = 0; k < values.length; k += 1) {
+    for (const at of [row - k, row + k]) if (values[at] !== null && values[at] !== undefined) return at;
+  }
+  return row;
+}

@@ -1,0 +1,119 @@
+// The numbers of the page, and how numbers are written.
+
+export const runs = JSON.parse(document.getElementById("data").textContent).runs;
+
+export const reducedMotion = matchMedia("(prefers-reduced-motion: reduce)");
+export const darkScheme = matchMedia("(prefers-color-scheme: dark)");
+
+/** Colours of the joints: those of Okabe and Ito, lighter on a dark page. */
+const COLOURS = {
+  light: ["#0072b2", "#d55e00", "#009e73", "#b8558f", "#c98600", "#3a9bd8", "#444444"],
+  dark: ["#5db0f0", "#ff8f52", "#3ecfa4", "#ef9fcf", "#f3bd45", "#a5dcff", "#dddddd"],
+};
+
+export const colourOf = (number) => {
+  const colours = COLOURS[darkScheme.matches ? "dark" : "light"];
+  return colours[(number - 1) % colours.length];
+};
+
+/** Array of the little-endian numbers in a base64 text. */
+export function unpack(text, Kind = Float32Array) {
+  const bytes = atob(text);
+  const array = new Uint8Array(bytes.length);
+  for (let i = 0; i < bytes.length; i += 1) array[i] = bytes.charCodeAt(i);
+  return new Kind(array.buffer);
+}
+
+/** Split numbers that stand curve by curve. */
+export const split = (array, count) =>
+  Array.from({ length: count }, (_, k) => array.subarray((k * array.length) / count, ((k + 1) * array.length) / count));
+
+/** What all runs have under `kind`, "figures" or "signals": key to title, unit and the part of each run. */
+export function merged(kind) {
+  const found = new Map();
+  runs.forEach((run, place) => {
+    for (const figure of run[kind]) {
+      if (!found.has(figure.key)) found.set(figure.key, { title: figure.title, unit: figure.unit, parts: [] });
+      found.get(figure.key).parts.push({ run: place, figure });
+    }
+  });
+  return found;
+}
+
+/** Curves of the parts of a figure, unpacked. */
+export function curvesOf(parts) {
+  return parts.flatMap(({ run, figure }) => {
+    const time = unpack(figure.time, Float64Array);
+    const values = split(unpack(figure.values), figure.curves.length);
+    return figure.curves.map(([label, joint, dashed], k) => ({ label, joint, colour: joint || k + 1, dashed: !!dashed, run, time, values: values[k] }));
+  });
+}
+
+/** A number with the digits that single precision surely has. */
+export const text = (value, digits = 6) => {
+  if (value === null || value === undefined || !Number.isFinite(value)) return "–";
+  const size = Math.abs(value);
+  if (size !== 0 && (size < 1e-3 || size >= 1e6)) {
+    const [mantissa, exponent] = value.toExponential(digits - 1).split("e");
+    return `${Number(mantissa)}·10${raised(Number(exponent))}`.replace("-", "−");
+  }
+  return String(Number(value.toPrecision(digits))).replace("-", "−");
+};
+
+/** A number as an exponent. */
+export const raised = (number) => [...String(number)].map((c) => (c === "-" ? "⁻" : "⁰¹²³⁴⁵⁶⁷⁸⁹"[c])).join("");
+
+/** Make an element: attributes, of which functions listen to events, and children. */
+export function make(tag, attributes = {}, ...children) {
+  const element = document.createElement(tag);
+  for (const [name, value] of Object.entries(attributes)) {
+    if (typeof value === "function") element.addEventListener(name, value);
+    else if (value !== false && value !== null && value !== undefined) element.setAttribute(name, value === true ? "" : value);
+  }
+  element.append(...children);
+  return element;
+}
+
+/** A labelled choice: pairs of value and words. */
+export function choice(label, pairs, change) {
+  const select = make("select", { change: () => change(select.value) });
+  select.append(...pairs.map(([value, words]) => make("option", { value }, words)));
+  return make("label", { class: "choice" }, make("span", {}, label), select);
+}
+
+/** A button that stays down. */
+export function toggle(label, pressed, change, attributes = {}) {
+  const button = make("button", {
+    type: "button", "aria-pressed": String(pressed), ...attributes,
+    click: () => {
+      const now = button.getAttribute("aria-pressed") !== "true";
+      button.setAttribute("aria-pressed", String(now));
+      change(now);
+    },
+  }, label);
+  return button;
+}
+
+/** What charts and arm share: time shown, stretch of time that is zoomed in on, joints and runs that are hidden. */
+export const view = new (class extends EventTarget {
+  time = 0;
+  range = null;
+  hiddenJoints = new Set();
+  hiddenRuns = new Set();
+
+  full() {
+    const times = runs.map((run) => unpack(run.frames.time, Float64Array));
+    return [Math.min(...times.map((t) => t[0])), Math.max(...times.map((t) => t.at(-1)))];
+  }
+
+  change(what, value) {
+    this[what] = value;
+    this.dispatchEvent(new Event(what));
+  }
+
+  show(what, entry, shown) {
+    if (shown) this[what].delete(entry);
+    else this[what].add(entry);
+    this.dispatchEvent(new Event("shown"));
+  }
+})();

@@ -1,0 +1,124 @@
+// The section of the arm: picture, values of the joints, and what plays it.
+
+import { choice, make, raised, runs, text, toggle, view } from "./data.js";
+import { Scene3D } from "./arm.js";
+
+const UNITS = { // factor and unit for revolute and prismatic joints
+  torque: { words: "Control torque", revolute: [1, "N.m"], prismatic: [1, "N"] },
+  torsion: { words: "Torsion", revolute: [180 / Math.PI, "deg"], prismatic: [1e3, "mm"] },
+  error: { words: "Tracking error", revolute: [180 / Math.PI, "deg"], prismatic: [1e3, "mm"] },
+};
+const STEPS = 200;
+
+export class Player {
+  constructor(section) {
+    const shown = runs.filter((run) => run.arm);
+    this.playing = false;
+    this.speed = 1;
+    const host = make("div", { class: "canvas", role: "img", "aria-label": "The arm in 3D; drag to turn, two fingers or the wheel to come nearer" });
+    section.hidden = false;
+    section.append(make("h2", {}, "The arm"));
+    this.readout = make("div", { class: "readout" });
+    section.append(make("div", { class: "stage" }, host, this.readout));
+    try {
+      this.scene = new Scene3D(host, shown[0]);
+    } catch (error) {
+      host.replaceWith(make("p", {}, `The arm cannot be drawn here: ${error.message}`));
+      return;
+    }
+    section.append(...this.controls(shown));
+    this.setRun(shown[0]);
+    view.addEventListener("time", () => this.show());
+    document.addEventListener("keydown", (event) => this.key(event));
+  }
+
+  get motion() {
+    return this.scene.motion;
+  }
+
+  controls(shown) {
+    this.button = make("button", { type: "button", class: "play", click: () => this.play(!this.playing) });
+    this.slider = make("input", { type: "range", min: 0, step: 1, value: 0, "aria-label": "Time", input: () => { this.play(false); view.change("time", this.motion.time[this.slider.value]); } });
+    this.clock = make("output", { class: "clock" });
+    const quantities = Object.keys(UNITS).filter((name) => this.motion[name]);
+    this.scene.quantity = quantities[0];
+    const powers = [0, 1, 2, 3, 4, 5].map((p) => [10 ** p, p ? `× 10${raised(p)}` : "as it is"]);
+    const layer = (words, of) => toggle(words, true, (on) => { for (const one of of()) if (one) one.visible = on; this.scene.draw(); }, { class: "chip" });
+    return [
+      make("div", { class: "transport" }, this.button, this.slider, this.clock),
+      make("div", { class: "bar" },
+        ...(shown.length > 1 ? [choice("Run", shown.map((run, k) => [k, run.name]), (k) => this.setRun(shown[k]))] : []),
+        ...(quantities.length ? [choice("Colour", quantities.map((name) => [name, UNITS[name].words]), (name) => { this.scene.quantity = name; this.show(); })] : []),
+        choice("Speed", [[1, "1"], [0.1, "0.1"], [0.3, "0.3"], [3, "3"], [10, "10"]], (speed) => { this.speed = Number(speed); }),
+        ...(this.motion.error ? [choice("Errors drawn", powers, (factor) => { this.scene.magnify = Number(factor); this.show(); })] : []),
+        make("div", { class: "chips", role: "group", "aria-label": "Shown" },
+          ...(this.motion.error ? [layer("desired arm", () => [this.scene.desired?.root])] : []),
+          layer("path", () => [this.scene.path, this.scene.trace])),
+        make("small", { class: "note" }, "Space plays, arrow keys step, Home and End go to the ends.")),
+    ];
+  }
+
+  setRun(run) {
+    if (this.scene.run !== run) this.scene.load(run);
+    this.slider.max = this.motion.time.length - 1;
+    this.rows = run.arm.types.map((type, i) => {
+      const fill = make("i"), value = make("td", { class: "number" });
+      const row = make("tr", {}, make("th", { scope: "row" }, `Joint ${i + 1}`), make("td", { class: "level" }, fill), value);
+      return { type, fill, value, row };
+    });
+    this.heading = make("caption");
+    this.readout.replaceChildren(make("table", {}, this.heading, make("tbody", {}, ...this.rows.map(({ row }) => row))));
+    this.play(false);
+    this.show();
+  }
+
+  show() {
+    const { time } = this.motion, t = Math.min(Math.max(view.time, time[0]), time.at(-1));
+    this.scene.show(t);
+    const row = Math.round(((t - time[0]) / (time.at(-1) - time[0] || 1)) * (time.length - 1));
+    this.slider.value = row;
+    this.slider.setAttribute("aria-valuetext", `${text(t, 4)} s`);
+    this.clock.textContent = `${t.toFixed(time.at(-1) < 1 ? 3 : 2)} s`;
+    const name = this.scene.quantity;
+    if (!this.motion[name]) return;
+    const values = this.motion.at(name, t), peaks = this.scene.peaks();
+    this.heading.textContent = `${UNITS[name].words}; bars: share of the joint's largest`;
+    this.rows.forEach(({ type, fill, value }, i) => {
+      const [factor, unit] = UNITS[name][type], share = Math.min(1, Math.abs(values[i]) / (peaks[i] || 1));
+      fill.style.cssText = `width:${50 * share}%;${values[i] < 0 ? "right" : "left"}:50%;background:var(--${values[i] < 0 ? "negative" : "positive"})`;
+      value.textContent = `${text(factor * values[i], 3)} ${unit}`;
+    });
+  }
+
+  play(on) {
+    this.playing = on;
+    this.button.textContent = on ? "❚❚" : "▶";
+    this.button.setAttribute("aria-label", on ? "Pause" : "Play");
+    if (!on) return;
+    if (view.time >= this.motion.time.at(-1)) view.change("time", this.motion.time[0]);
+    let before = performance.now();
+    const tick = (now) => {
+      if (!this.playing) return;
+      const t = view.time + (this.speed * (now - before)) / 1e3;
+      before = now;
+      view.change("time", Math.min(t, this.motion.time.at(-1)));
+      if (t < this.motion.time.at(-1)) requestAnimationFrame(tick);
+      else this.play(false);
+    };
+    requestAnimationFrame(tick);
+  }
+
+  key(event) {
+    const { tagName, type } = event.target;
+    if (event.ctrlKey || event.metaKey || event.altKey || tagName === "SELECT" || (tagName === "INPUT" && type !== "range")) return;
+    const [first, last] = [this.motion.time[0], this.motion.time.at(-1)];
+    const step = ((event.shiftKey ? 10 : 1) * (last - first)) / STEPS;
+    const moves = { ArrowLeft: view.time - step, ArrowRight: view.time + step, Home: first, End: last };
+    if (event.key === " " && tagName !== "BUTTON" && tagName !== "SUMMARY") this.play(!this.playing);
+    else if (event.key in moves) {
+      this.play(false);
+      view.change("time", Math.min(Math.max(moves[event.key], first), last));
+    } else return;
+    event.preventDefault();
+  }
+}
