@@ -102,15 +102,15 @@ def test_a_log_without_noise_leaves_what_the_method_does(clean, robot, guess):
 
 @pytest.mark.heavy
 def test_intervals_cover_the_truth(clean, robot, guess):
-    """Of 5 logs with other noise, 95 % intervals of all that is identified but for what is split in two springs."""
+    """Of 5 logs with other noise, 95 % intervals of all that is identified but the split of a stiffness in two springs."""
     inside: list[bool] = []
     for seed in range(5):
         found = identify(noisy(clean, robot, 100 + seed), guess)
         low, high = found.interval()
         for name, t, a, b in zip(found.names, found.of(robot), low, high, strict=True):
-            if name not in found.held:
+            if name not in found.held and name[:2] not in ("K_", "c_"):
                 inside.append(a <= t <= b)
-    # 5 x 21 intervals, those of one log correlated: as 40 independent ones, 0.95 has a deviation of 0.035; the method's
+    # 5 x 16 intervals, those of one log correlated: as 40 independent ones, 0.95 has a deviation of 0.035; the method's
     # own error, half a deviation of the noise, takes it to 0.92
     assert np.mean(inside) > 0.83, np.mean(inside)
 
