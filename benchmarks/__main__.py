@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import os
 import sys
 import time
 from collections.abc import Sequence
@@ -14,10 +13,12 @@ from typing import Any
 from rich.console import Console
 
 from benchmarks.report import Report, machine, write_summary
+from benchmarks.timing import processor_time
 
 NAMES = (
     "growth", "fmu_growth", "master_step", "order", "coupling", "rigid", "c_loops", "native", "importers", "interop",
     "work_precision", "engines", "whole", "federation", "gradient", "sweeps",
+    "arms",
 )  # fmt: skip
 
 
@@ -58,10 +59,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         module = import_module(f"benchmarks.{name}")
         report = Report(name, module.TITLE, options.out, console)
         console.rule(f"[bold]{module.TITLE}", align="left")
-        began, cpu_began = time.perf_counter(), _processor_time()
+        began, cpu_began = time.perf_counter(), processor_time()
         module.run(report, options.quick)
         report.write()
-        wall, cpu = time.perf_counter() - began, _processor_time() - cpu_began
+        wall, cpu = time.perf_counter() - began, processor_time() - cpu_began
         facts["benchmarks"][name] = report.facts | {"wall_s": round(wall, 2), "cpu_s": round(cpu, 2)}
         pages.append((options.out / f"{name}.md").read_text(encoding="utf-8"))
         report.say(f"{name}: {wall:.0f} s, files {options.out / name}.*")
@@ -72,12 +73,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
     (options.out / "bench.md").write_text("\n".join(pages), encoding="utf-8")
     write_summary(options.out / "bench.json", facts)
     return 0
-
-
-def _processor_time() -> float:
-    """Processor time of this process and of those that it started and awaited [s]."""
-    times = os.times()
-    return times.user + times.system + times.children_user + times.children_system
 
 
 if __name__ == "__main__":

@@ -44,6 +44,7 @@ def repeated_link(n: int, seed: int = 1) -> Robot:
         joint_types=("revolute",) * n,
         gravity=np.array([1.0, -2.0, 9.5]),
         tool_offset=np.array([0.05, -0.1, 0.2]),
+        tool_rotation=np.eye(3),
         sources={},
         **{
             name: np.repeat(np.asarray(value, dtype=float)[None], n, axis=0) for name, value in fields.items()

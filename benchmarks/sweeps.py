@@ -23,6 +23,7 @@ import numpy as np
 import vdfmu
 from benchmarks.report import Report, Table
 from benchmarks.system import packed
+from benchmarks.timing import processor_time
 from vdfmu.batch.engine import Engine
 from vdfmu.batch.program import LANES
 from vdfmu.engine.cosim.container import write_container
@@ -83,11 +84,11 @@ def _throughput(report: Report, folder: Path, stop: float, points: int, rounds: 
         for _ in range(rounds):
             for way, workers in ways:
                 count, together, call = given[way]
-                marks, processor = [], _processor_time()
+                marks, processor = [], processor_time()
                 call(stop, workers, lambda marks=marks: marks.append(time.perf_counter()))
                 first = workers * together
                 rate = (marks[-1] - marks[first - 1]) / (count - first)
-                spent[way, workers].append((rate, (_processor_time() - processor) / count))
+                spent[way, workers].append((rate, (processor_time() - processor) / count))
     table = Table(
         "sweep_points",
         f"{points} points of {stop:g} s at 1 kHz, tracking",
@@ -116,11 +117,6 @@ def _ours(
         "tracking", {AXIS: f"*lin(0.5, 1.5, {points})"}, measure={"error": MEASURE}, stop=stop, workers=workers,
         engine=engine, out=folder, progress=lambda stage, k, total: done() if stage == "points" and k else None,
     )  # fmt: skip
-
-
-def _processor_time() -> float:
-    times = os.times()
-    return times.user + times.system + times.children_user + times.children_system
 
 
 def _fmpy(container: Path, values: Any, stop: float, workers: int, done: Callable[[], None]) -> None:
@@ -249,16 +245,16 @@ def _growth(report: Report, folder: Path, runs: tuple[int, ...], rows: tuple[int
         ],
     )
     for points in runs:
-        began = _processor_time()
+        began = processor_time()
         vdfmu.sweep("tracking", {AXIS: f"*lin(0.5, 1.5, {points})"}, measure={"error": MEASURE}, stop=1.0,
                     out=folder / f"runs_{points}")  # fmt: skip
-        spent = _processor_time() - began
+        spent = processor_time() - began
         table.add("runs of 1 s", points, spent, 1e3 * spent / points, _memory())
         report.facts[f"runs_{points}_s"] = spent
     for points in rows:
-        began = _processor_time()
+        began = processor_time()
         _files(folder / f"files_{points}", points)
-        spent = _processor_time() - began
+        spent = processor_time() - began
         table.add("files alone", points, spent, 1e3 * spent / points, _memory())
         report.facts[f"files_{points}_s"] = spent
     report.show(table)

@@ -9,20 +9,21 @@ from xml.etree.ElementTree import Element
 from vdfmu.fmu.description import model_description
 from vdfmu.fmu.description3 import model_description_3
 from vdfmu.model import load_robot
-from vdfmu.model.parameters import PARAMETERS
+from vdfmu.model.parameters import JOINT_OPTIONS, PARAMETERS
 from vdfmu.model.read import POSITIVE
 from vdfmu.unit.interface import Array, Interface, general_description
 from vdfmu.unit.variable import Variable
-from vdfmu.units import shipped_units
+from vdfmu.units import package_units, shipped_units
 
 
 def interface_page() -> str:
     """Return the reference of all variables of the units, in markdown."""
     arm, slider = load_robot("manipulator_6dof"), load_robot("slider_3dof")
     lines = [_HEAD]
-    for unit in shipped_units().values():
-        interface = Interface(unit, arm)
-        prismatic = {v.group: v.unit for v in Interface(unit, slider) if v.index[:1] == (1,)}
+    for unit in package_units().values():
+        interface = Interface(unit, arm if unit.needs_robot() else None)
+        joints = Interface(unit, slider) if unit.needs_robot() else ()
+        prismatic = {v.group: v.unit for v in joints if v.index[:1] == (1,)}
         lines += [f"## {interface.model_name}", "", f"{interface.description}. Unit `{interface.name}`."]
         for causality, title in _TITLES.items():
             groups = [
@@ -58,7 +59,11 @@ def robot_file_page() -> str:
                 f"`{row.key}`",
                 unit + (f" [{prismatic}]" if prismatic != unit else ""),
                 ", ".join(part for part in (size, low, high) if part),
-                "" if row.default is None else f"{row.default:g}",
+                ""
+                if row.default is None
+                else f"{row.default:g}"
+                if isinstance(row.default, float)
+                else "unit matrix",
                 row.equation,
                 _text(row.text[0].lower() + row.text[1:].replace(", Eq. {}", "").replace(" of Eq. {}", "")),
             )
@@ -73,7 +78,7 @@ _TABLES = {
     "joints.link": "[joints.link]",
     "joints.drive": "[joints.drive]",
     "joints.friction": "[joints.friction]",
-    "joints.limits": "[joints.limits]",
+    **{f"joints.{option}": f"[joints.{option}]" for option in JOINT_OPTIONS},
 }
 _TITLES = {
     "input": "Inputs",
@@ -206,12 +211,15 @@ built. The same table gives the checks of the file, the fields of `Robot` and th
 A robot is one TOML file. [Write a robot](tutorials/own_robot.md#write-a-robot) has an example; every problem of a
 file is reported at once. Beside the numbers below it has `name` and `description`, `friction` (`"lumped"` or
 `"split"`, default lumped), `rotor_coupling` (default `true`, [the rotor as a body](model.md#the-rotor-as-a-body)),
+`moving_base` and `coupled_tool` (default `false`, [what is around an arm](world.md)),
 the `type` of each joint (`"revolute"` or `"prismatic"`) and, under `[sources]`, where numbers are from:
 `"joints.link.mass" = ".."` for all joints, `"joints[2].link.mass"` for one. `[payload]` can be missing,
-`[joints.limits]` too, but then of all joints. Tables `[[visuals]]` say what links look like; nothing calculates with
-them: `joint` (0 for what stands still), `shape` (mesh, box, ellipsoid, cylinder, capsule, sphere), `file` of a mesh,
-`size` (scale of a mesh; sides; half-axes; radius and length along z; radius), `rotation` and `offset` in the link
-frame, `color` (red, green, blue, opacity). [Robots from URDF and MJCF](importing.md) writes such a file from another.
+tables of [options](drives.md#options) such as `[joints.limits]` too, but then of all joints. `gear` and `motor` of a
+joint [name what the catalogue has](drives.md#the-catalogue). Tables `[[visuals]]` say what links look like; nothing
+calculates with them: `joint` (0 for what stands still), `shape` (mesh, box, ellipsoid, cylinder, capsule, sphere),
+`file` of a mesh, `size` (scale of a mesh; sides; half-axes; radius and length along z; radius), `rotation` and
+`offset` in the link frame, `color` (red, green, blue, opacity). [Robots from URDF and MJCF](importing.md) writes such
+a file from another.
 
 SI units, angles in rad; a unit in brackets is that of a prismatic joint. Symbols are on the page
 [Notation](notation.md). An inertia can also be one number, of a body with the same moment about all axes, or three

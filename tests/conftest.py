@@ -6,16 +6,17 @@ import os
 import signal
 from collections.abc import Iterator
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
 
+from vdfmu.equations.plant import state_names
 from vdfmu.kernel import Kernel
 from vdfmu.kernel.cache import cache_folder
 from vdfmu.kernel.structure import values
-from vdfmu.model import Robot, check_robot, load_robot
-from vdfmu.model.parameters import section
+from vdfmu.model import Robot, check_robot, load_robot, robot_from_dict
+from vdfmu.model.parameters import JOINT_OPTIONS, section
 from vdfmu.unit.evaluate import Traced
 from vdfmu.unit.integrator import Integrator
 from vdfmu.unit.interface import Interface
@@ -25,7 +26,8 @@ from vdfmu.units import shipped_units
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # as a shell starts what it runs in the background
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
-SHIPPED = ("manipulator_6dof", "planar_2dof", "slider_3dof")
+TYPICAL = ("manipulator_6dof", "planar_2dof", "slider_3dof")
+"""Shipped robots with all that the shipped robots have: what holds for them is not tested with the others again."""
 
 
 @pytest.fixture(scope="session", autouse=True)
@@ -84,6 +86,7 @@ def make_general_chain() -> Robot:
             inertia=np.array([random_inertia(random, 0.1) for _ in range(n)]),
             gravity=np.array([1.0, -2.0, 9.5]),
             tool_offset=np.array([0.05, -0.1, 0.2]),
+            tool_rotation=random_rotation(np.random.default_rng(20240503)),
             ell=per_joint(100.0, 600.0),
             I_m=per_joint(1e-3, 1e-2),
             K_f0=per_joint(15e3, 2e6),
@@ -102,7 +105,7 @@ def make_general_chain() -> Robot:
             rotor_coupling=True,
             sources={},
             payload=True,
-            **{row.name: np.zeros(n) for row in section("limits")},
+            **{row.name: np.zeros(n) for option in JOINT_OPTIONS for row in section(option)},
             payload_mass=np.array(1.7),
             payload_centroid=np.array([-0.04, 0.07, 0.1]),
             payload_inertia=1.7 * random_inertia(np.random.default_rng(20240502), 0.1),
@@ -122,9 +125,9 @@ def planar() -> Robot:
     return load_robot("planar_2dof")
 
 
-@pytest.fixture(scope="session", params=SHIPPED)
+@pytest.fixture(scope="session", params=TYPICAL)
 def robot(request: pytest.FixtureRequest) -> Robot:
-    """Return each shipped robot."""
+    """Return each typical robot."""
     return load_robot(request.param)
 
 
@@ -134,10 +137,36 @@ def general() -> Robot:
     return make_general_chain()
 
 
-@pytest.fixture(scope="session", params=(*SHIPPED, "general"))
+@pytest.fixture(scope="session", params=(*TYPICAL, "general"))
 def chain(request: pytest.FixtureRequest) -> Robot:
-    """Return each shipped robot and the random general chain."""
+    """Return each typical robot and the random general chain."""
     return make_general_chain() if request.param == "general" else load_robot(request.param)
+
+
+OPTIONS: dict[str, dict[str, float]] = {
+    "hysteresis": {"K_h": 5e3, "f_h": 3.0},
+    "load_loss": {"mu_l": 0.2},
+    "backlash": {"w_gap": 2e-4, "tau_gap": 0.5},
+    "bristles": {"sigma_0": 2e4, "sigma_1": 50.0},
+    "winding": {"k_t": 0.1, "R_w": 0.5, "L_w": 1e-3, "U_max": 48.0, "i_max": 20.0, "w_i": 3e3},
+    "thermal": {"T_ref": 293.15, "T_v": 20.0, "T_amb": 300.0, "C_th": 500.0, "G_th": 2.0},
+}
+"""What drives may have beside the paper's, each by itself a table of a robot file."""
+
+
+def make_optional(*options: str, name: str = "planar_2dof", **changes: Any) -> Robot:
+    """Return a shipped robot with options, the same at all joints; `changes` by name of the parameter."""
+    data = load_robot(name).to_dict()
+    for joint in data["joints"]:
+        for option in options:
+            joint[option] = {key: changes.get(key, value) for key, value in OPTIONS[option].items()}
+    return robot_from_dict(data)
+
+
+@pytest.fixture(scope="session")
+def with_options():
+    """Return the function ``with_options("hysteresis", ..)``; by default with all."""
+    return lambda *options, **changes: make_optional(*(options or OPTIONS), **changes)
 
 
 class Draw(NamedTuple):
@@ -207,7 +236,8 @@ def plant_function(functions_of):
 
     def bound(robot: Robot, name: str):
         function, p = functions_of("plant", robot).function(f"plant_{name}"), values(robot)
-        shape = (4 * robot.n, 4 * robot.n) if name == "jacobian" else (4 * robot.n,)
+        m = len(state_names(robot)) * robot.n
+        shape = (m, m) if name == "jacobian" else (m,)
         return lambda x, tau, F_e: function(p, x, tau, F_e).reshape(shape, order="F")
 
     return bound

@@ -65,6 +65,7 @@ if TYPE_CHECKING:
 _NAMES = {
     "vdfmu.analysis.modes": ("Modes", "natural_modes"),
     "vdfmu.analysis.space": ("linearize",),
+    "vdfmu.analysis.run": ("run",),
     "vdfmu.dynamics": (
         "forward_dynamics", "forward_kinematics", "gravity_torque", "inverse_dynamics", "jacobian", "mass_matrix",
     ),
@@ -81,7 +82,6 @@ _NAMES = {
     "vdfmu.scenario": ("Scenario", "load_scenario", "scenario_names"),
     "vdfmu.ssp.osp": ("write_osp",),
     "vdfmu.ssp.write": ("write_ssp",),
-    "vdfmu.study.run": ("run",),
     "vdfmu.sweeps.run": ("sweep",),
     "vdfmu.sweeps.table": ("Sweep",),
     "vdfmu.tuning.run": ("tune",),

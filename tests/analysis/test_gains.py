@@ -6,12 +6,13 @@ import numpy as np
 import pytest
 from scipy.signal import cont2discrete
 
+from tests.conftest import TYPICAL
 from tests.robots.conftest import ARM
 from vdfmu import run
 from vdfmu.analysis.gains import GROWTH, arm_gains, joint_gains
 from vdfmu.analysis.margins import ArmLoops
 from vdfmu.analysis.reach import reach_scenario, write_reach
-from vdfmu.model import load_robot
+from vdfmu.model import load_robot, robot_names
 from vdfmu.robots import import_robot
 from vdfmu.scenario import load_scenario
 
@@ -58,12 +59,25 @@ def test_all_inertias_that_a_joint_sees_count() -> None:
     assert both[2] >= 0.5
 
 
-@pytest.mark.parametrize("name", ["manipulator_6dof", "planar_2dof", "slider_3dof"])
+@pytest.mark.parametrize("name", TYPICAL)
 def test_the_loops_of_the_whole_arm_keep_clear_of_minus_one(name: str) -> None:
     """The rule knows of no other joint: what coupling takes of its margin of 0.5 is less than a third."""
     scenario = reach_scenario(name)
     assert ArmLoops(scenario, growth=GROWTH).margins(delay=0).modulus.min() > 0.7
     assert ArmLoops(scenario, growth=GROWTH).margins(delay=1).modulus.min() > 0.33
+
+
+@pytest.mark.heavy
+@pytest.mark.parametrize("name", sorted({*robot_names()} - {*TYPICAL}))
+def test_the_loops_of_every_other_shipped_arm_do_too(name: str) -> None:
+    scenario = reach_scenario(name)
+    motion = scenario.sections["trajectory"]
+    assert (
+        np.abs(np.subtract(motion["q_end"], motion["q_start"])).sum() < 4.1
+    )  # rad: a long arm does not coil
+    loops = ArmLoops(scenario, growth=GROWTH)
+    assert loops.margins(delay=0).modulus.min() > 0.7
+    assert loops.margins(delay=1).modulus.min() > 0.25  # the Panda stretches joints 1, 3 and 5 along one axis
 
 
 def test_gains_follow_the_step() -> None:
@@ -104,10 +118,15 @@ def test_motors_that_are_too_weak_are_said(arm: Path, tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_an_imported_arm_moves_well_at_once(arm: Path, tmp_path: Path) -> None:
-    scenario = reach_scenario(arm)
-    results = run(scenario, out=tmp_path / "results", reference=False)
-    torque = results["controller.tau"] * scenario.robot.ell
+@pytest.mark.parametrize("shipped", [None, "scara_4dof"])
+def test_an_imported_or_shipped_arm_moves_well_at_once(
+    arm: Path, shipped: str | None, tmp_path: Path
+) -> None:
+    robot = load_robot(arm if shipped is None else shipped)
+    scenario = reach_scenario(robot)
+    results = run("reach", robot=robot, out=tmp_path / "results", reference=False)
+    assert results.summary["scenario"] == f"{robot.name}_reach"
+    torque = results["controller.tau"] * robot.ell
     # The torque is held over a step, on average half a step late: the feedback of a deviation balances that.
     late = np.abs(np.diff(torque, axis=0)).max(axis=0)
     error = np.abs(results["trajectory.q_d"] - results["plant.q"]).max(axis=0)

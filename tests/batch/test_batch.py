@@ -76,9 +76,18 @@ def assert_same_runs(rows, others):
                 np.testing.assert_allclose(row[name], values, rtol=0.0, atol=atol, err_msg=name)
 
 
-@pytest.mark.parametrize("scenario", [pytest.param("tracking", marks=pytest.mark.heavy), "slider"])
-def test_all_that_can_vary_gives_the_runs_of_the_fmus(bench, scenario):
-    if scenario == "slider":
+_ROBOTS = [
+    pytest.param("tracking", marks=pytest.mark.heavy),
+    "slider",
+    pytest.param("options", marks=pytest.mark.heavy),
+]
+
+
+@pytest.mark.parametrize("scenario", _ROBOTS)
+def test_all_that_can_vary_gives_the_runs_of_the_fmus(bench, with_options, scenario):
+    if scenario == "options":
+        scenario = dataclasses.replace(load_scenario("planar_tracking", with_options()), stop=0.1)
+    elif scenario == "slider":
         scenario = load_scenario("slider_tracking", general_slider())
         sections = {**scenario.sections, "feedforward": {**scenario.sections["feedforward"], "mode": "vdc"}}
         scenario = dataclasses.replace(scenario, stop=0.1, sections=sections)

@@ -15,6 +15,7 @@ import pytest
 from rich.console import Console
 
 from benchmarks import (
+    arms,
     c_loops,
     coupling,
     engines,
@@ -208,6 +209,17 @@ def test_growth(report: Report) -> None:
     assert {name: fact["degree"] for name, fact in multiplications.items()} == {
         "VD": 1, "Newton-Euler": 1, "Lagrange": 4,
     }  # fmt: skip
+
+
+def test_arms_are_measured_and_run_by_their_names(report: Report, monkeypatch: pytest.MonkeyPatch) -> None:
+    asked = []
+    ran = {"build": 1.0, "second": 0.1, "largest": 1e-5, "final": 1e-6}
+    monkeypatch.setattr(arms, "_child", lambda name: asked.append(name) or ran)
+    arms.run(report, quick=True)
+    (table,) = report.tables
+    assert [row[0] for row in table.rows] == asked == ["planar_2dof", "scara_4dof"]
+    assert [row[1] for row in table.rows] == [2, 4]
+    assert table.rows[0][3] == pytest.approx(0.9)  # m, links of 0.5 and 0.4 m
 
 
 @pytest.mark.heavy

@@ -10,6 +10,8 @@ import zipfile
 
 import pytest
 
+from tests.conftest import TYPICAL
+
 
 def vdfmu(*arguments, cwd, **options):
     return subprocess.run(
@@ -91,7 +93,7 @@ def test_models_are_listed_and_shown(tmp_path):
     assert "Table 1" in shown.stdout
 
 
-@pytest.mark.parametrize("name", ["manipulator_6dof", "planar_2dof", "slider_3dof"])
+@pytest.mark.parametrize("name", TYPICAL)
 def test_a_robot_is_shown_whole_in_80_columns(tmp_path, name):
     """No word is cut: every number, heading and word of a source is there as it is in a wide terminal."""
     narrow, wide = (

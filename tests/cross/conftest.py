@@ -28,14 +28,14 @@ def build_pinocchio_model(robot: Robot) -> pin.Model:
         body = pin.Inertia(
             float(robot.payload_mass), np.array(robot.payload_centroid), np.array(robot.payload_inertia)
         )
-        model.appendBodyToJoint(parent, body, pin.SE3(np.eye(3), np.array(robot.tool_offset)))
+        model.appendBodyToJoint(parent, body, pin.SE3(robot.tool_rotation, robot.tool_offset))
     return model
 
 
 def external_force(robot: Robot, F_e: np.ndarray) -> list[pin.Force]:
     """Return the wrench of the surroundings on the arm: -F_e, moved from {O} to the last joint."""
     forces = [pin.Force.Zero() for _ in range(robot.n + 1)]
-    tool = pin.SE3(np.eye(3), np.array(robot.tool_offset))
+    tool = pin.SE3(robot.tool_rotation, robot.tool_offset)
     forces[-1] = tool.act(pin.Force(-F_e[:3], -F_e[3:]))
     return forces
 

@@ -20,7 +20,7 @@ def positions(chain, draw, seed):
 def test_batches_agree_with_pinocchio(chain, draw, pinocchio_model):
     model = pinocchio_model(chain)
     data = model.createData()
-    tool = pin.SE3(np.eye(3), np.array(chain.tool_offset))
+    tool = pin.SE3(chain.tool_rotation, chain.tool_offset)
     q = positions(chain, draw, seed=80)
     p_O, R_O = vdfmu.forward_kinematics(chain, q)
     results = zip(q, vdfmu.gravity_torque(chain, q), vdfmu.mass_matrix(chain, q), vdfmu.jacobian(chain, q),

@@ -122,7 +122,7 @@ def test_numpy_equations_agree_with_pinocchio(chain, draw, pinocchio_model, pino
 def test_pose_and_jacobian_agree_with_pinocchio(chain, draw, pinocchio_model):
     model = pinocchio_model(chain)
     data = model.createData()
-    tool = pin.SE3(np.eye(3), np.array(chain.tool_offset))
+    tool = pin.SE3(chain.tool_rotation, chain.tool_offset)
     for state in draw(chain, 10, seed=68):
         J = tool.toActionMatrixInverse() @ pin.computeJointJacobian(model, data, state.q, chain.n)
         pin.forwardKinematics(model, data, state.q)

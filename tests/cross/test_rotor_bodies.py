@@ -35,7 +35,7 @@ class RotorBodies:
             load = pin.Inertia(
                 float(robot.payload_mass), np.array(robot.payload_centroid), np.array(robot.payload_inertia)
             )
-            self.model.appendBodyToJoint(parent, load, pin.SE3(np.eye(3), np.array(robot.tool_offset)))
+            self.model.appendBodyToJoint(parent, load, pin.SE3(robot.tool_rotation, robot.tool_offset))
         self.data = self.model.createData()
         self.links, self.rotors = ([self.model.joints[j].idx_v for j in found] for found in (links, rotors))
         self.tool = parent
@@ -49,7 +49,7 @@ class RotorBodies:
     def accelerations(self, q, q_dot, theta, theta_dot, tau_links, tau_rotors, F_e):
         """Return accelerations of links and rotors by the articulated-body algorithm."""
         forces = [pin.Force.Zero() for _ in range(self.model.njoints)]
-        forces[self.tool] = pin.SE3(np.eye(3), np.array(self.robot.tool_offset)).act(
+        forces[self.tool] = pin.SE3(self.robot.tool_rotation, self.robot.tool_offset).act(
             pin.Force(-F_e[:3], -F_e[3:])
         )
         a = pin.aba(

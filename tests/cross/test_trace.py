@@ -5,6 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
+from tests.conftest import TYPICAL
 from vdfmu.equations.estimator import torque_estimates
 from vdfmu.equations.feedforward import Gains, feedforward_inverse, feedforward_vdc
 from vdfmu.equations.flexible_joint import rotor_position
@@ -35,9 +36,7 @@ NAMES = [
 """Traced functions of the kernel and of the units."""
 
 
-@pytest.fixture(
-    scope="module", params=["manipulator_6dof", "planar_2dof", "slider_3dof", "general", "single"]
-)
+@pytest.fixture(scope="module", params=[*TYPICAL, "general", "single"])
 def traced_robot(request, general):
     """Return each shipped robot, the general chain, and an arm of one joint."""
     if request.param == "general":

@@ -10,7 +10,8 @@ import pytest
 
 import vdfmu.equations
 from vdfmu.model import Robot, load_robot
-from vdfmu.model.parameters import PARAMETERS
+from vdfmu.model.parameters import OPTIONAL, PARAMETERS
+from vdfmu.model.robot import ENDS
 from vdfmu.scenario.scenario import Scenario
 from vdfmu.unit.interface import Interface
 from vdfmu.units import shipped_units
@@ -36,7 +37,8 @@ FMI_ROWS = [row for row in ROWS if row["fmi"]]
 
 def with_everything(robot: Robot) -> Robot:
     """Return a robot whose interface has every group: friction of the rotor, kinematic error, all offsets."""
-    return dataclasses.replace(robot, friction="split", payload=True, limits=True).with_parameters(
+    every = dict.fromkeys((*OPTIONAL, *ENDS), True)
+    return dataclasses.replace(robot, friction="split", **every).with_parameters(
         theta_err_amplitude=1e-6, tool_offset=[0.1, 0.2, 0.3], offset=0.1, centroid=0.1, inertia=robot.inertia + 1e-5,
         gravity=[1.0, 2.0, 9.0], payload_inertia=np.eye(3) + 0.1,
     )  # fmt: skip

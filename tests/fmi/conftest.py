@@ -24,8 +24,9 @@ from fmpy.fmi2 import (
     fmi2CallbackLoggerTYPE,
 )
 
+from tests.conftest import TYPICAL
 from vdfmu.fmu import build_fmus
-from vdfmu.model import Robot, load_robot, robot_names
+from vdfmu.model import Robot, load_robot
 from vdfmu.units import shipped_units
 
 
@@ -138,7 +139,7 @@ class Unit:
 @pytest.fixture(scope="session")
 def robots() -> dict[str, Robot]:
     """Return the shipped robots by name."""
-    return {name: load_robot(name) for name in robot_names()}
+    return {name: load_robot(name) for name in TYPICAL}
 
 
 @pytest.fixture(scope="session")
@@ -232,7 +233,7 @@ def unit_name(request: pytest.FixtureRequest) -> str:
     return request.param
 
 
-@pytest.fixture(params=("planar_2dof", "slider_3dof", "manipulator_6dof"))
+@pytest.fixture(params=TYPICAL)
 def robot_name(request: pytest.FixtureRequest) -> str:
-    """Each of the shipped robots."""
+    """Each of the typical robots."""
     return request.param

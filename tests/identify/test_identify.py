@@ -102,7 +102,7 @@ def test_a_log_without_noise_leaves_what_the_method_does(clean, robot, guess):
 
 @pytest.mark.heavy
 def test_intervals_cover_the_truth(clean, robot, guess):
-    """Of 5 logs with other noise, 95 % intervals of all that is identified but the split of a stiffness in two springs."""
+    """Of 5 logs with other noise, 95 % intervals of all but the split of a stiffness in two springs."""
     inside: list[bool] = []
     for seed in range(5):
         found = identify(noisy(clean, robot, 100 + seed), guess)

@@ -121,7 +121,7 @@ def test_chained_transforms_follow_the_chained_poses(chain, draw):
             U = U @ U_AB
         p_O, R_O = end_effector_pose(chain, state.q)
         # n products of matrices with entries up to the reach (q of a prismatic joint is up to pi m): 1e-13.
-        np.testing.assert_allclose(T[:3, :3], R_O, rtol=0, atol=1e-14)
+        np.testing.assert_allclose(T[:3, :3] @ chain.tool_rotation, R_O, rtol=0, atol=1e-14)
         np.testing.assert_allclose(T[:3, :3] @ chain.tool_offset + T[:3, 3], p_O, rtol=0, atol=1e-13)
         np.testing.assert_allclose(force_transform(T[:3, :3], T[:3, 3]), U, rtol=0, atol=1e-13)
 

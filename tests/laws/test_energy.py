@@ -24,7 +24,7 @@ def energy(outputs):
 
 def power_in(robot, x, tau, F_e):
     """Return the power of the motors less that of friction and of the wrench on the surroundings [W]."""
-    state = split_state(x)
+    state = split_state(robot, x)
     xi_l, xi_m = joint_friction(robot, state.q_dot, state.kappa_dot)
     rotor_speed = robot.ell * state.kappa_dot
     V_O = jacobian(robot, state.q) @ state.q_dot

@@ -116,7 +116,7 @@ def test_angular_momentum_changes_by_the_torque_of_the_base_alone(coupled, plant
     derivative = plant_function(robot, "derivatives")
 
     def momentum(x):
-        state = split_state(x)
+        state = split_state(robot, x)
         motion = link_motion(robot, state.q, state.q_dot, np.zeros(6))
         V_D = rotor_velocities(robot, motion.V_B, state.kappa_dot)
         H, U = 0.0, np.eye(6)
@@ -185,9 +185,9 @@ def test_the_cost_stays_linear_in_the_number_of_joints():
 
     def count(n):
         def equations(counter):
-            drives = {"ell": counter[n], "I_m": counter[n]}
+            drives = {"ell": counter.array(n), "I_m": counter.array(n)}
             robot = dataclasses.replace(counting_chain(n, counter), **drives)
-            one = counter[n]
+            one = counter.array(n)
             q_ddot = forward_dynamics(robot, one, one, one, None, Rotors(one, one))
             rotor_acceleration(robot, one, link_motion(robot, one, one, q_ddot))
             inverse_dynamics(robot, one, one, one, rotors=(one, one))

@@ -19,17 +19,31 @@ Writer = Callable[[str, dict[str, Any]], Path]
 
 
 def test_shipped_names() -> None:
-    assert robot_names() == ["manipulator_6dof", "planar_2dof", "slider_3dof"]
+    assert robot_names() == [
+        "iiwa_7dof",
+        "kr_6dof",
+        "manipulator_6dof",
+        "panda_7dof",
+        "planar_2dof",
+        "redundant_7dof",
+        "scara_4dof",
+        "slider_3dof",
+        "snake_24dof",
+        "ur5e_6dof",
+    ]
     assert scenario_names() == [
         "contrast",
         "estimation",
         "planar_tracking",
+        "screw",
         "slider_tracking",
         "tracking",
         "tracking_split",
         "tracking_tuned",
+        "two_arms",
         "two_joint",
         "two_joint_table5",
+        "wall",
     ]
 
 
@@ -45,7 +59,7 @@ def test_shipped_scenario_is_named_like_its_file(name: str) -> None:
 
 def test_unknown_name_lists_the_shipped_ones() -> None:
     with pytest.raises(
-        UsageError, match=r"no robot \'planar\': .* There are: manipulator_6dof, planar_2dof, slider"
+        UsageError, match=r"no robot \'planar\': .* There are: iiwa_7dof, kr_6dof, manipulator_6dof"
     ):
         load_robot("planar")
     with pytest.raises(UsageError, match=r'no scenario \'trackin\': .* Did you mean "tracking"\?'):
@@ -138,7 +152,7 @@ def test_problems_of_scenario_and_robot_together(
 def test_robot_of_a_scenario_not_found(write: Writer, scenario_data: dict[str, Any]) -> None:
     scenario_data["robot"] = "planer_2dof"
     with pytest.raises(
-        ModelError, match=r'own\.toml: robot: no robot .* Did you mean "planar_2dof"\? There are: man'
+        ModelError, match=r'own\.toml: robot: no robot .* Did you mean "planar_2dof"\? There are: iiwa_7dof'
     ):
         load_scenario(write("own.toml", scenario_data))
 

@@ -88,6 +88,7 @@ def test_round_trip_of_random_robots(chain: list[dict[str, Any]], friction: str,
         "rotor_coupling": coupling,
         "gravity": [0.0, 0.0, 9.81],
         "tool_offset": [0.1, 0.0, 0.0],
+        "tool_rotation": [[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]],
         "joints": chain,
         "sources": {"joints[1].link.mass": "drawn"},
     }
@@ -199,7 +200,7 @@ def test_every_number_has_its_source(name: str) -> None:
     for i, joint in enumerate(data["joints"], 1):
         for key in ("rotation", "offset"):
             assert robot.source_of(f"joints[{i}].{key}"), key
-        for group in (*groups, "drive", "friction"):
+        for group in (*groups, "drive", "friction", *(("limits",) if robot.limits else ())):
             for key in joint[group]:
                 assert robot.source_of(f"joints[{i}].{group}.{key}"), (i, group, key)
 

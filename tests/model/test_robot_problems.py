@@ -80,6 +80,11 @@ FAULTS: list[tuple[tuple[Any, ...], Any, str]] = [
         True,
         r"mass: expected a finite number > 0 in kg, got true\. Write a number",
     ),
+    (
+        ("tool_rotation",),
+        [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.1, 1.0]],
+        r"my\.toml: tool_rotation: expected an orthogonal matrix .* got .* R\^T - E\| up to 0\.1",
+    ),
     (("joints", 1, "link", "mass"), math.nan, r"joints\[2\]\.link\.mass: .* got nan"),
     (("joints", 1, "link", "mass"), 10**400, r"joints\[2\]\.link\.mass: .* got 1000"),
     (("joints", 1, "link", "mas"), 1.0, r'joints\[2\]\.link\.mas: .* an unknown one\. Did you mean "mass"\?'),

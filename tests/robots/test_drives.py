@@ -10,6 +10,7 @@ import vdfmu
 from tests.robots.conftest import ARM, LIMIT, joint, link
 from vdfmu.data import data_path
 from vdfmu.measure import measure
+from vdfmu.model.catalogue import catalogue
 from vdfmu.model.parameters import PARAMETERS, section
 from vdfmu.robots import import_robot
 
@@ -90,20 +91,68 @@ def test_a_file_of_drives_comes_before_the_robots_own(urdf, tmp_path: Path) -> N
 def test_every_problem_of_a_file_of_drives_is_named(urdf, tmp_path: Path) -> None:
     drives = tmp_path / "drives.toml"
     drives.write_text(
-        '[shoulder]\n[a]\ndrive = { ell = 0.5, gear = 3 }\nfriction.f_c = "low"\nmotor = {}\n',
+        '[shoulder]\n[a]\ndrive = { ell = 0.5, gear = 3 }\nfriction.f_c = "low"\nengine = {}\ngear = "CSG-25"\n',
         encoding="utf-8",
     )
     with pytest.raises(vdfmu.VdfmuError) as error:
         vdfmu.robot_from_urdf(urdf(ARM), drives=drives)
     assert [problem.removeprefix(f"{drives}: ") for problem in error.value.problems] == [
         'shoulder: expected a joint of the arm, or a pattern such as "*", got none. There are: a, b, c.',
-        "a.motor: expected a known key, got an unknown one. There are: drive, friction, limits, source.",
+        "a.engine: expected a known key, got an unknown one. "
+        "There are: gear, motor, drive, friction, limits, source.",
         "a.drive.gear: expected a known key, got an unknown one. There are: "
         + ", ".join(row.key for row in section("drive")) + ".",
         "a.drive.ell: expected a finite number >= 1, got 0.5. Give the rotor angle for one unit of joint motion.",
         'a.friction.f_c: expected a finite number >= 0 in N.m, got "low". Write a number. '
         "It is the coulomb friction, link-side, Eq. (54).",
+        'a.gear: expected a gear of the catalogue, got "CSG-25". Did you mean "CSG-25-100"? '
+        f"There are: {', '.join(catalogue()['gears'])}.",
     ]  # fmt: skip
+
+
+def test_a_file_of_drives_names_gears_and_motors(urdf, tmp_path: Path) -> None:
+    drives = tmp_path / "drives.toml"
+    drives.write_text(
+        """
+        ["a*"]
+        gear = "CSG-20-100"
+        motor = "TBM-6025-B"
+        [b]
+        gear = "CSG-25-100"
+        motor = "TBM-6025-B"
+        drive.c_f = 1e-4
+        ["*b"]
+        motor = "TBM-6013-A"
+        [c]
+        motor = "TBM-6013-A"
+        drive.ell = 160
+        """,
+        encoding="utf-8",
+    )
+    robot = vdfmu.robot_from_urdf(urdf(ARM), drives=drives)
+    gears = catalogue()["gears"]
+    assert robot.ell.tolist() == [100.0, 100.0, 160.0]
+    np.testing.assert_allclose(robot.K_w0[:2], [gears[f"CSG-{k}-100"]["drive"]["K_w0"] for k in (20, 25)])
+    # inertia of wave generator and motor times ell; a later entry may name the motor alone, as one without a gear
+    inertia = np.array([1.93e-5 + 2.52e-5, 4.13e-5 + 1.41e-5, 1.41e-5])
+    np.testing.assert_allclose(robot.I_m, robot.ell * inertia)
+    assert robot.source_of("joints[1].drive.K_f0") == "models/drives/catalogue.toml: gear CSG-20-100"
+    np.testing.assert_allclose(robot.kappa_dot_max, [615.38 / 100.0, 662.47 / 100.0, 662.47 / 160.0])
+
+
+def test_published_drives_of_the_fr3_disagree_threefold(urdf) -> None:
+    arm = link("ground", "") + "".join(link(f"link{i}") for i in range(1, 8))
+    parents = ["ground", *(f"link{i}" for i in range(1, 7))]
+    arm += "".join(joint(f"fr3_joint{i}", parent, f"link{i}") for i, parent in enumerate(parents, 1))
+    franka, menagerie = (
+        vdfmu.robot_from_urdf(urdf(arm), drives=data_path("models") / "drives" / f"fr3_{source}.toml")
+        for source in ("franka", "menagerie")
+    )
+    reflected = franka.I_m * franka.ell
+    np.testing.assert_allclose(reflected[[0, 2, 6]], [0.605721456, 0.462474144, 0.205544064], rtol=1e-7)
+    assert (2.3 < reflected / (menagerie.I_m * menagerie.ell)).all()
+    assert "Franka" in (franka.source_of("joints[1].drive.I_m") or "")
+    assert menagerie.f_c.tolist() == [1.137] * 4 + [0.763, 0.44, 0.248]
 
 
 def test_armature_becomes_the_inertia_of_the_rotor() -> None:

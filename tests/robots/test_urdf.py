@@ -27,9 +27,11 @@ def test_the_tool_is_where_pinocchio_has_the_tip(urdf) -> None:
     model = pinocchio_arm(path, ["a", "b", "c"])
     data, q = model.createData(), np.array([0.3, -0.8, 0.2])
     pin.framesForwardKinematics(model, data, q)
-    p_O, _ = vdfmu.forward_kinematics(vdfmu.robot_from_urdf(path), q)
+    p_O, R_O = vdfmu.forward_kinematics(vdfmu.robot_from_urdf(path), q)
+    pose = data.oMf[model.getFrameId("tool")]
     # Lengths of 1 m, some ten products.
-    np.testing.assert_allclose(p_O, data.oMf[model.getFrameId("tool")].translation, rtol=0, atol=1e-14)
+    np.testing.assert_allclose(p_O, pose.translation, rtol=0, atol=1e-14)
+    np.testing.assert_allclose(R_O, pose.rotation, rtol=0, atol=1e-14)
 
 
 @pytest.mark.parametrize("axis", [[0, 0, 1], [0, 0, -1], [1, 0, 0], [0, -1, 0], [0.6, 0.48, -0.64]])
@@ -128,7 +130,7 @@ def test_the_robot_file_is_what_load_robot_reads_and_every_number_has_a_source(u
         for i, entry in enumerate(data["joints"], 1)
         for part in ("link", "drive", "friction", "limits")
         for key in entry[part]
-    } | {"gravity", "tool_offset", "joints[1].rotation", "joints[1].offset"}
+    } | {"gravity", "tool_offset", "tool_rotation", "joints[1].rotation", "joints[1].offset"}
     assert [key for key in keys if read.source_of(key) is None] == []
     assert "# Joint 2: b, revolute, moves two, cap, joined to one body" in found.text
 

@@ -92,7 +92,6 @@ def test_each_point_is_the_run_of_its_values(tmp_path):
 @pytest.mark.heavy
 def test_robots_motions_and_payloads_vary_together(tmp_path):
     text = (MODELS / "robots" / "planar_2dof.toml").read_text()
-    text = text.replace("[[joints]]", "[payload]\nmass = 0.0\n\n[[joints]]", 1)
     robots = [str(tmp_path / "light.toml"), str(tmp_path / "heavy.toml")]
     for path, mass in zip(robots, ("2.0", "3.0"), strict=True):
         Path(path).write_text(text.replace("mass = 2.0", f"mass = {mass}"))
@@ -450,8 +449,8 @@ def test_what_cannot_be_run_is_said_before_the_first_point(wild, tmp_path, over,
         (["feedforward.mode=*1, 2"], "expected numbers to multiply"),
         (["robot=planar_2dof, nowhere"], "nowhere"),
         (
-            ["plant.payload_mass=1, 2"],
-            r"optional table \[payload\] of a robot's file, which planar_2dof has not",
+            ["plant.q_max=1, 2"],
+            r"optional table \[limits\] of a robot's file, which planar_2dof has not",
         ),
         (["plant.F_e=*lin(1, 2, 2)"], "not all 0"),
         (

@@ -361,3 +361,45 @@ def test_declarations_of_other_types_are_named_all_at_once():
     for line, words in zip(lines, expected, strict=True):
         assert words in line
         assert "test_declaration.py, line " in line
+
+
+class Loaded(Unit):
+    """What it has depends on the robot."""
+
+    u = Input("N", text="force", when="payload")
+    y = Output("1", text="always")
+    x = State("1", JOINTS, "of each joint", when="hysteresis")
+    x_dot = Derivative(x)
+
+    def outputs(self) -> None:
+        self.y = 1.0 if not self.of_robot.payload else self.u
+
+    def derivatives(self) -> None:
+        if self.of_robot.hysteresis:
+            self.x_dot = -self.x
+
+
+def test_a_unit_has_the_variables_of_the_options_that_its_robot_has(slider, with_options):
+    bare, bent = Interface(Loaded, slider), Interface(Loaded, with_options("hysteresis"))
+    assert list(bare.groups) == ["y", "tolerance"]
+    assert (bare.states, bare.derivatives, len(bare.memory)) == (slice(2, 2), slice(2, 2), 3)
+    assert list(bent.groups) == ["x", "y", "x_0", "tolerance"]
+    assert [v.name for v in bent.memory[bent.derivatives]] == ["der(x[1])", "der(x[2])"]
+    assert Loaded(with_options("hysteresis"), x_0=2.0).simulate(stop=1.0)["x"][-1] == pytest.approx(
+        2.0 / np.e
+    )
+    assert Loaded(slider).simulate(stop=0.1)["y"][-1] == 1.0
+    with pytest.raises(UnitError, match=r"Loaded\.u is there for a robot with payload only"):
+        _ = Loaded(slider).u
+    with pytest.raises(UsageError, match="Loaded has no 'x_0' to set"):
+        Loaded(slider, x_0=1.0)
+
+
+def test_an_option_that_no_robot_has_is_refused(slider):
+    class Wrong(Unit):
+        """Wrong."""
+
+        u = Input("1", when="pyload")
+
+    with pytest.raises(UnitError, match=r"u: when: expected one of payload, limits, .*, got 'pyload'"):
+        check_unit(Wrong, slider)

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from benchmarks.chains import repeated_link
+from tests.conftest import TYPICAL
 from vdfmu.kernel.rodas import ORDER
 from vdfmu.kernel.structure import values
 from vdfmu.model import load_robot
@@ -233,7 +234,7 @@ def step_of(unit, robot):
     return interface.functions.casadi_function(interface.program.step[0].function)
 
 
-@pytest.mark.parametrize("name", ["manipulator_6dof", "planar_2dof", "slider_3dof"])
+@pytest.mark.parametrize("name", TYPICAL)
 @pytest.mark.parametrize("coupling", [False, True])
 def test_elimination_along_the_chain_gives_the_step_of_the_dense_block(name, coupling):
     robot = dataclasses.replace(load_robot(name), rotor_coupling=coupling)

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 from scipy.linalg import expm
 
 from vdfmu.arrays import Floats
+from vdfmu.equations.friction import dry_friction
 from vdfmu.errors import UsageError
-from vdfmu.model.parameters import section
+from vdfmu.model.parameters import PARAMETERS
 from vdfmu.study.wired import System
 from vdfmu.unit.evaluate import Evaluation
 from vdfmu.unit.linear import state_space
@@ -46,10 +48,16 @@ def linearize(unit: Evaluation, inputs: Sequence[str]) -> Linear:
 
 
 def without_dry_friction(unit: Evaluation) -> None:
-    """Set parameters of Coulomb and Stribeck friction to 0: torques, where viscous friction has a damping."""
-    for row in section("friction"):
-        if row.quantity in ("torque", "N.m") and row.name in unit.interface.groups:
-            unit.group(row.name)[:] = 0.0
+    """Set parameters of Coulomb and Stribeck friction, and of the mesh's, to 0 or the smallest that they may be."""
+    for name in dry_friction(unit.interface.robot):
+        if name in unit.interface.groups:
+            unit.group(name)[:] = PARAMETERS[name].smallest
+
+
+def lively(states: Iterable[str], dry: bool) -> npt.NDArray[np.intp]:
+    """Return indices of states of the plant but temperatures, which take minutes, and bristles that are not `dry`."""
+    still = {"T_j"} if dry else {"T_j", "tau_z"}
+    return np.array([i for i, name in enumerate(states) if name.split("[")[0] not in still], dtype=np.intp)
 
 
 def held(continuous: Linear, step: float) -> Linear:

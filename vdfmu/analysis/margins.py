@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from vdfmu.analysis.linear import Linear, feedback, held, linearize, without_dry_friction
+from vdfmu.analysis.linear import Linear, feedback, held, linearize, lively, without_dry_friction
 from vdfmu.arrays import Floats
 from vdfmu.engine.algorithms import CONTINUOUS
 from vdfmu.engine.linear import LinearSystem
@@ -69,7 +69,7 @@ class Loop:
     plant: Linear
     """Continuous, with the motor torques as inputs."""
     K: Floats
-    """Feedback (n, 4 n): deviation of the motor torques by those of the plant's states."""
+    """Feedback (n, n_x): deviation of the motor torques by those of the plant's states."""
     step: float
     """In s."""
     growth: float = 0.0
@@ -98,7 +98,7 @@ class Loop:
         return np.unique(w[(w > 0.0) & (w < np.pi / self.step)])
 
     def response(self, w: Floats) -> Any:
-        """Response of the sampled plant's states to the motor torques at frequencies (m,) [rad/s]: (m, 4 n, n)."""
+        """Response of the sampled plant's states to the motor torques at frequencies (m,) [rad/s]: (m, n_x, n)."""
         A, B = self.sampled
         return np.linalg.solve(self.z(w)[:, None, None] * np.eye(len(A)) - A, B.astype(complex))
 
@@ -184,19 +184,29 @@ class ArmLoops:
                 f"margins: expected a system with trajectory, feedforward and plant; there is no {', '.join(lacking)}."
             )
         system.start()
+        system.memory[system.solver_x] = system.memory[system.x]
         plant = units["plant"]
         if not dry:
             without_dry_friction(plant)
+        table = plant.interface
+        self._lively = lively((v.name for v in table.variables[table.states]), dry)
         self._x: list[Floats] = []
         self.loops: list[Loop] = []
         for t in np.linspace(0.0, scenario.stop, _TIMES) if times is None else times:
             for _ in range(2):  # the feedforward may see the plant's states
                 run(t)
-                system.memory[system.solver_x] = np.concatenate([units[u].group(g) for u, g in wanted[1:]])
+                desired = np.concatenate([units[u].group(g) for u, g in wanted[1:]])
+                system.memory[system.solver_x[: desired.size]] = (
+                    desired  # those of options stay at their start
+                )
             run(t)
             self._x.append(system.memory[system.solver_x])
-            K = feedback(system, "plant", ("tau",), t)
-            self.loops.append(Loop(float(t), linearize(plant, ("tau",)), K, scenario.step, growth))
+            A, B = linearize(plant, ("tau",))
+            moving = Linear(A[np.ix_(self._lively, self._lively)], B[self._lively])
+            self.loops.append(Loop(float(t), moving, self._feedback(t), scenario.step, growth))
+
+    def _feedback(self, t: float) -> Floats:
+        return feedback(self._system, "plant", ("tau",), t)[:, self._lively]
 
     def margins(self, values: Mapping[str, float] | None = None, delay: int = 1) -> Margins:
         """Smallest margins of each joint over all times.
@@ -216,7 +226,7 @@ class ArmLoops:
         each: list[Margins] = []
         for loop, x in zip(self.loops, self._x, strict=True):
             system.memory[system.solver_x] = x
-            K = loop.K if values is None else feedback(system, "plant", ("tau",), loop.t)
+            K = loop.K if values is None else self._feedback(loop.t)
             each.append(loop.margins(K, delay))
         modulus, gain, phase, left = np.min([m[:4] for m in each], axis=0)
         return Margins(modulus, gain, phase, left, max(m.radius for m in each))

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from vdfmu.analysis.linear import lively
 from vdfmu.analysis.margins import Complex
 from vdfmu.analysis.space import linearize
 from vdfmu.arrays import Floats
@@ -77,20 +78,26 @@ def natural_modes(robot: Robot, q: npt.ArrayLike, *, motors: str = "free", dry: 
     """
     if motors not in MOTORS:
         raise UsageError(f"motors: expected {' or '.join(MOTORS)}, got {motors!r}.")
-    return _modes(linearize(robot, q, dry=dry), motors)
+    return _modes(linearize(robot, q, dry=dry), motors, dry)
 
 
-def _modes(system: StateSpace, motors: str) -> Modes:
-    n = len(system.A) // 4
-    A, B = system.A, system.B[:, :n]
+def _modes(system: StateSpace, motors: str, dry: bool) -> Modes:
+    keep = lively(system.states, dry)
+    groups = [system.states[i].split("[")[0] for i in keep]
+    n, m = groups.count("q"), len(groups)
+    A, B = system.A[np.ix_(keep, keep)], system.B[keep, :n]
+    currents = np.flatnonzero(np.array(groups) == "i_m")
+    if currents.size:  # they turn the rotors
+        B = A[:, currents]
     links, speeds, rotors, springs = np.split(np.arange(4 * n), 4)
     stiffness = -np.diag(A[np.ix_(springs, speeds)])  # tau_s_dot = K (kappa_dot (1 - theta_err') - q_dot)
-    states = np.eye(4 * n)  # from those of the motion
+    states = np.eye(m)  # from those of the motion
     if motors == "held":
         brakes = -np.linalg.solve(B[rotors], A[rotors])
-        states = states[:, : 2 * n]
+        moving = np.delete(np.arange(m), np.concatenate([rotors, springs, currents]))
+        states = states[:, moving]
         states[springs, links] = -stiffness
-        A = (A @ states + B @ (brakes @ states))[: 2 * n]
+        A = (A @ states + B @ (brakes @ states))[moving]
     s: Any
     s, vectors = np.linalg.eig(A)
     turning = np.abs(s.imag) > _STILL * np.abs(s).max()
@@ -135,7 +142,7 @@ def modes_along(
         run(t)
         poses.append(trajectory.group("q_d").copy())
     systems = [linearize(scenario.robot, q, dry=dry) for q in poses]
-    return times, {motors: [_modes(system, motors) for system in systems] for motors in MOTORS}
+    return times, {motors: [_modes(system, motors, dry) for system in systems] for motors in MOTORS}
 
 
 def ranges(along: Sequence[Modes], count: int) -> list[tuple[float, float] | None]:

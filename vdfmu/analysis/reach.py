@@ -24,6 +24,8 @@ from vdfmu.temporary import temporary_folder
 _STEP = 1e-3
 _FAR = {"revolute": 0.5, "prismatic": 0.1}
 """How far each joint moves [rad, m], where its end stops leave room."""
+_MANY = 8
+"""Joints from which on each moves less, so that long arms bend and do not coil."""
 _ROOM = 0.4
 """Share of the way to the end stop that a joint moves at most."""
 _AWAY = 0.1
@@ -82,30 +84,36 @@ def write_reach(robot: str | os.PathLike[str], out: str | os.PathLike[str]) -> R
     UsageError, ModelError
         As of :func:`~vdfmu.load_robot`; if the file cannot be written.
     """
-    path = Path(out)
-    gains, notes = _write(robot, path)
+    path, place = Path(out), locate(robot, "robots")
+    shipped = str(robot) in robot_names() and not Path(robot).exists()
+    written = str(robot) if shipped else Path(os.path.relpath(place, path.parent)).as_posix()
+    gains, notes = _write(load_robot(robot), place.stem, written, path)
     return Reach(path, gains, ArmLoops(load_scenario(path), growth=GROWTH).margins(), notes)
 
 
-def reach_scenario(robot: str | os.PathLike[str]) -> Scenario:
-    """Return the scenario that :func:`write_reach` writes."""
+def reach_scenario(robot: Robot | str | os.PathLike[str] | None = None) -> Scenario:
+    """Return the scenario that :func:`write_reach` writes, of a robot or its file, by default of the paper's arm."""
+    if isinstance(robot, Robot):
+        name = robot.name
+    else:
+        name, robot = (
+            locate(robot or "manipulator_6dof", "robots").stem,
+            load_robot(robot or "manipulator_6dof"),
+        )
     with temporary_folder("vdfmu_") as folder:
-        path = Path(folder) / f"{locate(robot, 'robots').stem}_reach.toml"
-        _write(robot, path)
-        return load_scenario(path)
+        path = Path(folder) / f"{name}_reach.toml"
+        _write(robot, name, name, path)
+        return load_scenario(path, robot)
 
 
-def _write(robot: str | os.PathLike[str], path: Path) -> tuple[Gains, list[str]]:
+def _write(arm: Robot, name: str, written: str, path: Path) -> tuple[Gains, list[str]]:
     """Write the scenario; return its gains, and what is to be said of its motion."""
-    place, arm = locate(robot, "robots"), load_robot(robot)
-    shipped = str(robot) in robot_names() and not Path(robot).exists()
-    written = str(robot) if shipped else Path(os.path.relpath(place, path.parent)).as_posix()
     start, end, T, notes = _motion(arm)
     gains = arm_gains(arm, np.linspace(start, end, _POINTS), _STEP)
     text = _TEXT.format(
-        robot=place.stem, name=json.dumps(path.stem), written=json.dumps(written), stop=T + 0.5, step=_STEP, T=T,
+        robot=name, name=json.dumps(path.stem), written=json.dumps(written), stop=T + 0.5, step=_STEP, T=T,
         start=_list(start), end=_list(end), K_p=_list(gains.K_p), K_v=_list(gains.K_v), reserve=100 * _RESERVE,
-        margins=", ".join(f"{m:.2f}" for m in gains.modulus), description=json.dumps(f"A first motion of {place.stem}"),
+        margins=", ".join(f"{m:.2f}" for m in gains.modulus), description=json.dumps(f"A first motion of {name}"),
     )  # fmt: skip
     write_whole(path, [text.encode()])
     return gains, notes
@@ -114,7 +122,7 @@ def _write(robot: str | os.PathLike[str], path: Path) -> tuple[Gains, list[str]]
 def _motion(robot: Robot) -> tuple[Floats, Floats, float, list[str]]:
     """Return start, end and duration of the motion, and what is to be said of it."""
     start = np.zeros(robot.n)
-    step = np.array([_FAR[kind] for kind in robot.joint_types])
+    step = np.array([_FAR[kind] for kind in robot.joint_types]) * min(1.0, _MANY / robot.n)
     if robot.limits:
         away = _AWAY * np.minimum(robot.q_max - robot.q_min, 10.0)
         start = np.round(np.clip(start, robot.q_min + away, robot.q_max - away), 3)

@@ -12,6 +12,7 @@ import numpy.typing as npt
 from vdfmu.analysis.linear import without_dry_friction
 from vdfmu.engine.space import StateSpace
 from vdfmu.equations.limits import motor_torque
+from vdfmu.equations.plant import state_names
 from vdfmu.errors import UsageError
 from vdfmu.model.robot import Robot, robot_argument
 from vdfmu.scenario import Scenario
@@ -21,7 +22,8 @@ from vdfmu.unit.linear import state_space
 from vdfmu.units.plant import Plant
 
 _INPUTS = ("tau", "F_e")
-_OUTPUTS = ("q", "q_dot", "kappa_dot", "tau_s", "kappa", "p_O")
+_OUTPUTS = ("kappa", "p_O")
+"""Outputs beside the states."""
 
 
 def linearize(
@@ -85,7 +87,7 @@ def linearize(
     plant = _at_rest(robot_argument(system), at)
     if not dry:
         without_dry_friction(plant)
-    return state_space(plant, _INPUTS, _OUTPUTS)
+    return state_space(plant, _INPUTS, (*state_names(plant.interface.robot), *_OUTPUTS))
 
 
 def _at_rest(robot: Robot, at: npt.ArrayLike) -> Evaluation:

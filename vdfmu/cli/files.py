@@ -52,7 +52,7 @@ def build(
     settings: SetOption = None,
 ) -> None:
     """Build the FMUs of a scenario's system, with the scenario's values as start values, or the FMU of a unit."""
-    chosen = None if scenario.partition(":")[0].endswith(".py") else load(scenario, robot)
+    chosen = None if scenario.partition(":")[0].endswith(".py") else load(scenario, robot, settings)
     from vdfmu.fmu import build_fmus
     from vdfmu.model import load_robot
     from vdfmu.scenario.parts import build_parts
@@ -100,7 +100,7 @@ def container(
     settings: SetOption = None,
 ) -> None:
     """Fold the system of a scenario into one native FMU that steps its units without a master."""
-    chosen = load(scenario, robot)
+    chosen = load(scenario, robot, settings)
     from vdfmu.engine.cosim.container import write_container
     from vdfmu.scenario.parts import cached_fmus
     from vdfmu.ssp.write import write_ssp
@@ -141,7 +141,7 @@ def ssp(
 
     The FMUs have the scenario's values as start values too, for importers that do not apply all parameter sets.
     """
-    chosen = load(scenario, robot)
+    chosen = load(scenario, robot, settings)
     from vdfmu.scenario.parts import build_parts
     from vdfmu.ssp.osp import write_osp
     from vdfmu.ssp.versions import fmi_of_format
@@ -169,7 +169,7 @@ def reference(
     settings: SetOption = None,
 ) -> None:
     """Write a folder for other tools: the system as SSP 1.0 and 2.0, its results, a script that compares."""
-    chosen = load(scenario, robot)
+    chosen = load(scenario, robot, settings)
     from vdfmu.scenario.values import system_values
     from vdfmu.ssp.versions import fmi_of_format
     from vdfmu.study.package import write_reference

@@ -36,9 +36,11 @@ def show_model(
     name: Annotated[str, typer.Argument(help="Name of a robot or scenario, or path of a robot's TOML file.")],
 ) -> None:
     """Show a robot's parameters with their sources, or a scenario's file."""
+    import numpy as np
+
     from vdfmu.data import data_path
     from vdfmu.model import load_robot
-    from vdfmu.model.parameters import PARAMETERS, section
+    from vdfmu.model.parameters import OPTIONAL, PARAMETERS, section
     from vdfmu.scenario import scenario_names
 
     if name in scenario_names():
@@ -49,15 +51,16 @@ def show_model(
     robot = load_robot(name)
     console.print(f"[bold]{escape(robot.name)}[/bold]: {escape(robot.description)}")
     for row in section("robot"):
-        number = _number(getattr(robot, row.name))
-        console.print(f"{row.name} {number}: {robot.source_of(row.path) or 'no source'}", markup=False)
+        source, array = robot.source_of(row.path), getattr(robot, row.name)
+        if source or row.default is None or (array != np.full(row.shape, row.default)).any():
+            console.print(f"{row.name} {_number(array)}: {source or 'no source'}", markup=False)
     console.print(f"friction {robot.friction}, rotor_coupling {str(robot.rotor_coupling).lower()}")
     if robot.payload:
         load = [f"{row.name} {_number(getattr(robot, row.name))}" for row in section("payload")]
         console.print(", ".join(load))
     shown = [row for row in PARAMETERS.values() if row.per_joint and row.fold != "always"]
     for part, group in groupby(shown, lambda row: row.section):
-        if part == "limits" and not robot.limits:
+        if part in OPTIONAL and not getattr(robot, part):
             continue
         rows = list(group)
         table = Table(title=part.capitalize(), title_justify="left", show_edge=False)

@@ -90,6 +90,51 @@ def reach(
     say(f"{target}: run it with 'vdfmu run {target}'; margins are with a sample of delay, all joints moving")
 
 
+@app.command("drives", epilog="Example: [bold]vdfmu robot drives CSG-25-100[/bold]")
+def list_drives(
+    name: Annotated[
+        str | None, typer.Argument(help="A gear or a motor, for its numbers and where they are from.")
+    ] = None,
+) -> None:
+    """List the gears and motors that a joint's gear = ".." and motor = ".." can name."""
+    from rich.table import Table
+
+    from vdfmu.equations.drive_fit import catalogue_torsion, fit_spring
+    from vdfmu.errors import UsageError
+    from vdfmu.model.catalogue import catalogue
+    from vdfmu.model.read import nearest
+
+    gears, motors, texts = (catalogue()[key] for key in ("gears", "motors", "sources"))
+    if name is not None:
+        entry = gears.get(name) or motors.get(name)
+        if entry is None:
+            raise UsageError(f"no gear or motor {name!r}. {nearest(name, [*gears, *motors])}")
+        of_gear = entry.get("sources", {entry.get("source"): ["all numbers"]})
+        for key, value in entry.items():
+            if key not in ("sources", "source"):
+                tables = (
+                    ", ".join(f"{k} {v:g}" for k, v in value.items())
+                    if isinstance(value, dict)
+                    else f"{value:g}"
+                )
+                console.print(f"{key} {tables}", markup=False, soft_wrap=True)
+        for source, keys in of_gear.items():
+            console.print(f"{', '.join(keys)}: {texts[source]}", markup=False, soft_wrap=True)
+        return
+    table = Table("gear", "rated N.m", "repeated N.m", "K1 N.m/rad", "K3 N.m/rad", "fit off by", box=None)
+    for key, gear in gears.items():
+        K, T = [gear[f"K{i}"] for i in (1, 2, 3)], [gear[f"T{i}"] for i in (1, 2)]
+        residual = fit_spring(gear["ratio"], K, T, gear["repeated"])[1]
+        share = residual / float(catalogue_torsion(gear["repeated"], K, T))
+        numbers = (f"{gear[number]:g}" for number in ("rated", "repeated", "K1", "K3"))
+        table.add_row(key, *numbers, f"{math.degrees(residual) * 60.0:.2f} arcmin, {share:.1%}")
+    console.print(table)
+    table = Table("motor", "inertia kg.m2", "winding", box=None)
+    for key, motor in motors.items():
+        table.add_row(key, f"{motor['inertia']:g}", "yes" if "winding" in motor else "no")
+    console.print(table)
+
+
 def target_file(out: Path | None, name: str, overwrite: bool) -> Path:
     """Return the file to write; UsageError for one that is there, unless it may be replaced."""
     from vdfmu.errors import UsageError

@@ -102,22 +102,23 @@ def say_notes(notes: Sequence[str]) -> None:
         errors.print(f"note: {note}", markup=False, soft_wrap=True)
 
 
-def load(scenario: str, robot: str | None) -> Scenario:
-    """Load a scenario; what does not exist is named before what takes longer to import than that."""
+def load(scenario: str, robot: str | None, settings: list[str] | None = None) -> Scenario:
+    """Load a scenario for settings; what does not exist is named before what takes longer to import than that."""
     from vdfmu.model.toml_file import locate
 
     if scenario == "reach" and not Path(scenario).exists():
-        chosen = robot or "manipulator_6dof"
-        locate(chosen, "robots")
+        if robot is not None:
+            locate(robot, "robots")
         from vdfmu.analysis.reach import reach_scenario
 
-        return reach_scenario(chosen)
+        return reach_scenario(robot)
     locate(scenario, "scenarios")
     if robot is not None:
         locate(robot, "robots")
     from vdfmu.scenario.load import load_scenario
+    from vdfmu.scenario.replace import with_payload
 
-    return load_scenario(scenario, robot)
+    return with_payload(load_scenario(scenario, robot), parse_settings(settings))
 
 
 def parse_settings(

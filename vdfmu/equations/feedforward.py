@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from vdfmu.equations.attachment import Base
 from vdfmu.equations.flexible_joint import (
     axial_torques,
     rotor_body,
@@ -24,7 +25,7 @@ from vdfmu.equations.inverse_dynamics import (
 )
 from vdfmu.equations.kinematics import joint_transforms, tool_transform
 from vdfmu.equations.rigid_body import coriolis_matrix, gravity_force, link_body, mass_matrix
-from vdfmu.equations.spatial import cross_motion, joint_axis
+from vdfmu.equations.spatial import cross_motion, joint_axis, skew
 from vdfmu.equations.trajectory import Desired
 from vdfmu.scalar.jet import derivative, jets
 
@@ -62,12 +63,27 @@ class DriveMotion(NamedTuple):
     kappa_ddot: Any
 
 
-def desired_drive_motion(robot: Any, desired: Desired, F_e_d: np.ndarray | None = None) -> DriveMotion:
+def _base_jets(base: Base) -> Base:
+    """Motion of the base with two derivatives in time; A_S changes none."""
+    turning, zero = skew(base.V_S[3:]), np.zeros(6)
+    g_S_dot = -(turning @ base.g_S)
+    g_S_ddot = -(skew(base.V_S_dot[3:]) @ base.g_S) - turning @ g_S_dot
+    V_S_dot = np.concatenate(
+        [np.zeros(3), base.V_S_dot[3:]]
+    )  # the linear velocity stays 0: see `moving_base`
+    return Base(
+        jets(base.g_S, g_S_dot, g_S_ddot), jets(base.V_S, V_S_dot, zero), jets(base.V_S_dot, zero, zero)
+    )
+
+
+def desired_drive_motion(
+    robot: Any, desired: Desired, F_e_d: np.ndarray | None = None, base: Base | None = None
+) -> DriveMotion:
     """Return what springs and rotors must do while the links follow the desired motion exactly.
 
     ``tau_s = ID(q_d, ..) + xi_l`` and ``kappa = q_d + D(tau_s) + theta_err``; the two derivatives of kappa
     come from running these lines on jets, which takes q_d up to its fourth derivative. The derivatives of the wrench
-    `F_e_d` are taken as zero.
+    `F_e_d`, and of the acceleration of a moving base, are taken as zero.
 
     With `rotor_coupling` ID holds the rotors' reaction (11), in which each rotor turns as its link does: the
     deformation's own acceleration would take two more derivatives of q_d for each joint of the chain. What it adds to
@@ -79,12 +95,15 @@ def desired_drive_motion(robot: Any, desired: Desired, F_e_d: np.ndarray | None 
     q_ddot = jets(q_d_ddot, q_d_dddot, q_d_ddddot)
     xi_l, _ = joint_friction(robot, q_dot, q_dot)
     rotors = (q_dot, q_ddot) if robot.rotor_coupling else None
-    tau_s = inverse_dynamics(robot, q, q_dot, q_ddot, F_e_d, rotors) + xi_l
+    base_jets = None if base is None else _base_jets(base)
+    tau_s = inverse_dynamics(robot, q, q_dot, q_ddot, F_e_d, rotors, base_jets) + xi_l
     kappa = rotor_position(robot, q, tau_s)
     return DriveMotion(derivative(tau_s, 0), derivative(kappa, 0), derivative(kappa, 1), derivative(kappa, 2))
 
 
-def feedforward_inverse(robot: Any, desired: Desired, F_e_d: np.ndarray | None = None) -> Feedforward:
+def feedforward_inverse(
+    robot: Any, desired: Desired, F_e_d: np.ndarray | None = None, base: Base | None = None
+) -> Feedforward:
     """Exact inverse of the plant along the desired motion: ``tau_m = z.T F_Dk + tau_s / ell + xi_m``.
 
     This is (27) with zero velocity error and ``tau_t = tau_s / ell``. ``z.T F_Dk = I_m kappa_ddot`` for rotors in pure
@@ -97,13 +116,15 @@ def feedforward_inverse(robot: Any, desired: Desired, F_e_d: np.ndarray | None =
     ----------
     desired : q_d to its fourth derivative, each (n,)
     F_e_d : (6,) [N, N m] wrench that the arm is to exert on its surroundings, in {O}, constant
+    base : Base, optional
+        Motion of the base, of :func:`~vdfmu.equations.attachment.moving_base`; None: at rest.
     """
-    drive = desired_drive_motion(robot, desired, F_e_d)
-    xi_l, xi_m = joint_friction(robot, desired.q_d_dot, drive.kappa_dot)
+    drive = desired_drive_motion(robot, desired, F_e_d, base)
+    xi_l, xi_m = joint_friction(robot, desired.q_d_dot, drive.kappa_dot, drive.tau_s)
     tau_s = drive.tau_s
     tau_k = robot.I_m * drive.kappa_ddot  # (56)
     if robot.rotor_coupling:
-        motion = link_motion(robot, desired.q_d, desired.q_d_dot, desired.q_d_ddot)
+        motion = link_motion(robot, desired.q_d, desired.q_d_dot, desired.q_d_ddot, base=base)
         F_Dk = rotor_forces(robot, motion, drive.kappa_dot, drive.kappa_ddot)  # (7), (10)
         tau_k = axial_torques(F_Dk)
         tau_s = joint_torques(robot, link_forces(robot, motion, F_e_d, F_Dk)) + xi_l
@@ -145,6 +166,7 @@ def required_net_forces(
     q_dot: np.ndarray,
     kappa_dot: np.ndarray,
     required: RequiredMotion,
+    base: Base | None = None,
 ) -> tuple[list[np.ndarray], list[np.ndarray]]:
     """Return the required net forces of links (50) and rotors (16), along required velocities, Eq. (48)-(49).
 
@@ -160,7 +182,8 @@ def required_net_forces(
     F_B_r_star : n times (6,) [N, N m] in {B_i}
     F_D_r_star : n times (6,) [N, N m] in {D_i}
     """
-    g_B = gravity_in_links(robot, U_AB)
+    g_B = gravity_in_links(robot, U_AB, base=base)
+    V_S, V_S_dot = base[1:] if base else (None, None)
     V_B: list[np.ndarray] = []
     V_B_r: list[np.ndarray] = []
     V_B_r_dot: list[np.ndarray] = []
@@ -170,11 +193,12 @@ def required_net_forces(
         V_B.append(z * q_dot[i])
         V_B_r.append(z * required.q_dot_r[i])  # (48)
         V_B_r_dot.append(z * required.q_ddot_r[i])
-        if i > 0:
-            V_B[i] = V_B[i] + U_AB[i].T @ V_B[i - 1]
-            V_B_r[i] = V_B_r[i] + U_AB[i].T @ V_B_r[i - 1]  # (49), (14)
+        if i > 0 or base:
+            before = (V_B[i - 1], V_B_r[i - 1], V_B_r_dot[i - 1]) if i > 0 else (V_S, V_S, V_S_dot)
+            V_B[i] = V_B[i] + U_AB[i].T @ before[0]
+            V_B_r[i] = V_B_r[i] + U_AB[i].T @ before[1]  # (49), (14)
             # the derivative of (49): U depends on the measured position, so its rate on the measured velocity
-            carried = U_AB[i].T @ V_B_r_dot[i - 1]
+            carried = U_AB[i].T @ before[2]
             V_B_r_dot[i] = V_B_r_dot[i] + carried + cross_motion(V_B_r[i]) @ (z * q_dot[i])
         body = link_body(robot, i)
         F_B_r_star.append(
@@ -185,9 +209,9 @@ def required_net_forces(
         )  # (50), (15), (17)
     if not robot.rotor_coupling:
         return F_B_r_star, list(np.outer(robot.I_m * required.kappa_ddot_r, joint_axis("revolute")))  # (56)
-    V_D = rotor_velocities(robot, V_B, kappa_dot)
-    V_D_r = rotor_velocities(robot, V_B_r, required.kappa_dot_r)  # (13)
-    V_D_r_dot = rotor_velocities(robot, V_B_r_dot, required.kappa_ddot_r)
+    V_D = rotor_velocities(robot, V_B, kappa_dot, V_S)
+    V_D_r = rotor_velocities(robot, V_B_r, required.kappa_dot_r, V_S)  # (13)
+    V_D_r_dot = rotor_velocities(robot, V_B_r_dot, required.kappa_ddot_r, V_S_dot)
     F_D_r_star: list[np.ndarray] = []
     for i in range(robot.n):
         rotor = rotor_body(robot, i)
@@ -261,6 +285,7 @@ def feedforward_vdc(
     q_dot: np.ndarray,
     kappa_dot: np.ndarray,
     F_e_d: np.ndarray | None = None,
+    base: Base | None = None,
 ) -> Feedforward:
     """Return the feedforward of virtual decomposition control, Eq. (12)-(27) and (48)-(53).
 
@@ -272,14 +297,14 @@ def feedforward_vdc(
     ----------
     desired : q_d to its fourth derivative, each (n,)
     q, q_dot, kappa_dot : (n,) measured
-    F_e_d : (6,) [N, N m] as in :func:`feedforward_inverse`
+    F_e_d, base : as in :func:`feedforward_inverse`
     """
-    drive = desired_drive_motion(robot, desired, F_e_d)
+    drive = desired_drive_motion(robot, desired, F_e_d, base)
     required = required_motion(gains, desired, drive, q, q_dot)
     U_AB = joint_transforms(robot, q)
-    F_B_r_star, F_D_r_star = required_net_forces(robot, gains, U_AB, q_dot, kappa_dot, required)
+    F_B_r_star, F_D_r_star = required_net_forces(robot, gains, U_AB, q_dot, kappa_dot, required, base)
     F_B_r = required_forces(robot, U_AB, F_B_r_star, F_D_r_star, F_e_d)
-    friction = joint_friction(robot, desired.q_d_dot, drive.kappa_dot)
+    friction = joint_friction(robot, desired.q_d_dot, drive.kappa_dot, drive.tau_s)
     tau_q, tau_kr = joint_torques(robot, F_B_r), axial_torques(F_D_r_star)
     tau_t, tau_m = drive_torques(robot, gains, required, tau_q, tau_kr, friction, q_dot, kappa_dot)
     return Feedforward(tau_m, robot.ell * tau_t, drive.kappa_dot)

@@ -11,11 +11,13 @@ from typing import Any
 
 import numpy as np
 
+from vdfmu.equations.backlash import gap_compliance, gap_deformation, gap_energy
 from vdfmu.equations.harmonic_drive import (
     deformation,
     deformation_derivative,
     kinematic_error,
     kinematic_error_slope,
+    spring_energy,
 )
 from vdfmu.equations.rigid_body import coriolis_force, net_force
 from vdfmu.equations.spatial import force_transform, joint_axis
@@ -78,18 +80,19 @@ def rotor_force(robot: Any, i: int, V_D: np.ndarray, tau_k: Any) -> np.ndarray:
     return _z_tau * tau_k + coriolis_force(*rotor_body(robot, i), V_D)
 
 
-def rotor_velocities(robot: Any, V_B: list[np.ndarray], kappa_dot: Any) -> list[np.ndarray]:
+def rotor_velocities(robot: Any, V_B: list[np.ndarray], kappa_dot: Any, V_S: Any = None) -> list[np.ndarray]:
     """Velocity of every rotor, Eq. (4): n times (6,) [m/s, rad/s] in {D_i}.
 
-    The base of the first joint is at rest. U_BD is constant, so that of accelerations V_B_dot and kappa_ddot the same
-    line makes the derivatives V_D_dot.
+    U_BD is constant, so that of accelerations V_B_dot and kappa_ddot the same line makes the derivatives V_D_dot.
 
     Parameters
     ----------
     V_B : n times (6,) [m/s, rad/s] velocities of the links
     kappa_dot : (n,) [rad/s] rotor speed divided by ell
+    V_S : (6,) [m/s, rad/s], optional
+        Velocity of the base of the first joint; None: at rest.
     """
-    bases = [np.zeros(6), *V_B[:-1]]
+    bases = [np.zeros(6) if V_S is None else V_S, *V_B[:-1]]
     return [
         rotor_velocity(V_A, rotor_transform(robot, i), robot.ell[i], kappa_dot[i])
         for i, V_A in enumerate(bases)
@@ -105,8 +108,9 @@ def rotor_forces(robot: Any, motion: Any, kappa_dot: Any, kappa_ddot: Any) -> li
         Of the links.
     kappa_dot, kappa_ddot : (n,) [rad/s, rad/s2] rotor speed and acceleration divided by ell
     """
-    V_D = rotor_velocities(robot, motion.V_B, kappa_dot)
-    V_D_dot = rotor_velocities(robot, motion.V_B_dot, kappa_ddot)
+    V_S, V_S_dot = motion.base[1:] if motion.base else (None, None)
+    V_D = rotor_velocities(robot, motion.V_B, kappa_dot, V_S)
+    V_D_dot = rotor_velocities(robot, motion.V_B_dot, kappa_ddot, V_S_dot)
     no_weight = np.zeros(3)
     return [net_force(*rotor_body(robot, i), no_weight, V_D[i], V_D_dot[i]) for i in range(robot.n)]
 
@@ -135,9 +139,17 @@ def rotor_acceleration(robot: Any, tau_k: Any, motion: Any = None) -> Any:
     if motion is None:
         return kappa_ddot
     carried = zeros((robot.n,), kappa_ddot, *motion.V_B_dot)
+    if motion.base is not None:
+        carried[0] = (rotor_transform(robot, 0).T @ motion.base.V_S_dot)[5]
     for i in range(1, robot.n):
         carried[i] = (rotor_transform(robot, i).T @ motion.V_B_dot[i - 1])[5]
     return kappa_ddot - carried / robot.ell
+
+
+def stretch_rate(robot: Any, kappa: Any, kappa_dot: Any, q_dot: Any) -> Any:
+    """Rate at which the drive is deformed, the derivative of ``kappa - q - theta_err(kappa)``: (n,) [rad/s or m/s]."""
+    slope = kinematic_error_slope(robot, kappa)
+    return kappa_dot * (1.0 - slope) - q_dot
 
 
 def spring_rate(robot: Any, kappa: Any, kappa_dot: Any, q_dot: Any, tau_s: Any) -> Any:
@@ -149,8 +161,16 @@ def spring_rate(robot: Any, kappa: Any, kappa_dot: Any, q_dot: Any, tau_s: Any) 
     -------
     tau_s_dot : (n,) [N m/s or N/s]
     """
-    slope = kinematic_error_slope(robot, kappa)
-    return (kappa_dot * (1.0 - slope) - q_dot) / deformation_derivative(robot, tau_s)
+    compliance = deformation_derivative(robot, tau_s)
+    if robot.backlash:
+        compliance = compliance + gap_compliance(robot, tau_s)
+    return stretch_rate(robot, kappa, kappa_dot, q_dot) / compliance
+
+
+def elastic_energy(robot: Any, tau_s: Any) -> Any:
+    """Energy of the springs, (2)-(3), with the backlash of a robot that has it: (n,) [J]."""
+    energy = spring_energy(robot, tau_s)
+    return energy + gap_energy(robot, tau_s) if robot.backlash else energy
 
 
 def rotor_position(robot: Any, q: Any, tau_s: Any) -> Any:
@@ -160,6 +180,8 @@ def rotor_position(robot: Any, q: Any, tau_s: Any) -> Any:
     the error, at most 1/2 A, at every pass; four passes end below rounding.
     """
     free = q + deformation(robot, tau_s)
+    if robot.backlash:
+        free = free + gap_deformation(robot, tau_s)
     kappa = free
     for _ in range(4):
         residual = kappa - free - kinematic_error(robot, kappa)

@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from vdfmu.equations.attachment import Base
 from vdfmu.equations.flexible_joint import rotor_forces, rotor_transform
 from vdfmu.equations.kinematics import joint_transforms, tool_transform
 from vdfmu.equations.rigid_body import link_body, net_force
@@ -20,11 +21,12 @@ from vdfmu.equations.spatial import cross_motion, joint_axis
 
 
 class Motion(NamedTuple):
-    """Motion of all links: force transformations U_AB[i] (32), velocities V_B[i] (29)-(31) and V_B_dot[i]."""
+    """Motion of base and links: force transformations U_AB[i] (32), velocities V_B[i] (29)-(31) and V_B_dot[i]."""
 
     U_AB: list[np.ndarray]
     V_B: list[np.ndarray]
     V_B_dot: list[np.ndarray]
+    base: Base | None = None
 
 
 Cut = Callable[[int, Any], Any]
@@ -36,7 +38,14 @@ def whole(_: int, value: Any) -> Any:
     return value
 
 
-def link_motion(robot: Any, q: np.ndarray, q_dot: np.ndarray, q_ddot: np.ndarray, cut: Cut = whole) -> Motion:
+def link_motion(
+    robot: Any,
+    q: np.ndarray,
+    q_dot: np.ndarray,
+    q_ddot: np.ndarray,
+    cut: Cut = whole,
+    base: Base | None = None,
+) -> Motion:
     """Velocities of all links by Eq. (29)-(31), and their derivatives.
 
     Deviation: (30)-(31) are printed for i = 2..5; they run to i = n. The derivative of (31),
@@ -46,26 +55,31 @@ def link_motion(robot: Any, q: np.ndarray, q_dot: np.ndarray, q_ddot: np.ndarray
     ----------
     q, q_dot, q_ddot : (n,) [rad or m, and per s, s2]
     cut : see :data:`Cut`
+    base : Base, optional
+        Motion of the base; None: at rest.
     """
     U_AB = joint_transforms(robot, q)
     V_B: list[np.ndarray] = []
     V_B_dot: list[np.ndarray] = []
     for i in range(robot.n):
         z = joint_axis(robot.joint_types[i])
-        if i == 0:
+        if i == 0 and base is None:
             V_B.append(cut(i, z * q_dot[0]))
             V_B_dot.append(cut(i, z * q_ddot[0]))
         else:
-            V_B.append(cut(i, z * q_dot[i] + U_AB[i].T @ V_B[i - 1]))
-            turned = z * q_ddot[i] + U_AB[i].T @ V_B_dot[i - 1] + cross_motion(V_B[i]) @ (z * q_dot[i])
+            V_A, V_A_dot = (base.V_S, base.V_S_dot) if base and i == 0 else (V_B[i - 1], V_B_dot[i - 1])
+            V_B.append(cut(i, z * q_dot[i] + U_AB[i].T @ V_A))
+            turned = z * q_ddot[i] + U_AB[i].T @ V_A_dot + cross_motion(V_B[i]) @ (z * q_dot[i])
             V_B_dot.append(cut(i, turned))
-    return Motion(U_AB, V_B, V_B_dot)
+    return Motion(U_AB, V_B, V_B_dot, base)
 
 
-def gravity_in_links(robot: Any, U_AB: list[np.ndarray], cut: Cut = whole) -> list[np.ndarray]:
+def gravity_in_links(
+    robot: Any, U_AB: list[np.ndarray], cut: Cut = whole, base: Base | None = None
+) -> list[np.ndarray]:
     """Vector g of (62) in every link frame, ``R_BI @ g`` : n times (3,) [m/s2]."""
     g_B = []
-    g = robot.gravity
+    g = robot.gravity if base is None else base.g_S
     for i, U in enumerate(U_AB):
         g = cut(i, U[:3, :3].T @ g)
         g_B.append(g)
@@ -97,7 +111,7 @@ def link_forces(
     F_B : n times (6,) [N, N m] in {B_i}
     """
     n = robot.n
-    g_B = gravity_in_links(robot, motion.U_AB, cut)
+    g_B = gravity_in_links(robot, motion.U_AB, cut, motion.base)
     F_B: list[np.ndarray] = [np.zeros(6)] * n
     for i in reversed(range(n)):
         F_B[i] = net_force(*link_body(robot, i), g_B[i], motion.V_B[i], motion.V_B_dot[i])
@@ -126,6 +140,7 @@ def inverse_dynamics(
     q_ddot: np.ndarray,
     F_e: np.ndarray | None = None,
     rotors: tuple[Any, Any] | None = None,
+    base: Base | None = None,
 ) -> np.ndarray:
     """Joint torques of the rigid arm for a given motion, Eq. (29)-(31) and (44)-(47). The cost is O(n).
 
@@ -135,11 +150,13 @@ def inverse_dynamics(
     F_e : (6,) [N, N m] wrench on the surroundings in {O}
     rotors : (kappa_dot, kappa_ddot), each (n,), optional
         Motion of rotors whose reaction on the links counts, Eq. (11); without it the links are alone.
+    base : Base, optional
+        Motion of the base; None: at rest.
 
     Returns
     -------
     tau : (n,) [N m or N], link-side, without friction
     """
-    motion = link_motion(robot, q, q_dot, q_ddot)
+    motion = link_motion(robot, q, q_dot, q_ddot, base=base)
     F_Dk = None if rotors is None else rotor_forces(robot, motion, *rotors)
     return joint_torques(robot, link_forces(robot, motion, F_e, F_Dk))

@@ -55,7 +55,17 @@ def joint_transforms(robot: Any, q: np.ndarray) -> list[np.ndarray]:
 
 def tool_transform(robot: Any) -> np.ndarray:
     """Force transformation from the end-effector frame {O} to {B_n}, the identity for the paper's arm."""
-    return force_transform(np.eye(3), robot.tool_offset)
+    return force_transform(robot.tool_rotation, robot.tool_offset)
+
+
+def frames(robot: Any) -> dict[str, Any]:
+    """Numbers that place the frames of the links and {O}, by the equations' names: what draws an arm needs."""
+    return {
+        "rotation": robot.rotation,
+        "offset": robot.offset,
+        "tool_rotation": robot.tool_rotation,
+        "tool_offset": robot.tool_offset,
+    }
 
 
 def end_effector_pose(robot: Any, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -70,4 +80,4 @@ def end_effector_pose(robot: Any, q: np.ndarray) -> tuple[np.ndarray, np.ndarray
     for R_AB, p_AB in joint_placements(robot, q):
         p = p + R @ p_AB
         R = R @ R_AB
-    return p + R @ robot.tool_offset, R
+    return p + R @ robot.tool_offset, R @ robot.tool_rotation

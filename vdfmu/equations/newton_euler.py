@@ -63,8 +63,8 @@ def newton_euler(
     tau = zeros((n,), q, q_dot, q_ddot, robot.mass)
     f, m = np.zeros(3), np.zeros(3)
     if F_e is not None:
-        f = np.asarray(F_e[:3])
-        m = np.asarray(F_e[3:]) + _cross(robot.tool_offset, f)
+        f = robot.tool_rotation @ np.asarray(F_e[:3])
+        m = robot.tool_rotation @ np.asarray(F_e[3:]) + _cross(robot.tool_offset, f)
     for i in reversed(range(n)):
         if i < n - 1:
             f = rotations[i + 1] @ f

@@ -21,9 +21,14 @@ def link_body(robot: Any, i: int) -> tuple[Any, np.ndarray, np.ndarray]:
         return m_B, r_B, I_B
     m_l = robot.payload_mass[()]
     share = m_l / (m_B + m_l)
-    d = robot.tool_offset + robot.payload_centroid - r_B
+    R = robot.tool_rotation
+    d = robot.tool_offset + R @ robot.payload_centroid - r_B
     d_cross = skew(d)
-    return m_B + m_l, r_B + share * d, I_B + robot.payload_inertia - (m_B * share) * (d_cross @ d_cross)
+    return (
+        m_B + m_l,
+        r_B + share * d,
+        I_B + R @ robot.payload_inertia @ R.T - (m_B * share) * (d_cross @ d_cross),
+    )
 
 
 def mass_matrix(m_B: Any, r_B: np.ndarray, I_B: np.ndarray) -> np.ndarray:

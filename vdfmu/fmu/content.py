@@ -20,7 +20,7 @@ from vdfmu.model import Robot, robot_from_dict
 from vdfmu.unit.base import Unit, unit_name
 from vdfmu.unit.interface import Interface
 from vdfmu.unit.load import load_units
-from vdfmu.units import shipped_units
+from vdfmu.units import package_units
 
 CONTENT_FILE = "vdfmu.json"
 _UNIT_FILE = "unit.py"
@@ -132,7 +132,7 @@ class Content:
             name, version, digest = str(data["unit"]), str(data["version"]), str(data["digest"])
             _check_version(f"{model_name}.fmu", version, digest)
             source = resources / _UNIT_FILE
-            unit = (load_units(source) if source.is_file() else shipped_units()).get(name)
+            unit = (load_units(source) if source.is_file() else package_units()).get(name)
             if unit is None or unit.__name__ != model_name:
                 raise FmuError(f"{file} belongs to unit {name!r}, expected that of {model_name}.")
             robot = None if data["robot"] is None else robot_from_dict(data["robot"], file)

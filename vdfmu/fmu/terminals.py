@@ -38,10 +38,11 @@ def terminals_and_icons(interface: Interface, fmi: Literal[2, 3]) -> Element:
     extent = _extent(-100, -100, 100, 100)
     SubElement(picture, "CoordinateSystem", extent | {"suggestedScalingFactorTo_mm": "0.1"})
     SubElement(picture, "Icon", extent)
-    if not interface.unit.terminals:
+    has_some = [t for t in interface.unit.terminals if any(group in interface.groups for group in t.groups)]
+    if not has_some:
         return root
     terminals = SubElement(root, "Terminals")
-    for terminal in interface.unit.terminals:
+    for terminal in has_some:
         element = SubElement(
             terminals,
             "Terminal",
@@ -75,7 +76,7 @@ def _extent(x1: int, y1: int, x2: int, y2: int) -> dict[str, str]:
 
 def _members(interface: Interface, terminal: Terminal, fmi: int) -> Iterator[str]:
     for group in terminal.groups:
-        where = interface.groups[group]
+        where = interface.groups.get(group, slice(0, 0))  # an optional one may be missing
         if fmi == 2:
             yield from (v.name for v in interface.memory[where])
         else:

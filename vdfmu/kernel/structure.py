@@ -118,6 +118,7 @@ def structure_key(robot: Robot) -> str:
         "rotation": np.asarray(robot.rotation, dtype=float).tolist(),
         "friction": robot.friction,
         "rotor_coupling": robot.rotor_coupling,
+        "ends": [robot.moving_base, robot.coupled_tool],
         "parameters": [p.name for p in parameters(robot)],
     }
     return sha256(json.dumps(structure, sort_keys=True).encode()).hexdigest()[:32]

@@ -16,10 +16,17 @@ from vdfmu.measure import unit_of
 from vdfmu.model.read import LARGEST_NUMBER, POSITIVE
 
 Array = npt.NDArray[Any]
-Section = Literal["robot", "payload", "joint", "link", "drive", "friction", "limits"]
+Section = Literal[
+    "robot", "payload", "joint", "link", "drive", "friction", "limits", "hysteresis", "load_loss", "backlash",
+    "bristles", "winding", "thermal",
+]  # fmt: skip
 Fold = Literal["never", "always", "zeros", "inertia", "lumped friction", "no kinematic error"]
 
-OPTIONAL: tuple[Section, ...] = ("payload", "limits")
+JOINT_OPTIONS: tuple[Section, ...] = (
+    "limits", "hysteresis", "load_loss", "backlash", "bristles", "winding", "thermal",
+)  # fmt: skip
+"""Tables that all joints of a robot have or none."""
+OPTIONAL: tuple[Section, ...] = ("payload", *JOINT_OPTIONS)
 """Sections that a robot may lack; the flag of `Robot` that says so has the same name."""
 
 
@@ -51,8 +58,8 @@ class Row:
         Largest absolute value, in SI units, far above that of any machine.
     smallest : float or None
         Smallest value. `POSITIVE` stands for "above 0", None for minus the largest.
-    default : float or None
-        Of every entry, where the file says nothing. None: the file must have it.
+    default : float, matrix or None
+        Of every entry, or of all, where the file says nothing. None: the file must have it.
     shape : tuple of int
         Of one joint, or of what there is once.
     fold : str
@@ -73,7 +80,7 @@ class Row:
     equation: str = ""
     largest: float = LARGEST_NUMBER
     smallest: float | None = None
-    default: float | None = None
+    default: Any = None
     shape: tuple[int, ...] = ()
     fold: Fold = "never"
     hint: str = ""
@@ -140,6 +147,7 @@ def _row(*row: Any, **rest: Any) -> Any:
 
 
 _VECTOR, _MATRIX = (3,), (3, 3)
+_ALIGNED = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 _MOMENTS = "One number (isotropic), 3 principal moments or a symmetric 3 x 3 matrix will do."
 
 
@@ -154,6 +162,9 @@ class Parameters:
     tool_offset: Array = _row(
         "robot", "m", "Origin of the end-effector frame {O} in the last link frame", "(44)", 1e4, default=0.0,
         shape=_VECTOR, fold="zeros", given="tip")
+    tool_rotation: Array = _row(
+        "robot", "1", "Rotation matrix from {O} to the last link frame", "(44)", default=_ALIGNED, shape=_MATRIX,
+        fold="always", given="tip_axes")
     payload_mass: Array = _row(
         "payload", "kg", "Mass of the payload", "(51)", 1e6, 0.0, hint="Give 0 for none; it can be set at run time.")
     payload_centroid: Array = _row(
@@ -210,6 +221,32 @@ class Parameters:
         "limits", "N.m", "largest torque of the motor, motor-side", "", 1e9, POSITIVE, given="effort")
     kappa_dot_max: Array = _row(
         "limits", "velocity", "no-load speed of the motor divided by ell", "", 1e9, POSITIVE, given="velocity")
+    K_h: Array = _row(
+        "hysteresis", "stiffness", "stiffness of the hysteresis element, link-side", "", 1e12, POSITIVE,
+        hint="For none give a small value such as 1e-6.")
+    f_h: Array = _row(
+        "hysteresis", "torque", "torque at which the hysteresis element slips, link-side", "", 1e9, POSITIVE)
+    mu_l: Array = _row(
+        "load_loss", "1", "friction of the mesh over the torque that the drive carries", "", 1.0, 0.0)
+    w_gap: Array = _row("backlash", "position", "width of the backlash, link-side", "", 1.0, 0.0)
+    tau_gap: Array = _row(
+        "backlash", "torque", "torque that takes up 71 % of the backlash, link-side", "", 1e9, POSITIVE)
+    sigma_0: Array = _row("bristles", "stiffness", "stiffness of the bristles, link-side", "", 1e12, POSITIVE)
+    sigma_1: Array = _row("bristles", "damping", "damping of the bristles, link-side", "", 1e9, 0.0)
+    k_t: Array = _row(
+        "winding", "N.m/A", "torque constant of the motor, and its back-EMF in V.s/rad", "", 1e6, POSITIVE)
+    R_w: Array = _row("winding", "Ohm", "resistance of the winding", "", 1e9, 0.0)
+    L_w: Array = _row("winding", "H", "inductance of the winding", "", 1e6, POSITIVE)
+    U_max: Array = _row("winding", "V", "largest voltage", "", 1e9, POSITIVE)
+    i_max: Array = _row("winding", "A", "largest current", "", 1e9, POSITIVE)
+    w_i: Array = _row("winding", "1/s", "bandwidth of the current loop", "", 1e9, POSITIVE)
+    T_ref: Array = _row("thermal", "K", "temperature for which the viscous friction is given", "", 1e4, 0.0)
+    T_v: Array = _row(
+        "thermal", "K", "rise of temperature by which viscous friction falls to 1/e", "", 1e9, POSITIVE,
+        hint="For friction that does not depend on temperature give a large value such as 1e9.")
+    T_amb: Array = _row("thermal", "K", "temperature of the surroundings", "", 1e4, 0.0)
+    C_th: Array = _row("thermal", "J/K", "heat capacity of the joint", "", 1e9, POSITIVE)
+    G_th: Array = _row("thermal", "W/K", "heat flow to the surroundings over the rise of temperature", "", 1e6, 0.0)
     theta_err_amplitude: Array = _row(
         "drive", "position", "amplitude of the kinematic error, link-side, Eq. {}", "(3)", 1.0, 0.0, default=0.0,
         fold="no kinematic error", hint="Give 0 for none; shift the phase by pi for a sign.")

@@ -13,11 +13,23 @@ import numpy as np
 import numpy.typing as npt
 
 from vdfmu.errors import UsageError
-from vdfmu.model.parameters import OPTIONAL, PARAMETERS, Array, Parameters, Row, Section, read_only, section
+from vdfmu.model.parameters import (
+    JOINT_OPTIONS,
+    OPTIONAL,
+    PARAMETERS,
+    Array,
+    Parameters,
+    Row,
+    Section,
+    read_only,
+    section,
+)
 from vdfmu.model.visual import Visual
 
 JOINT_TYPES = ("revolute", "prismatic")
 FRICTION_ARRANGEMENTS = ("lumped", "split")
+ENDS = ("moving_base", "coupled_tool")
+"""Flags of a robot that couple an end of it to what is around it."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -44,8 +56,13 @@ class Robot(Parameters):
         Provenance: key of the robot file to where its number is from.
     payload : bool
         Whether the last link carries a body of its own; the fields ``payload_`` count only then.
-    limits : bool
-        Whether joints have end stops and motors a torque-speed line; the fields of ``[joints.limits]`` count only then.
+    limits, hysteresis, load_loss, backlash, bristles, winding, thermal : bool
+        Whether joints have end stops and motors a torque-speed line; what else drives and motors have. The fields of
+        ``[joints.limits]`` and so on count only then.
+    moving_base : bool
+        Whether the base moves, as inputs of the plant say; else it is at rest in {I}.
+    coupled_tool : bool
+        Whether the plant shows how its end effector moves, and takes a load that has a mass.
     visuals : tuple of Visual
         What the links look like; nothing calculates with it.
     """
@@ -58,6 +75,14 @@ class Robot(Parameters):
     sources: Mapping[str, str]
     payload: bool = False
     limits: bool = False
+    hysteresis: bool = False
+    load_loss: bool = False
+    backlash: bool = False
+    bristles: bool = False
+    winding: bool = False
+    thermal: bool = False
+    moving_base: bool = False
+    coupled_tool: bool = False
     visuals: tuple[Visual, ...] = ()
 
     @property
@@ -74,12 +99,14 @@ class Robot(Parameters):
         def numbers(name: Section, entry: Any) -> dict[str, Any]:
             return {row.key: getattr(self, row.name)[entry].tolist() for row in section(name)}
 
-        parts: tuple[Section, ...] = ("link", "drive", "friction", *(("limits",) if self.limits else ()))
+        options: list[Section] = [part for part in JOINT_OPTIONS if getattr(self, part)]
+        parts: tuple[Section, ...] = ("link", "drive", "friction", *options)
         return {
             "name": self.name,
             "description": self.description,
             "friction": self.friction,
             "rotor_coupling": self.rotor_coupling,
+            **{flag: True for flag in ENDS if getattr(self, flag)},
             **numbers("robot", ()),
             **({"payload": numbers("payload", ())} if self.payload else {}),
             "joints": [

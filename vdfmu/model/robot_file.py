@@ -7,10 +7,11 @@ from typing import Any, cast
 
 import numpy as np
 
+from vdfmu.model.catalogue import NAMED, completed
 from vdfmu.model.check import check_drive, check_friction, check_inertia, check_rotation, check_stops
-from vdfmu.model.parameters import PARAMETERS, Row, Section, read_only, section
+from vdfmu.model.parameters import JOINT_OPTIONS, PARAMETERS, Row, Section, read_only, section
 from vdfmu.model.read import POSITIVE, FloatArray, Problems, Table, nearest, shape_of, shown
-from vdfmu.model.robot import FRICTION_ARRANGEMENTS, JOINT_TYPES, Robot, joint_free, robot_argument
+from vdfmu.model.robot import ENDS, FRICTION_ARRANGEMENTS, JOINT_TYPES, Robot, joint_free, robot_argument
 from vdfmu.model.visual import read_visuals
 
 Numbers = dict[str, float | FloatArray]
@@ -21,9 +22,10 @@ def _keys(name: Section) -> list[str]:
 
 
 ROBOT_KEYS = (
-    "name", "description", "friction", "rotor_coupling", *_keys("robot"), "payload", "joints", "sources", "visuals",
+    "name", "description", "friction", "rotor_coupling", *ENDS, *_keys("robot"), "payload", "joints", "sources",
+    "visuals",
 )  # fmt: skip
-JOINT_KEYS = ("type", *_keys("joint"), "link", "drive", "friction", "limits")
+JOINT_KEYS = ("type", *_keys("joint"), "link", "drive", "friction", *JOINT_OPTIONS, *NAMED)
 SOURCE_KEYS = tuple(row.path for row in PARAMETERS.values())
 
 
@@ -48,28 +50,39 @@ def robot_from_dict(data: Mapping[str, Any], where: str = "robot") -> Robot:
     description = file.text("description", "")
     friction = file.text("friction", "lumped", FRICTION_ARRANGEMENTS)
     rotor_coupling = file.flag("rotor_coupling", True)
-    whole = _numbers(file, "robot") | {row.name: np.zeros(row.shape) for row in section("payload")}
+    flags = {flag: file.flag(flag, False) for flag in ENDS}
+    whole = section_numbers(file, "robot") | {row.name: np.zeros(row.shape) for row in section("payload")}
     if "payload" in file.data:
-        whole |= _numbers(file.table("payload", _keys("payload")), "payload")
+        whole |= section_numbers(file.table("payload", _keys("payload")), "payload")
+    for row in section("robot"):
+        if row.shape == (3, 3):
+            check_rotation(problems, row.key, np.asarray(whole[row.name]))
     sources = _sources(file)
     expected = "one table [[joints]] for each joint"
     joints = file.value("joints", expected)
     if joints is not None and (not isinstance(joints, list) or not joints):
         problems.add("joints", expected, shown(joints), "Write [[joints]] in double brackets, at least once.")
         joints = None
-    read = [
-        _joint(problems, joint, f"joints[{i}]") for i, joint in enumerate(cast("list[Any]", joints or []), 1)
-    ]
-    limits = any(joint["limits"] for joint in read)
+    read: list[dict[str, Any]] = []
+    of_catalogue: dict[str, str] = {}
+    for i, joint in enumerate(cast("list[Any]", joints or []), 1):
+        joint, where_from = completed(problems, joint, f"joints[{i}]")
+        of_catalogue |= where_from
+        read.append(_joint(problems, joint, f"joints[{i}]"))
+    options = {option: any(joint[option] for joint in read) for option in JOINT_OPTIONS}
     for i, joint in enumerate(read, 1):
-        if limits and not joint["limits"]:
-            problems.add(
-                f"joints[{i}].limits", "a table, as other joints have", "nothing", "Give it to all or none."
-            )
+        for option in JOINT_OPTIONS:
+            if options[option] and not joint[option]:
+                problems.add(
+                    f"joints[{i}].{option}",
+                    "a table, as other joints have",
+                    "nothing",
+                    "Give it to all or none.",
+                )
     visuals = read_visuals(problems, file.data.get("visuals", []), len(read))
     problems.raise_any()
     arrays: dict[str, Any] = {
-        name: whole[name] if name in whole else [joint.get(name, 0.0) for joint in read]
+        name: read_only(whole[name] if name in whole else [joint.get(name, 0.0) for joint in read])
         for name in PARAMETERS
     }
     return Robot(
@@ -78,11 +91,12 @@ def robot_from_dict(data: Mapping[str, Any], where: str = "robot") -> Robot:
         joint_types=tuple(cast(str, joint["type"]) for joint in read),
         friction=friction,
         rotor_coupling=rotor_coupling,
-        sources=sources,
+        sources=of_catalogue | sources,
         payload="payload" in file.data,
-        limits=limits,
         visuals=visuals,
-        **{name: read_only(array) for name, array in arrays.items()},
+        **options,
+        **flags,
+        **arrays,
     )
 
 
@@ -103,19 +117,25 @@ def _joint(problems: Problems, data: object, path: str) -> dict[str, Any]:
     """Read one [[joints]] table: field of `Robot` to this joint's value."""
     table = Table(problems, data, path, JOINT_KEYS)
     kind = table.text("type", choices=JOINT_TYPES)
-    joint: dict[str, Any] = {"type": kind, "limits": "limits" in table.data} | _numbers(table, "joint", kind)
+    options = {option: option in table.data for option in JOINT_OPTIONS}
+    joint: dict[str, Any] = {"type": kind, **options} | section_numbers(table, "joint", kind)
     check_rotation(problems, f"{path}.rotation", joint["rotation"])
-    parts: tuple[Section, ...] = ("link", "drive", "friction", *(("limits",) if joint["limits"] else ()))
+    parts: tuple[Section, ...] = (
+        "link",
+        "drive",
+        "friction",
+        *(part for part in JOINT_OPTIONS if options[part]),
+    )
     for part in parts:
-        joint |= _numbers(table.table(part, _keys(part)), part, kind)
+        joint |= section_numbers(table.table(part, _keys(part)), part, kind)
     check_drive(problems, f"{path}.drive", joint["ell"], joint["theta_err_amplitude"])
     check_friction(problems, f"{path}.friction", joint["f_c"], joint["f_s"])
-    if joint["limits"]:
+    if options["limits"]:
         check_stops(problems, f"{path}.limits", joint["q_min"], joint["q_max"])
     return joint
 
 
-def _numbers(table: Table, part: Section, joint_type: str = "revolute") -> Numbers:
+def section_numbers(table: Table, part: Section, joint_type: str = "revolute") -> Numbers:
     """Read the numbers of a section: field of `Robot` to its value."""
     found: Numbers = {}
     for row in section(part):

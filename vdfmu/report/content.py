@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from vdfmu.arrays import Floats
 from vdfmu.engine.cosim.results import Results
+from vdfmu.equations.kinematics import frames
 from vdfmu.model import Robot
 from vdfmu.report.joints import UNITS
 from vdfmu.thinning import extremes
@@ -58,16 +59,17 @@ def arm_of(robot: Robot, values: Mapping[str, Any]) -> dict[str, Any]:
         Of the plant, such as ``offset[2,3]``, in place of the robot's.
     """
 
-    def array(name: str) -> Any:
-        numbers: Floats = np.array(getattr(robot, name), dtype=float)
+    def listed(name: str, of_file: Any) -> Any:
+        numbers: Floats = np.array(of_file, dtype=float)
         for place in np.ndindex(numbers.shape):
             index = ",".join(str(i + 1) for i in place)
             numbers[place] = values.get(f"{name}[{index}]", numbers[place])
         return numbers.tolist()
 
+    numbers = frames(robot) | {"gravity": robot.gravity, "ell": robot.ell}
     return {
         "types": list(robot.joint_types),
-        **{name: array(name) for name in ("rotation", "offset", "tool_offset", "gravity", "ell")},
+        **{name: listed(name, of_file) for name, of_file in numbers.items()},
         "shapes": []
         if any(v.shape == "mesh" for v in robot.visuals)
         else [v.to_dict() for v in robot.visuals],

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from vdfmu.data import data_path
 from vdfmu.measure import measure
+from vdfmu.model.catalogue import NAMED, tables_of
 from vdfmu.model.parameters import PARAMETERS, Row, Section, section
 from vdfmu.model.read import Problems, Table, nearest
 from vdfmu.model.robot_file import bounds
@@ -48,8 +49,8 @@ def drive_joints(
     file : str
         Name of the robot's file, for sources.
     drives : Path, optional
-        TOML file: tables by the name of a joint, or a pattern with ``*``, with tables of `PARTS` as in a robot file and
-        ``source``, a text. A later one overrides an earlier one.
+        TOML file: tables by the name of a joint, or a pattern with ``*``, with ``gear`` and ``motor`` of the catalogue,
+        tables of `PARTS` as in a robot file and ``source``, a text. A later one overrides an earlier one.
     problems : Problems
     gravity : float [m/s2]
     """
@@ -123,15 +124,26 @@ def _read_drives(path: Path, bodies: Sequence[Body], chosen: list[Numbers], prob
     """Read a file of drives into the numbers of the joints that it names."""
     here = Problems(str(path))
     names = [body.joint.name for body in bodies]
+    named: dict[str, dict[str, Any]] = {}
     for pattern, entry in read_toml(path).items():
-        table = Table(here, entry, pattern, (*PARTS, "source"))
+        table = Table(here, entry, pattern, (*NAMED, *PARTS, "source"))
         meant = set(matching(names, [pattern]))
         if not meant:
             here.add(pattern, 'a joint of the arm, or a pattern such as "*"', "none", nearest(pattern, names))
         source = table.text("source", "") or f"{path.name}: {pattern}"
         for body, numbers in zip(bodies, chosen, strict=True):
             if body.joint.name in meant:
-                numbers.update(_of_table(table, MOVING[body.joint.kind], source))
+                kind = MOVING[body.joint.kind]
+                own = _of_table(table, kind, source)
+                ell = own.get(PARAMETERS["ell"].path, (None,))[0]
+                names_now = {what: table.data[what] for what in NAMED if what in table.data}
+                if names_now:  # a later entry may name the gear or the motor alone
+                    named[body.joint.name] = named.get(body.joint.name, {}) | names_now
+                    tables = tables_of(here, pattern, named[body.joint.name], kind, ell)
+                    for row in (row for part in PARTS for row in section(part)):
+                        if row.key in tables.get(row.section, {}):
+                            numbers[row.path] = tables[row.section][row.key]
+                numbers.update(own)
     problems.lines += dict.fromkeys(here.lines)
 
 

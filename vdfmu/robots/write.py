@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -46,11 +46,9 @@ def robot_text(name: str, file: str, arm: Arm, driven: Sequence[Driven], folder:
     description = f"From {file}: {len(arm.bodies)} joints from {arm.base} to {arm.tip}"
     lines += [f"name = {toml_value(name[:100])}", f"description = {toml_value(description)}"]
     whole = {"gravity": arm.gravity, "tip": arm.tool.p}
-    lines += [f"{row.key} = {toml_value(whole[row.given])}" for row in section("robot") if row.given]
     if np.abs(arm.tool.R - np.eye(3)).max() > 1e-9:
-        lines.append(
-            f"# {{O}} has the axes of the last link frame; in it {_line(arm.tip)} has the axes {toml_value(arm.tool.R)}"
-        )
+        whole["tip_axes"] = arm.tool.R
+    lines += [f"{row.key} = {toml_value(whole[row.given])}" for row in section("robot") if row.given in whole]
     for i, (body, drive) in enumerate(zip(arm.bodies, driven, strict=True), 1):
         lines += ["", f"# Joint {i}: {_about(body, drive)}", "[[joints]]"]
         lines.append(f"type = {toml_value(MOVING[body.joint.kind])}")
@@ -67,7 +65,7 @@ def robot_text(name: str, file: str, arm: Arm, driven: Sequence[Driven], folder:
         where |= {row.path: f"{file}: the links in the comment above the joint" for row in section("link")}
         sources.append(where | {path: source for path, (_, source) in drive.numbers.items()})
     lines += ["", "[sources]"]
-    lines += [f"{key} = {toml_value(text)}" for key, text in _sources(file, arm, sources)]
+    lines += [f"{key} = {toml_value(text)}" for key, text in _sources(file, arm, whole, sources)]
     for visual in arm.visuals:
         lines += ["", "[[visuals]]", *_look(visual, folder)]
     return "\n".join(lines) + "\n"
@@ -84,11 +82,13 @@ def _about(body: Body, drive: Driven) -> str:
     return f"{joint.name}, {joint.kind}, moves {few(body.links)}{joined}\n{largest}"
 
 
-def _sources(file: str, arm: Arm, joints: list[dict[str, str]]) -> Iterator[tuple[str, str]]:
+def _sources(
+    file: str, arm: Arm, given: Collection[str], joints: list[dict[str, str]]
+) -> Iterator[tuple[str, str]]:
     """Yield keys and texts of [sources]: one key for all joints where the text is the same."""
-    whole = {"gravity": "Standard gravity, along z of the root" if arm.standard else f"{file}: gravity"}
-    whole["tip"] = f"{file}: origin of {arm.tip}"
-    yield from ((row.path, whole[row.given]) for row in section("robot") if row.given)
+    texts = {"gravity": "Standard gravity, along z of the root" if arm.standard else f"{file}: gravity"}
+    texts |= {"tip": f"{file}: origin of {arm.tip}", "tip_axes": f"{file}: axes of {arm.tip}"}
+    yield from ((row.path, texts[row.given]) for row in section("robot") if row.given in given)
     for row in (row for row in PARAMETERS.values() if row.per_joint):
         texts = [joint[row.path] for joint in joints if row.path in joint]
         if len(set(texts)) == 1 and len(texts) == len(joints):

@@ -69,7 +69,7 @@ class Jet:
     def __rtruediv__(self, other: Any) -> Jet:
         return self._chain(1.0 / self.x, -1.0 / self.x**2, 2.0 / self.x**3) * other
 
-    def __pow__(self, n: int) -> Jet:
+    def __pow__(self, n: float) -> Jet:
         return self._chain(self.x**n, n * self.x ** (n - 1), n * (n - 1) * self.x ** (n - 2))
 
     def __abs__(self) -> Jet:
@@ -107,6 +107,10 @@ class Jet:
         """Logarithm of 1 plus the argument."""
         d = 1.0 / (1.0 + self.x)
         return self._chain(np.log1p(self.x), d, -d * d)
+
+    def sqrt(self) -> Jet:
+        """Square root."""
+        return self**0.5
 
     def tanh(self) -> Jet:
         """Hyperbolic tangent."""

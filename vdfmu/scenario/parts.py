@@ -51,7 +51,7 @@ def tables_of(
         if part.fmu is not None:
             found[name] = ForeignInterface(part.fmu)
         else:
-            found[name] = Interface(units[name], robot if units[name].needs_robot() else None)
+            found[name] = Interface(units[name], part.robot_of(robot) if units[name].needs_robot() else None)
     return found
 
 
@@ -135,14 +135,15 @@ def build_parts(
     have an FMU each if their start values differ.
     """
     units = units_of(scenario.system)
-    placed = _placed(units, values or {}, Path(folder))
+    robots = {name: scenario.system.parts[name].robot_of(scenario.robot) for name in units}
+    placed = _placed(units, robots, values or {}, Path(folder))
     found: dict[str, Path] = {
         name: part.fmu for name, part in scenario.system.parts.items() if part.fmu is not None
     }
-    for place in dict.fromkeys(placed.values()):
-        here = {name: unit for name, unit in units.items() if placed[name] == place}
+    for place, robot in dict.fromkeys((placed[name], robots[name]) for name in units):
+        here = {name: unit for name, unit in units.items() if (placed[name], robots[name]) == (place, robot)}
         built = build_fmus(
-            scenario.robot,
+            robot,
             place,
             units=list(dict.fromkeys(here.values())),
             start_values={unit_name(unit): dict((values or {}).get(name, {})) for name, unit in here.items()},
@@ -155,13 +156,16 @@ def build_parts(
 
 
 def _placed(
-    units: Mapping[str, type[Unit]], values: Mapping[str, Mapping[str, Any]], folder: Path
+    units: Mapping[str, type[Unit]],
+    robots: Mapping[str, Robot],
+    values: Mapping[str, Mapping[str, Any]],
+    folder: Path,
 ) -> dict[str, Path]:
-    """Folder of each component's FMU: one of its own where another unit, or other start values, have its name."""
+    """Folder of each component's FMU: one of its own where another unit, robot, or start values have its name."""
     placed: dict[str, Path] = {}
-    taken: dict[str, tuple[type[Unit], dict[str, Any]]] = {}
+    taken: dict[str, tuple[type[Unit], Robot | None, dict[str, Any]]] = {}
     for name, unit in units.items():
-        mine = unit, dict(values.get(name, {}))
+        mine = unit, robots[name] if unit.needs_robot() else None, dict(values.get(name, {}))
         names = (unit.__name__, unit_name(unit))
         placed[name] = folder if all(taken.get(key, mine) == mine for key in names) else folder / name
         if placed[name] == folder:
@@ -180,9 +184,10 @@ def cached_fmus(
     cached: dict[str, bytes | None] = {}
     places: dict[str, Path] = {}
     units = units_of(scenario.system)
-    placed = _placed(units, {}, Path(folder))
+    robots = {name: scenario.system.parts[name].robot_of(scenario.robot) for name in units}
+    placed = _placed(units, robots, {}, Path(folder))
     for name, unit in units.items():
-        robot = scenario.robot if unit.needs_robot() else None
+        robot = robots[name] if unit.needs_robot() else None
         own = ("python", "2.0") if unit.backend == "python" else (backend, fmi_version)
         places[name] = cache_folder() / "fmus" / Content(unit, robot, {}, *own).guid.strip("{}")
         cached[name] = content = load(places[name])

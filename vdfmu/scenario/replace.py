@@ -4,13 +4,34 @@ from __future__ import annotations
 
 import dataclasses
 import os
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
 
+import numpy as np
+
 from vdfmu.errors import UsageError
+from vdfmu.model.parameters import read_only, section
 from vdfmu.scenario.parts import tables_of
 from vdfmu.scenario.scenario import Scenario
 from vdfmu.scenario.values import section_values
+
+
+def with_payload(scenario: Scenario, names: Iterable[str]) -> Scenario:
+    """Return the scenario with an empty payload for a robot without one, if settings name its numbers.
+
+    Parameters
+    ----------
+    names : iterable of str
+        Of settings: ``plant.payload_mass``, ``robot.payload_inertia[1,1]``.
+    """
+    fields = {name.partition(".")[2].partition("[")[0] for name in names}
+    rows = section("payload")
+    if scenario.robot.payload or fields.isdisjoint(row.name for row in rows):
+        return scenario
+    empty = {row.name: read_only(np.zeros(row.shape)) for row in rows}
+    if "payload_inertia" in fields:  # one of zeros, of a point mass, has no parameters
+        empty["payload_inertia"] = read_only(1e-12 * np.eye(3))
+    return dataclasses.replace(scenario, robot=dataclasses.replace(scenario.robot, payload=True, **empty))
 
 
 def with_units(scenario: Scenario, units: Mapping[str, Any]) -> Scenario:

@@ -13,6 +13,8 @@ from vdfmu.model.robot import Robot
 from vdfmu.scenario.system_file import SystemFile
 
 KINDS = ("contrast", "cosimulation")
+_TINY = 1e-12
+"""What is left of the inertia of a payload that is not known: one of zeros would be another structure."""
 FACTOR_FIELDS = tuple(row.name for row in PARAMETERS.values() if row.fold != "always")
 """Fields of the robot that a plant factor may scale."""
 
@@ -47,6 +49,8 @@ class Scenario:
         value, or values. :func:`vdfmu.scenario.values.system_values` reads them.
     paper : mapping
         What the paper reports: `source` and lists that start at joint 1. Empty if it reports nothing.
+    payload_known : bool
+        Whether other components than the plant know of the robot's payload.
     inputs, input_hold : optional
         Signals for inputs that nothing is connected to; see :func:`vdfmu.engine.cosim.simulate`.
     """
@@ -67,11 +71,21 @@ class Scenario:
     paper: Mapping[str, Any]
     inputs: Any = None
     input_hold: bool = False
+    payload_known: bool = True
 
     @property
     def plant_robot(self) -> Robot:
         """The robot that the plant simulates: the nominal one with the factors applied."""
         return apply_factors(self.robot, self.plant_factors)
+
+    @property
+    def known_robot(self) -> Robot:
+        """The robot that the other components know: the nominal one, without a payload that is not known."""
+        if self.payload_known or not self.robot.payload:
+            return self.robot
+        return self.robot.with_parameters(
+            payload_mass=0.0, payload_inertia=_TINY * self.robot.payload_inertia
+        )
 
 
 def apply_factors(robot: Robot, factors: Mapping[str, Array | float]) -> Robot:

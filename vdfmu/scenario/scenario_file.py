@@ -8,10 +8,10 @@ from typing import Any, cast
 
 from vdfmu.engine.algorithms import ALGORITHMS, CONTINUOUS
 from vdfmu.errors import ModelError, UnitError, UsageError
-from vdfmu.model.parameters import PARAMETERS, Array, read_only
+from vdfmu.model.parameters import PARAMETERS, Array, read_only, section
 from vdfmu.model.read import FloatArray, Problems, Table, as_number, shape_of, shown
 from vdfmu.model.robot import FRICTION_ARRANGEMENTS, Robot
-from vdfmu.model.robot_file import check_robot
+from vdfmu.model.robot_file import check_robot, section_numbers
 from vdfmu.scenario.check import check_step
 from vdfmu.scenario.scenario import (
     FACTOR_FIELDS,
@@ -37,6 +37,7 @@ SCENARIO_KEYS = (
     "tolerance",
     "inputs",
     "input_hold",
+    "payload",
     "plant_factors",
     "paper",
 )
@@ -90,6 +91,14 @@ def read_scenario(
     if "friction" in file.data:
         friction = file.text("friction", choices=FRICTION_ARRANGEMENTS)
         robot = robot and dataclasses.replace(robot, friction=friction)
+    payload_known = True
+    if "payload" in file.data:
+        load = file.table("payload", [*(row.key for row in section("payload")), "known"])
+        payload_known = load.flag("known", True)
+        numbers = section_numbers(load, "payload")
+        robot = robot and dataclasses.replace(
+            robot, payload=True, **{key: read_only(number) for key, number in numbers.items()}
+        )
     stop = file.number("stop", "s", above=0, way_out="Give the end of the run.")
     step = file.number("step", "s", above=0, way_out="Give the communication step.")
     check_step(problems, stop, step)
@@ -136,6 +145,7 @@ def read_scenario(
         paper=paper,
         inputs=inputs,
         input_hold=input_hold,
+        payload_known=payload_known,
     )
 
 

@@ -9,9 +9,12 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+import numpy as np
+
 from vdfmu.engine.algorithms import ALGORITHMS
-from vdfmu.model.parameters import PARAMETERS, Row, Section, section
-from vdfmu.model.robot import FRICTION_ARRANGEMENTS, JOINT_TYPES
+from vdfmu.model.catalogue import NAMED, catalogue
+from vdfmu.model.parameters import JOINT_OPTIONS, PARAMETERS, Row, Section, section
+from vdfmu.model.robot import ENDS, FRICTION_ARRANGEMENTS, JOINT_TYPES
 from vdfmu.model.visual import SHAPES
 from vdfmu.scenario.load import load_system
 from vdfmu.scenario.parts import units_of
@@ -28,17 +31,19 @@ _SIGNAL: Schema = {"type": "string", "pattern": r"^[^.]+\.[^.]+$"}
 def robot_schema() -> Schema:
     """Return the schema of a robot file."""
     payload = _table(_rows("payload"), _required("payload"))
-    parts: tuple[Section, ...] = ("link", "drive", "friction", "limits")
+    parts: tuple[Section, ...] = ("link", "drive", "friction", *JOINT_OPTIONS)
     tables = {part: _table(_rows(part), _required(part)) for part in parts}
+    named: Schema = {what: {"enum": list(catalogue()[f"{what}s"])} for what in NAMED}
     joint = _table(
-        {"type": {"enum": list(JOINT_TYPES)}} | _rows("joint") | tables,
-        ["type", *_required("joint"), "link", "drive", "friction"],
+        {"type": {"enum": list(JOINT_TYPES)}} | named | _rows("joint") | tables,
+        ["type", *_required("joint"), "link"],
     )
     keys: Schema = {
         "name": _TEXT,
         "description": _TEXT,
         "friction": {"enum": list(FRICTION_ARRANGEMENTS)},
         "rotor_coupling": {"type": "boolean"},
+        **{flag: {"type": "boolean"} for flag in ENDS},
         "payload": payload,
         "joints": {"type": "array", "minItems": 1, "items": joint},
         "sources": {"type": "object", "description": "Key of this file to where its number is from"},
@@ -79,6 +84,7 @@ def scenario_schema(system: str = "system") -> Schema:
         "tolerance": share | {"description": "Tolerance of the solvers"},
         "inputs": _TEXT | {"description": "CSV file of signals for inputs that nothing is connected to"},
         "input_hold": {"type": "boolean", "description": "Hold these until the next row"},
+        "payload": _table(_rows("payload") | {"known": {"type": "boolean"}}, _required("payload")),
         "plant_factors": _table(factors, []),
         "paper": _table(paper, []),
     }
@@ -88,7 +94,8 @@ def scenario_schema(system: str = "system") -> Schema:
 def system_schema() -> Schema:
     """Return the schema of a system file."""
     box = {"type": "array", "items": {"type": "number"}, "minItems": 4, "maxItems": 4}
-    part = {"anyOf": [_TEXT, box, _table({"unit": _TEXT, "box": box}, [])]}
+    ends = {flag: {"type": "boolean"} for flag in ENDS}
+    part = {"anyOf": [_TEXT, box, _table({"unit": _TEXT, "box": box, "robot": _TEXT, **ends}, [])]}
     keys: Schema = {
         "extends": _TEXT,
         "name": _TEXT,
@@ -167,7 +174,7 @@ def _row(row: Row) -> Schema:
     units = dict.fromkeys(row.unit(joint) for joint in JOINT_TYPES)
     text: Schema = {"description": f"{row.description} [{' or '.join(units)}]"}
     if row.default is not None:
-        text["default"] = row.default
+        text["default"] = np.asarray(row.default).tolist()
     shaped = number
     for size in reversed(row.shape):
         shaped = {"type": "array", "items": shaped, "minItems": size, "maxItems": size}

@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Any, cast
 
+from vdfmu.errors import ModelError, UsageError
+from vdfmu.model.load import load_robot
 from vdfmu.model.read import Problems, Table, nearest, shown
+from vdfmu.model.robot import ENDS, Robot
+from vdfmu.model.toml_file import locate
+from vdfmu.once import once
 
 _KEYS = ("extends", "name", "description", "units", "shared", "connections")
 Box = tuple[float, float, float, float]
@@ -23,12 +29,25 @@ class Part:
     tool."""
     box: Box | None = None
     """Corners in a diagram [mm], lower left and upper right; None: a place is found."""
+    robot: Robot | None = None
+    """Robot of the component's own; None: that of the scenario."""
+    ends: tuple[str, ...] = ()
+    """Flags that its robot has here, of :data:`~vdfmu.model.robot.ENDS`."""
+
+    def robot_of(self, robot: Robot) -> Robot:
+        """Return the robot of the component in a scenario with a robot."""
+        return _with_ends(self.robot or robot, self.ends) if self.ends else self.robot or robot
 
     @property
     def fmu(self) -> Path | None:
         """The FMU of any tool; None for a unit."""
         named = str(self.unit)
         return Path(named) if not isinstance(self.unit, type) and named.lower().endswith(".fmu") else None
+
+
+@once
+def _with_ends(robot: Robot, ends: tuple[str, ...]) -> Robot:
+    return dataclasses.replace(robot, **dict.fromkeys(ends, True))
 
 
 @dataclass(frozen=True)
@@ -110,12 +129,23 @@ def _part(problems: Problems, key: str, value: object, folder: Path) -> Part:
     if isinstance(value, list):
         return Part(key, _box(problems, where, value))
     if isinstance(value, dict):
-        table = Table(problems, value, where, ("unit", "box"))
+        table = Table(problems, value, where, ("unit", "box", "robot", *ENDS))
         unit = table.text("unit", key)
         box = _box(problems, f"{where}.box", table.data["box"]) if "box" in table.data else None
-        return Part(_located(unit, folder), box)
+        robot: Robot | None = None
+        if "robot" in table.data and (named := table.text("robot")):
+            try:
+                robot = load_robot(locate(named, "robots", folder))
+            except ModelError as error:
+                problems.lines.extend(error.problems)
+            except UsageError as error:
+                problems.lines.append(f"{problems.where}: {where}.robot: {error}")
+        return Part(_located(unit, folder), box, robot, tuple(end for end in ENDS if table.flag(end, False)))
     problems.add(
-        where, 'a unit such as "plant" or "my_unit.py", or a table { unit = .., box = .. }', shown(value), ""
+        where,
+        'a unit such as "plant" or "my_unit.py", or a table { unit = .., box = .., robot = .. }',
+        shown(value),
+        "",
     )
     return Part(key)
 

@@ -122,12 +122,13 @@ def group_value(scenario: Scenario, name: str, settings: Mapping[str, Any] | Non
 
 def robot_parameters(component: str, table: Variables, scenario: Scenario) -> Values:
     """Return a component's parameters that describe the robot: the scenario's plant for ``plant``, else nominal."""
-    robot = scenario.plant_robot if component == "plant" else scenario.robot
     if not isinstance(table, Interface) or table.unit.robot_fields is None:
         return {}
+    robot = scenario.plant_robot if component == "plant" else scenario.known_robot
+    own = scenario.system.parts[component].robot
     return {
-        p.name: float(getattr(robot, p.field)[p.index])
-        for p in parameters(scenario.robot)
+        p.name: float(getattr(own or robot, p.field)[p.index])
+        for p in parameters(own or scenario.robot)
         if p.name in table.reference and p.field not in table.unit.declared
     }
 

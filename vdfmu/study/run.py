@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial as bound
 from pathlib import Path
 from typing import Any
@@ -36,7 +36,7 @@ from vdfmu.report.page import NAME, Run, write_report
 from vdfmu.scenario import Scenario, load_scenario
 from vdfmu.scenario.check import model_notes
 from vdfmu.scenario.parts import cached_fmus
-from vdfmu.scenario.replace import with_units
+from vdfmu.scenario.replace import with_payload, with_units
 from vdfmu.scenario.values import system_values
 from vdfmu.ssp.description import SystemDescription
 from vdfmu.ssp.write import write_ssp
@@ -90,8 +90,11 @@ def prepare(
     units: Mapping[str, Any] | None = None,
     inputs: Inputs = None,
     input_hold: bool | None = None,
+    settings: Iterable[str] | None = None,
 ) -> Scenario:
     """Load a scenario and replace what the options name, with the checks of a scenario file.
+
+    `settings` are names of what will be set: those of a payload give the robot one, see `with_payload`.
 
     Raises
     ------
@@ -104,6 +107,7 @@ def prepare(
         scenario = load_scenario(scenario, robot)
     elif robot is not None:
         raise UsageError("robot: give it with the name or path of a scenario, not with a loaded one.")
+    scenario = with_payload(scenario, settings or ())
     if units:
         scenario = with_units(scenario, units)
     if input_hold is not None:
@@ -150,7 +154,7 @@ def run(
     Parameters
     ----------
     scenario : Scenario, str or path
-        Loaded, or the name of a shipped one, or a file.
+        Loaded, or the name of a shipped one, or a file; of `vdfmu.run` also "reach", a first motion of any robot.
     robot : Robot, str or path, optional
         Robot in place of the scenario's.
     step : float [s], optional
@@ -207,7 +211,7 @@ def run(
     """
     scenario = prepare(
         scenario, robot=robot, step=step, stop=stop, master=master, adaptive=adaptive, units=units,
-        inputs=inputs, input_hold=input_hold,
+        inputs=inputs, input_hold=input_hold, settings=settings,
     )  # fmt: skip
     known_formats(formats)
     known_pictures(pictures)

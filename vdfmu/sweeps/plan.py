@@ -246,7 +246,7 @@ def of_scenario(
     }
     plain = {name: value for name, value in switched.items() if not name.startswith("unit:")}
     given: dict[str, Any] = {**options, **plain, "units": units or None}
-    loaded = prepare(scenario, **given)
+    loaded = prepare(scenario, **given, settings=[*settings, *(axis.target for axis in axes)])
     values = system_values(loaded, settings)
     bindings = {axis.target: _binding(loaded, axis, values) for axis in axes}
     with temporary_folder("vdfmu_sweep_") as folder:

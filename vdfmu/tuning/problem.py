@@ -107,7 +107,7 @@ def make_problem(
         raise UsageError(f"over: expected mean or worst, got {over}.")
     if isinstance(scenario, (str, os.PathLike)) and os.fspath(scenario).endswith(".ssp"):
         raise UsageError(f"{scenario}: expected a scenario, whose values are known; a package can be swept.")
-    loaded = prepare(scenario, **(options or {}))
+    loaded = prepare(scenario, **(options or {}), settings=settings)
     axes, start = _elements(loaded, vary, settings or {})
     spread_axes = read_axes(spread)
     if wrong := [

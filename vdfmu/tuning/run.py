@@ -194,7 +194,7 @@ def tune(
         ) as evaluations:  # fmt: skip
             before, after = search(evaluations, method, seed)
         ledger.finish()
-        loaded = prepare(scenario, **options)
+        loaded = prepare(scenario, **options, settings=settings)
         tuned = {**(settings or {}), **dict(zip(problem.names, after.values.tolist(), strict=True))}
         groups = list(dict.fromkeys(name.partition("[")[0] for name in problem.names))
         found = Tuned(

@@ -90,8 +90,8 @@ class Unit:
     """Joints from which on :meth:`balance` is linearised with what it hands to :meth:`cut` as unknowns of their own."""
     experiment_stop: ClassVar[float] = 1.0
     """End of the experiment of the FMU's reference results [s]."""
-    declared: ClassVar[Mapping[str, Declared]] = {}
-    """All variables by name."""
+    declared: Mapping[str, Declared] = {}
+    """Variables by name: of the class all, of an instance those that it has for its robot."""
     robot_fields: ClassVar[tuple[str, ...] | None] = None
     """Fields of the :class:`RobotParameters`; empty: all; None: the unit has none."""
     _watch: Watch | None = None
@@ -126,6 +126,7 @@ class Unit:
                 f"{type(self).__name__} needs a robot, for its joints. Give one: robot=load_robot(..)."
             )
         self.of_robot = robot
+        self.declared = self.declared_for(robot)
         self.store: dict[str, Any] = {}
         self.t = 0.0
         for name, declared in self.declared.items():
@@ -143,6 +144,13 @@ class Unit:
     def needs_robot(cls) -> bool:
         """Whether some variable has an element for each joint, or belongs to the robot."""
         return cls.robot_fields is not None or any(JOINTS in d.shape for d in cls.declared.values())
+
+    @classmethod
+    def declared_for(cls, robot: Robot | None) -> dict[str, Declared]:
+        """Variables by name, without those of options that the robot lacks."""
+        return {
+            name: d for name, d in cls.declared.items() if d.when is None or getattr(robot, d.when, False)
+        }
 
     @classmethod
     def description(cls) -> str:
@@ -260,6 +268,7 @@ class Unit:
         super().__setattr__(name, value)
 
     def _read(self, declared: Declared) -> Any:
+        self._check_there(declared)
         if self._watch is not None:
             return self._watch.read(declared)
         if declared.name not in self.store:
@@ -267,10 +276,17 @@ class Unit:
         return self.store[declared.name]
 
     def _write(self, declared: Declared, value: Any) -> None:
+        self._check_there(declared)
         if self._watch is not None:
             self._watch.write(declared, value)
             return
         self.store[declared.name] = self.fitting(declared, value)
+
+    def _check_there(self, declared: Declared) -> None:
+        if declared.name not in self.declared:
+            raise UnitError(
+                f"{type(self).__name__}.{declared.name} is there for a robot with {declared.when} only"
+            )
 
     def fitting(self, declared: Declared, value: Any) -> Any:
         """Return a value in the shape of a variable; UsageError if it does not fit."""
@@ -337,8 +353,9 @@ def _start_parameter(state: State) -> Parameter:
     text = state.text if isinstance(state.text, str) else list(state.text)
     text = f"start of {text or state.name}" if isinstance(text, str) else [f"start of {one}" for one in text]
     return Parameter(
-        state.unit, state.shape, text, start=state.start, minimum=state.minimum, maximum=state.maximum
-    )
+        state.unit, state.shape, text, start=state.start, minimum=state.minimum, maximum=state.maximum,
+        when=state.when,
+    )  # fmt: skip
 
 
 def _tolerance() -> Parameter:

@@ -11,7 +11,8 @@ import numpy as np
 from vdfmu.errors import UnitError, UsageError
 from vdfmu.measure import unit_of
 from vdfmu.model import Robot
-from vdfmu.model.parameters import PARAMETERS
+from vdfmu.model.parameters import OPTIONAL, PARAMETERS
+from vdfmu.model.robot import ENDS
 from vdfmu.unit.base import Unit
 from vdfmu.unit.declaration import (
     Choice,
@@ -37,7 +38,7 @@ def check_unit(unit: type[Unit], robot: Robot | None) -> None:
         With all problems, a line for each.
     """
     found = [*_of_unit(unit)]
-    for declared in unit.declared.values():
+    for declared in unit.declared_for(robot).values():
         found += [(declared.name, problem) for problem in _of_variable(unit, declared, robot)]
     if found:
         raise UnitError(
@@ -57,6 +58,11 @@ def _of_unit(unit: type[Unit]) -> Iterator[tuple[str, str]]:
                 f"{state.name}_dot = Derivative({state.name})",
             )
     for name, declared in unit.declared.items():
+        if declared.when is not None and declared.when not in (*OPTIONAL, *ENDS):
+            yield (
+                name,
+                f"{name}: when: expected one of {', '.join((*OPTIONAL, *ENDS))}, got {declared.when!r}",
+            )
         if isinstance(declared, Derivative) and declared.state not in states:
             yield name, f"{name} is the derivative of what is not a continuous state of the unit"
     sampled = any(isinstance(d, Sampled) for d in unit.declared.values())

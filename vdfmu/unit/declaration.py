@@ -62,6 +62,8 @@ class Declared:
     start : number, array_like or function of a robot
         Start value, broadcast to the shape.
     minimum, maximum : float, optional
+    when : str, optional
+        Optional section of a robot file: the unit of a robot without it lacks the variable.
     """
 
     causality: ClassVar[str] = "parameter"
@@ -80,12 +82,14 @@ class Declared:
         start: Any = 0.0,
         minimum: float | None = None,
         maximum: float | None = None,
+        when: str | None = None,
     ) -> None:
         self.unit = unit
         self.shape = shape if isinstance(shape, tuple) else (shape,)
         self.text = text
         self.start = start
         self.minimum, self.maximum = minimum, maximum
+        self.when = when
 
     def __set_name__(self, owner: type, name: str) -> None:
         self.name = name
@@ -151,7 +155,7 @@ class Derivative(Declared):
     set_by = "derivatives"
 
     def __init__(self, state: State) -> None:
-        super().__init__(state.unit, state.shape, state.text)
+        super().__init__(state.unit, state.shape, state.text, when=state.when)
         self.state = state
 
 
@@ -170,9 +174,10 @@ class Parameter(Declared):
         start: Any = 0.0,
         minimum: float | None = None,
         maximum: float | None = None,
+        when: str | None = None,
         tunable: bool = False,
     ) -> None:
-        super().__init__(unit, shape, text, start=start, minimum=minimum, maximum=maximum)
+        super().__init__(unit, shape, text, start=start, minimum=minimum, maximum=maximum, when=when)
         self.variability = "tunable" if tunable else "fixed"
 
 

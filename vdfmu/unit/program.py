@@ -228,10 +228,8 @@ class _Stiff:
             changing.append(self.inputs["t"])
             changes.append(ca.SX(1))
         where = state_slices(unit)
-        names = [
-            *type(unit).elimination,
-            *(name for name in where if name not in ("", *type(unit).elimination)),
-        ]
+        first = [name for name in type(unit).elimination if name in where]
+        names = [*first, *(name for name in where if name not in ("", *first))]
         self.order = np.concatenate([np.arange(where[name].start, where[name].stop) for name in names])
         if type(unit).balance is Unit.balance:
             self.E, self.EJ = ca.SX.eye(n_x), ca.jacobian(self.x_dot, x)

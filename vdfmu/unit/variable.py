@@ -105,7 +105,7 @@ def scalar_variables(unit: type[Unit], robot: Robot | None) -> list[Variable]:
 
     Inputs, continuous states, sampled states, outputs, parameters, parameters of the robot.
     """
-    groups = [d for d in unit.declared.values() if not isinstance(d, Derivative)]
+    groups = [d for d in unit.declared_for(robot).values() if not isinstance(d, Derivative)]
     groups.sort(key=lambda d: _ORDER.index(type(d)) if type(d) in _ORDER else len(_ORDER))
     found = [v for declared in groups for v in _scalars(declared, robot)]
     if unit.robot_fields is not None:
@@ -116,8 +116,9 @@ def scalar_variables(unit: type[Unit], robot: Robot | None) -> list[Variable]:
 
 def derivative_variables(unit: type[Unit], robot: Robot | None) -> list[Variable]:
     """Return the derivatives of the continuous states of a unit, in the order of the states."""
-    by_state = {d.state: d for d in unit.declared.values() if isinstance(d, Derivative)}
-    states = [d for d in unit.declared.values() if type(d) is State]
+    declared = unit.declared_for(robot).values()
+    by_state = {d.state: d for d in declared if isinstance(d, Derivative)}
+    states = [d for d in declared if type(d) is State]
     return [v for state in states for v in _scalars(by_state[state], robot)]
 
 

@@ -12,11 +12,16 @@ from vdfmu.errors import UsageError
 from vdfmu.unit.base import Unit
 from vdfmu.unit.load import load_units
 
-__all__ = ["find_unit", "shipped_units"]
+__all__ = ["find_unit", "package_units", "shipped_units"]
+
+
+def shipped_units() -> dict[str, type[Unit]]:
+    """Return the units of an arm by name, without those of what is around it, which need no robot."""
+    return {name: unit for name, unit in package_units().items() if unit.needs_robot()}
 
 
 @lru_cache
-def shipped_units() -> dict[str, type[Unit]]:
+def package_units() -> dict[str, type[Unit]]:
     """Return the units by name, which is that of their file."""
     names = sorted(module.name for module in iter_modules(__path__) if not module.name.startswith("_"))
     modules = {name: import_module(f"{__name__}.{name}") for name in names}
@@ -39,7 +44,7 @@ def find_unit(name: str | os.PathLike[str]) -> type[Unit]:
         If the file fails or declares a unit wrongly; with file and line.
     """
     text = os.fspath(name)
-    shipped = shipped_units()
+    shipped = package_units()
     if text in shipped:
         return shipped[text]
     file, _, wanted = text.partition(":") if not Path(text).is_file() else (text, "", "")

@@ -7,7 +7,7 @@ import numpy as np
 from vdfmu.equations.feedforward import Gains, feedforward_inverse, feedforward_vdc
 from vdfmu.equations.trajectory import Desired
 from vdfmu.unit import JOINTS, Choice, Input, Output, RobotParameters, Terminal, Unit
-from vdfmu.units._signals import DESIRED, gain, small_motion, wave_wrench, wrench
+from vdfmu.units._signals import DESIRED, base_motion, base_of, gain, small_motion, wave_wrench, wrench
 
 
 class Feedforward(Unit):
@@ -32,6 +32,8 @@ class Feedforward(Unit):
 
     ID is the inverse dynamics of the links, (29)-(47) and (59)-(62); D the deformation of a drive and theta_err its
     kinematic error, (2)-(3); xi_l and xi_m friction on link and rotor, (54)-(55).
+
+    For a robot with moving_base the motion of the base is an input, the derivatives of its acceleration A_S taken as 0.
     """
 
     q_d = Input(*DESIRED["q_d"])
@@ -43,6 +45,7 @@ class Feedforward(Unit):
     q_dot = Input("velocity", JOINTS, "velocity of the link")
     kappa_dot = Input("velocity", JOINTS, "velocity of the rotor divided by ell")
     F_e_d = wrench("to be exerted on the surroundings")
+    R_S, V_S, A_S = base_motion()
     tau_m = Output("N.m", JOINTS, "feedforward torque, motor-side")
     tau_s = Output("torque", JOINTS, "spring torque, link-side")
     kappa_dot_d = Output("velocity", JOINTS, "desired velocity of the rotor divided by ell")
@@ -58,6 +61,7 @@ class Feedforward(Unit):
         Terminal("desired", "left", tuple(DESIRED), "Desired motion of the joints"),
         Terminal("joints", "bottom", ("q", "q_dot", "kappa_dot"), "Motion of the joints"),
         Terminal("end_effector", "top", ("F_e_d",), "Desired wrench of the end effector"),
+        Terminal("base", "top", ("R_S", "V_S", "A_S"), "Motion of the base"),
         Terminal(
             "feedforward",
             "right",
@@ -69,12 +73,13 @@ class Feedforward(Unit):
     def outputs(self) -> None:
         """Torques and rotor velocities of the mode."""
         desired = Desired(self.q_d, self.q_d_dot, self.q_d_ddot, self.q_d_dddot, self.q_d_ddddot)
+        base = base_of(self)
         if self.mode == "inverse":
-            found = feedforward_inverse(self.robot, desired, self.F_e_d)
+            found = feedforward_inverse(self.robot, desired, self.F_e_d, base)
         else:
             gains = Gains(self.Lambda, self.K_V, self.k_vq, self.k_vkappa)
             found = feedforward_vdc(
-                self.robot, gains, desired, self.q, self.q_dot, self.kappa_dot, self.F_e_d
+                self.robot, gains, desired, self.q, self.q_dot, self.kappa_dot, self.F_e_d, base
             )
         self.tau_m, self.tau_s, self.kappa_dot_d = found.tau_m, found.tau_s, found.kappa_dot_d
 

@@ -21,6 +21,7 @@ export class Chain {
     });
     this.tool = new T.Group();
     this.tool.position.set(...arm.tool_offset);
+    this.tool.setRotationFromMatrix(turned(arm.tool_rotation));
     parent.add(this.tool);
   }
 

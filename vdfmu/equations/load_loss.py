@@ -1,0 +1,33 @@
+"""Friction of the mesh that grows with the torque that it carries: efficiency against load. Off by default."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+
+def mesh_friction(robot: Any, kappa_dot: Any, load: Any) -> Any:
+    """Friction ``mu |load| tanh(kappa_dot / eps) / ell`` on the rotor: (n,) [N m], motor-side.
+
+    It acts against the rotor whichever way power flows: the drive takes ``(1 + mu) |load|`` to lift a load that gives
+    ``(1 - mu) |load|`` back. With the friction f without load at that speed the efficiency is
+    ``|load| / ((1 + mu) |load| + f)``.
+
+    Parameters
+    ----------
+    kappa_dot : (n,) [rad/s or m/s] rotor speed divided by ell
+    load : (n,) [N m or N] torque of the drive, link-side
+    """
+    return robot.mu_l * abs(load) * np.tanh(kappa_dot / robot.eps) / robot.ell
+
+
+def efficiency(robot: Any, load: Any, friction: Any) -> Any:
+    """Power out over power in at a steady speed, driving: (n,) [-].
+
+    Parameters
+    ----------
+    load : (n,) [N m or N] torque of the drive, link-side
+    friction : (n,) [N m or N] friction without load at that speed, link-side
+    """
+    return abs(load) / ((1.0 + robot.mu_l) * abs(load) + friction)
