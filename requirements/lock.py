@@ -19,10 +19,11 @@ FILES = {
     "parquet": (("--extra=parquet",), ("base",)),
     "sweep": (("--extra=sweep",), ("parquet",)),
     "federate": (("--extra=federate",), ("base",)),
+    "motion": (("--extra=motion",), ("base",)),
     "robots": (("--extra=robots",), ("base",)),
     "docs": (("--extra=docs",), ("base",)),
     "dev": (("--extra=dev",), ("base",)),
-    "test": (("--extra=test",), ("docs", "native", "sweep", "federate", "robots")),
+    "test": (("--extra=test",), ("docs", "native", "sweep", "federate", "robots", "motion")),
     "bench": (("--extra=bench",), ("native", "sweep", "robots")),
     "supply": (("--group=supply",), ()),
 }

@@ -4,6 +4,8 @@ Python API
 ----------
 ``load_robot``, ``load_scenario``
     A shipped robot or scenario by name, or a file by path.
+``load_motion``
+    A motion of a file, worked out for a robot; ``vdfmu.motion`` has functions that make one.
 ``robot_from_urdf``, ``robot_from_mjcf``
     An arm of a file of another tool.
 ``inverse_dynamics``, ``forward_dynamics``, ``gravity_torque``, ``mass_matrix``, ``jacobian``, ``forward_kinematics``
@@ -53,6 +55,7 @@ if TYPE_CHECKING:
     from vdfmu.errors import VdfmuError
     from vdfmu.fmu import build_fmus
     from vdfmu.model import Robot, load_robot, robot_names
+    from vdfmu.motion.read import load_motion
     from vdfmu.robots import robot_from_mjcf, robot_from_urdf
     from vdfmu.scenario import Scenario, load_scenario, scenario_names
     from vdfmu.ssp.osp import write_osp
@@ -78,6 +81,7 @@ _NAMES = {
     "vdfmu.errors": ("VdfmuError",),
     "vdfmu.fmu": ("build_fmus",),
     "vdfmu.model": ("Robot", "load_robot", "robot_names"),
+    "vdfmu.motion.read": ("load_motion",),
     "vdfmu.robots": ("robot_from_mjcf", "robot_from_urdf"),
     "vdfmu.scenario": ("Scenario", "load_scenario", "scenario_names"),
     "vdfmu.ssp.osp": ("write_osp",),
@@ -91,9 +95,9 @@ _WHERE = {name: module for module, names in _NAMES.items() for name in names}
 __all__ = [
     "Modes", "Results", "Robot", "Scenario", "Simulator", "StateSpace", "Sweep", "VdfmuError", "__version__",
     "build_fmus", "federate", "forward_dynamics", "forward_kinematics", "gravity_torque", "inverse_dynamics",
-    "jacobian", "linearize", "load_robot", "load_scenario", "load_ssp", "mass_matrix", "natural_modes", "package_limit",
-    "robot_from_mjcf", "robot_from_urdf", "robot_names", "run", "scenario_names", "simulate", "sweep", "tune",
-    "write_container", "write_osp", "write_ssp",
+    "jacobian", "linearize", "load_motion", "load_robot", "load_scenario", "load_ssp", "mass_matrix", "natural_modes",
+    "package_limit", "robot_from_mjcf", "robot_from_urdf", "robot_names", "run", "scenario_names", "simulate", "sweep",
+    "tune", "write_container", "write_osp", "write_ssp",
 ]  # fmt: skip
 
 

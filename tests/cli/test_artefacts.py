@@ -27,6 +27,7 @@ READERS = {
     "federate",
     "models",
     "modes",
+    "motion",
     "report",
     "robot",
     "simulate",

@@ -79,7 +79,7 @@ class Flying:
         turning = point_acceleration(ride.V_S, np.zeros(6))
         a = np.concatenate([ride.A_S - turning, np.zeros(len(q))])  # its own is the derivative of coordinates
         forces = [pin.Force.Zero() for _ in range(self.model.njoints)]
-        tool = pin.SE3(np.eye(3), np.array(self.robot.tool_offset))
+        tool = pin.SE3(np.array(self.robot.tool_rotation), np.array(self.robot.tool_offset))
         forces[self.tool] = tool.act(pin.Force(-F_e[:3], -F_e[3:]))
         held = pin.rnea(self.model, self.data, place, v, a, forces)
         M = pin.crba(self.model, self.data, place)
@@ -186,7 +186,7 @@ def test_a_load_with_the_mass_of_a_body_is_a_payload(chain, draw):
         ends = Ends(ride.base(chain))
         motion = link_motion(bare, state.q, state.q_dot, np.zeros(chain.n), base=ends.base)
         omega_O = (tool_transform(bare).T @ motion.V_B[-1])[3:]
-        g_O = gravity_in_links(bare, motion.U_AB, base=ends.base)[-1]
+        g_O = bare.tool_rotation.T @ gravity_in_links(bare, motion.U_AB, base=ends.base)[-1]
         turning = coriolis_force(*body, np.concatenate([np.zeros(3), omega_O]))
         F_e = state.F_e + turning + gravity_force(*body[:2], g_O)
         close(

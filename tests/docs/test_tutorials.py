@@ -107,6 +107,7 @@ def run_page(path):
         ROOT / "docs" / "modes.md",
         pytest.param(ROOT / "docs" / "identification.md", marks=pytest.mark.heavy),
         pytest.param(ROOT / "docs" / "world.md", marks=pytest.mark.heavy),
+        pytest.param(ROOT / "docs" / "motions.md", marks=pytest.mark.heavy),
         pytest.param(ROOT / "docs" / "systems.md", marks=pytest.mark.heavy),
         ROOT / "docs" / "reference" / "units.md",
     ],

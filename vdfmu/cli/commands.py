@@ -20,6 +20,7 @@ from vdfmu.cli import (
     margins,
     models,
     modes,
+    motions,
     robots,
     runs,
     sweeps,
@@ -46,6 +47,7 @@ for function, example in (
         "vdfmu tune tracking --vary controller.K_p --vary controller.K_v --cost 'rms(trajectory.q_d - plant.q)' "
         "--spread 'plant.mass=*normal(1, 0.05)' --margin same",
     ),
+    (motions.motion, "vdfmu motion path.toml --robot planar_2dof -o path.png"),
     (modes.modes, "vdfmu modes manipulator_6dof --pose '0 0.5 0.5 0 0 0'"),
     (margins.margins, "vdfmu margins tracking --master jacobi --at 2.5"),
     (

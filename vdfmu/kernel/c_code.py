@@ -14,6 +14,8 @@ from typing import NamedTuple
 import casadi as ca
 
 from vdfmu.errors import KernelError
+from vdfmu.kernel.c_lookup import c_lookup
+from vdfmu.scalar.symbol import LOOKUP
 
 EXPRESSIONS = {
     ca.OP_ASSIGN: "{0}",
@@ -95,8 +97,9 @@ def c_texts(function: ca.Function, whole: int | None = None, apart: Collection[s
     if len(operations) <= (_WHOLE if whole is None else whole):
         read = {name for operation in operations for name in operation.arguments}
         head = [f"(void){name};" for name in function.name_in() if name not in read]
-        return [_definition(c_prototype(function), operations, head, [])]
-    return _chain(function, operations)
+        return [_lookups(function) + _definition(c_prototype(function), operations, head, [])]
+    first, *parts = _chain(function, operations)
+    return [_lookups(function) + first, *parts]
 
 
 _WHOLE = 18_000
@@ -149,6 +152,11 @@ def _calling(function: ca.Function, apart: Collection[str]) -> list[str]:
             long = callee.n_instructions() > _ALONE
             (texts if long else together).extend(c_texts(callee))
     return [*texts, "\n".join([*together, f"{c_prototype(function)}\n{{\n{body}\n}}\n"])]
+
+
+def _lookups(function: ca.Function) -> str:
+    """Return the C functions of the tables that a trace looks rows up in."""
+    return "".join(c_lookup(one) for one in function.find_functions(0) if one.name().startswith(LOOKUP))
 
 
 def _chain(function: ca.Function, operations: list[_Operation]) -> list[str]:
@@ -204,6 +212,9 @@ def _operations(function: ca.Function) -> list[_Operation]:
         elif operation == ca.OP_CONST:
             value = c_constant(function.instruction_constant(k))
             found.append(_Operation(f"w{target[0]} = {value};", (), target))
+        elif operation == ca.OP_CALL:
+            called = function.instructions_sx()[k].which_function()
+            found.append(_call(called, source, target))
         elif operation == ca.OP_INPUT:
             name = arguments[source[0]]
             found.append(_Operation(f"w{target[0]} = {name}[{source[1]}];", (), target, arguments=(name,)))
@@ -214,6 +225,17 @@ def _operations(function: ca.Function) -> list[_Operation]:
             value = pattern.format(*[f"w{i}" for i in source])
             found.append(_Operation(f"w{target[0]} = {value};", source, target))
     return found
+
+
+def _call(called: ca.Function, source: tuple[int, ...], target: tuple[int, ...]) -> _Operation:
+    """Look up a row; what else a trace calls is a derivative of that, which is 0."""
+    wanted = [(j, i) for j, i in enumerate(target) if i >= 0]
+    writes = tuple(i for _, i in wanted)
+    if not called.name().startswith(LOOKUP):
+        return _Operation(" ".join(f"w{i} = 0.0;" for i in writes), (), writes)
+    taken = " ".join(f"w{i} = row[{j}];" for j, i in wanted)
+    text = f"{{ double row[{called.numel_out(0)}]; {called.name()}(&w{source[0]}, row); {taken} }}"
+    return _Operation(text, source[:1], writes)
 
 
 def _definition(prototype: str, operations: list[_Operation], head: list[str], tail: list[str]) -> str:

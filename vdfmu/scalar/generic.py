@@ -86,6 +86,20 @@ def interpolate(x: Any, points: Any, values: Any) -> Any:
     return result
 
 
+def lookup(x: Any, edges: Any, rows: Any) -> Any:
+    """Return the row of the interval that `x` lies in, of a table of any length; the first before, the last after it.
+
+    Parameters
+    ----------
+    x : scalar
+    edges : (m + 1,) floats, increasing
+    rows : (m, w) floats; row k belongs to ``edges[k] <= x < edges[k + 1]``
+    """
+    if hasattr(x, "row_of"):
+        return x.row_of(edges, rows)
+    return rows[min(max(int(np.searchsorted(edges, x, "right")) - 1, 0), len(rows) - 1)]
+
+
 def piecewise_hold(s: Any) -> tuple[Any, Any]:
     """Return a scalar `s` limited to [0, 1], and a factor that is 1 inside that interval and 0 outside."""
     if hasattr(s, "hold_unit_interval"):

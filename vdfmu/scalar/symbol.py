@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import operator
 from collections.abc import Callable
+from hashlib import sha256
 from typing import Any
 
 import casadi as ca
@@ -155,6 +156,11 @@ class Symbol:
         """Limit `x` to [`low`, `high`]; any of them may be a number."""
         return Symbol(ca.fmin(ca.fmax(_sx(x), _sx(low)), _sx(high)))
 
+    def row_of(self, edges: Any, rows: Any) -> np.ndarray:
+        """Return the row of a table of the interval that the symbol lies in."""
+        table = lookup_function(np.asarray(edges, dtype=float), np.asarray(rows, dtype=float))
+        return from_sx(table(self.sx))
+
     def hold_unit_interval(self) -> tuple[Symbol, Symbol]:
         """Limit the symbol to [0, 1]; with a factor that is 1 inside the interval and 0 outside."""
         inside = ca.logic_and(self.sx >= 0.0, self.sx <= 1.0)
@@ -190,6 +196,35 @@ class SymbolArray(np.ndarray):
 def _foreign(other: Any) -> bool:
     """Whether the other operand must handle the operation: an array, or a jet."""
     return isinstance(other, np.ndarray) or hasattr(other, "x_ddot")
+
+
+LOOKUP = "lookup_"
+"""Begin of the names of the functions that look rows of a table up."""
+
+
+def lookup_function(edges: np.ndarray, rows: np.ndarray) -> ca.Function:
+    """Return the row of the interval of `edges`, (m + 1,), in `rows`, (m, w); its derivative is 0.
+
+    A trace calls it, whatever the length of the table. CasADi knows no function with steps: a place is found by its
+    binary search, and taken from the rows by linear interpolation at a whole number, which is exact.
+    """
+    m, w = rows.shape
+    if m == 1:  # which nothing can interpolate
+        edges, rows, m = np.append(edges, edges[-1] + 1.0), np.repeat(rows, 2, axis=0), 2
+    x = ca.MX.sym("x")
+    place = ca.low(ca.DM(edges), x, {"lookup_mode": "binary"})
+    values = ca.interpolant("rows", "linear", [np.arange(float(m))], w, {"lookup_mode": ["exact"]})
+    name = LOOKUP + sha256(edges.tobytes() + rows.tobytes()).hexdigest()[:12]
+    zero = ca.Function(
+        f"jac_{name}", [x, ca.MX.sym("y", w)], [ca.MX(ca.DM.zeros(w, 1))], ["i0", "out_o0"], ["jac_o0_i0"]
+    )
+    options = {
+        "never_inline": True,
+        "custom_jacobian": zero,
+        "enable_forward": False,
+        "enable_reverse": False,
+    }
+    return ca.Function(name, [x], [values(place, ca.MX(ca.DM(rows.ravel())))], options)
 
 
 def from_sx(expression: ca.SX) -> np.ndarray:

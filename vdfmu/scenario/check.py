@@ -7,7 +7,7 @@ import numpy as np
 from vdfmu.engine.algorithms import count_steps
 from vdfmu.errors import UsageError
 from vdfmu.model.read import Problems
-from vdfmu.scenario.parts import tables_of
+from vdfmu.scenario.parts import tables_of, units_of
 from vdfmu.scenario.scenario import Scenario
 from vdfmu.scenario.values import section_values
 
@@ -43,6 +43,11 @@ def model_notes(scenario: Scenario) -> list[str]:
             angles |= {f"{name}[{i}]": q for i, (joint, q) in pairs if joint == "revolute"}
     wide = (f"{name} = {q:g} rad looks like degrees: {np.radians(q):.4g} rad." for name, q in angles.items()
             if abs(q) > _WIDE_ANGLE)  # fmt: skip
+    notes += [
+        f"motion: {note}"
+        for unit in units_of(scenario.system).values()
+        for note in getattr(unit, "notes", ())
+    ]
     return notes + list(wide)
 
 

@@ -11,9 +11,12 @@ import numpy as np
 
 from vdfmu.errors import UsageError
 from vdfmu.model.parameters import read_only, section
-from vdfmu.scenario.parts import tables_of
+from vdfmu.scenario.parts import tables_of, units_of
 from vdfmu.scenario.scenario import Scenario
+from vdfmu.scenario.system_file import SystemFile
 from vdfmu.scenario.values import section_values
+from vdfmu.unit.base import Unit
+from vdfmu.units._played import Played
 
 
 def with_payload(scenario: Scenario, names: Iterable[str]) -> Scenario:
@@ -78,8 +81,23 @@ def with_units(scenario: Scenario, units: Mapping[str, Any]) -> Scenario:
     sections = dict(scenario.sections)
     for name, table in tables.items():
         sections[name] = {v: value for v, value in written.get(name, {}).items() if v in table.reference}
+    for name, unit in units_of(system).items():
+        sections = started(system, name, unit, sections)
     return dataclasses.replace(
         scenario,
         system=dataclasses.replace(system, connections=kept, dropped=tuple(dropped)),
         sections=sections,
     )
+
+
+def started(
+    system: SystemFile, component: str, unit: type[Unit], sections: Mapping[str, Mapping[str, Any]]
+) -> dict[str, Any]:
+    """Return the sections with the start of a motion for what shares it with the trajectory, unless they give one."""
+    found = dict(sections)
+    if issubclass(unit, Played) and unit.rows is not None:
+        for members in system.shared.values():
+            for other, group in members.items():
+                if members.get(component) == "q_start" and other != component:
+                    found[other] = {group: unit.begin()} | dict(found.get(other, {}))
+    return found

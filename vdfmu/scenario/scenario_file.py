@@ -6,13 +6,18 @@ import dataclasses
 from pathlib import Path
 from typing import Any, cast
 
+import numpy as np
+
 from vdfmu.engine.algorithms import ALGORITHMS, CONTINUOUS
 from vdfmu.errors import ModelError, UnitError, UsageError
 from vdfmu.model.parameters import PARAMETERS, Array, read_only, section
 from vdfmu.model.read import FloatArray, Problems, Table, as_number, shape_of, shown
 from vdfmu.model.robot import FRICTION_ARRANGEMENTS, Robot
 from vdfmu.model.robot_file import check_robot, section_numbers
+from vdfmu.motion.polynomial import rest
+from vdfmu.motion.read import read_motion
 from vdfmu.scenario.check import check_step
+from vdfmu.scenario.replace import started
 from vdfmu.scenario.scenario import (
     FACTOR_FIELDS,
     KINDS,
@@ -38,6 +43,7 @@ SCENARIO_KEYS = (
     "inputs",
     "input_hold",
     "payload",
+    "motion",
     "plant_factors",
     "paper",
 )
@@ -81,7 +87,7 @@ def read_scenario(
     description = file.text("description", "")
     kind = file.text("kind", choices=KINDS)
     file.text("system", "system")
-    sections: dict[str, dict[str, Any]] = {}
+    sections: dict[str, Any] = {}
     for component in components:
         if component in file.data and component not in SCENARIO_KEYS:
             found = file.data[component]
@@ -99,6 +105,8 @@ def read_scenario(
         robot = robot and dataclasses.replace(
             robot, payload=True, **{key: read_only(number) for key, number in numbers.items()}
         )
+    if "motion" in file.data and robot is not None and system is not None:
+        system, sections = _moved(file, robot, system, kind, sections)
     stop = file.number("stop", "s", above=0, way_out="Give the end of the run.")
     step = file.number("step", "s", above=0, way_out="Give the communication step.")
     check_step(problems, stop, step)
@@ -147,6 +155,30 @@ def read_scenario(
         input_hold=input_hold,
         payload_known=payload_known,
     )
+
+
+def _moved(
+    file: Table, robot: Robot, system: SystemFile, kind: str, sections: dict[str, Any]
+) -> tuple[SystemFile, dict[str, Any]]:
+    """Return the system with the unit of a motion in the place of its trajectory, and sections with its start."""
+    problems = file.problems
+    if kind != "cosimulation" or "trajectory" not in system.parts:
+        expected = "a scenario of kind cosimulation whose system has a component trajectory"
+        problems.add(
+            "motion", expected, f"kind {kind} and {', '.join(system.parts)}", "Leave the motion out."
+        )
+        return system, sections
+    motion = read_motion(problems, file.data["motion"], robot, Path(problems.where).parent)
+    if motion is None:  # a section may be right
+        motion = rest(np.zeros(robot.n), 1.0)
+    try:
+        unit = motion.unit()
+    except UsageError as error:
+        problems.lines.append(f"{problems.where}: {error}")
+        return system, sections
+    part = dataclasses.replace(system.parts["trajectory"], unit=unit)
+    system = dataclasses.replace(system, parts={**system.parts, "trajectory": part})
+    return system, started(system, "trajectory", unit, sections)
 
 
 def _adaptive(file: Table, master: str) -> float | None:

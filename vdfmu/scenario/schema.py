@@ -16,6 +16,8 @@ from vdfmu.model.catalogue import NAMED, catalogue
 from vdfmu.model.parameters import JOINT_OPTIONS, PARAMETERS, Row, Section, section
 from vdfmu.model.robot import ENDS, FRICTION_ARRANGEMENTS, JOINT_TYPES
 from vdfmu.model.visual import SHAPES
+from vdfmu.motion.read import KINDS as KINDS_OF_MOTION
+from vdfmu.motion.read import OF_FILE
 from vdfmu.scenario.load import load_system
 from vdfmu.scenario.parts import units_of
 from vdfmu.scenario.scenario import FACTOR_FIELDS, KINDS
@@ -85,6 +87,7 @@ def scenario_schema(system: str = "system") -> Schema:
         "inputs": _TEXT | {"description": "CSV file of signals for inputs that nothing is connected to"},
         "input_hold": {"type": "boolean", "description": "Hold these until the next row"},
         "payload": _table(_rows("payload") | {"known": {"type": "boolean"}}, _required("payload")),
+        "motion": _motion(),
         "plant_factors": _table(factors, []),
         "paper": _table(paper, []),
     }
@@ -122,6 +125,20 @@ def _table(properties: Mapping[str, Any], required: Sequence[str]) -> Schema:
     return {
         "type": "object", "properties": dict(properties), "required": list(required), "additionalProperties": False,
     }  # fmt: skip
+
+
+def _motion() -> Schema:
+    """Return the schema of a motion: the keys of its kind."""
+    kinds = [
+        _table(
+            {"kind": {"const": kind}, **dict.fromkeys((*keys, *["file"] * (kind in OF_FILE)), {})}, ["kind"]
+        )
+        for kind, (_, keys) in KINDS_OF_MOTION.items()
+    ]
+    text = (
+        "What the joints do, in place of (57), or the TOML file that says it; each kind has keys of its own"
+    )
+    return {"anyOf": [_TEXT, *kinds], "description": text}
 
 
 def _visual() -> Schema:

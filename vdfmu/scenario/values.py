@@ -36,7 +36,7 @@ def system_values(scenario: Scenario, settings: Mapping[str, Any] | None = None)
         As :func:`override`, and for positions beyond the robot's end stops.
     """
     system, tables = scenario.system, tables_of(scenario.system, scenario.robot)
-    written = _set_all(system, tables, _sections(system, scenario.sections))
+    written = _set_all(system, tables, _sections(system, tables, scenario.sections))
     changed = _set_all(system, tables, settings or {})
     values = {
         name: {v.name: v.start for v in table if isinstance(table, Interface) and is_free(system, name, v)}
@@ -64,7 +64,7 @@ def section_values(
     """
     tables = tables_of(system, robot)
     check_connections(system, tables)
-    values = _set_all(system, tables, _sections(system, sections))
+    values = _set_all(system, tables, _sections(system, tables, sections))
     _check_stops(tables, values, robot)
     return values
 
@@ -139,11 +139,19 @@ def is_free(system: SystemFile, component: str, variable: Variable) -> bool:
     return variable.causality == "input" and system.fed.isdisjoint(names)
 
 
-def _sections(system: SystemFile, sections: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
+def _sections(
+    system: SystemFile, tables: Mapping[str, Variables], sections: Mapping[str, Mapping[str, Any]]
+) -> dict[str, Any]:
     """Values of sections by ``component.group``, with those of groups that share them."""
     written = {f"{name}.{key}": value for name, section in sections.items() for key, value in section.items()}
     for members in system.shared.values():
-        groups = [f"{component}.{group}" for component, group in members.items()]
+        groups = [
+            f"{component}.{group}"
+            for component, group in members.items()
+            if any(
+                v.group == group for v in tables[component]
+            )  # a unit in place of another may have no such value
+        ]
         given = next((written[group] for group in groups if group in written), None)
         if given is not None:
             written = dict.fromkeys(groups, given) | written

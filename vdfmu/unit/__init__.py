@@ -1,6 +1,6 @@
 """Units: their declaration, their variables for a robot, and their traced functions."""
 
-from vdfmu.scalar.generic import clip, interpolate, maximum, minimum, sgn, where, zeros
+from vdfmu.scalar.generic import clip, interpolate, lookup, maximum, minimum, sgn, where, zeros
 from vdfmu.unit.base import Unit
 from vdfmu.unit.declaration import (
     JOINTS,
@@ -18,5 +18,5 @@ from vdfmu.unit.declaration import (
 
 __all__ = [
     "JOINTS", "Choice", "Derivative", "Input", "Output", "Parameter", "RobotParameters", "Sampled", "State", "Switch",
-    "Terminal", "Unit", "clip", "interpolate", "maximum", "minimum", "sgn", "where", "zeros",
+    "Terminal", "Unit", "clip", "interpolate", "lookup", "maximum", "minimum", "sgn", "where", "zeros",
 ]  # fmt: skip

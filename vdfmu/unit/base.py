@@ -83,6 +83,8 @@ class Unit:
     """``"python"``: the methods cannot be traced; the FMU runs them in Python."""
     files: ClassVar[tuple[str, ...]] = ()
     """Modules and data beside the unit's file that it loads; a Python FMU carries them."""
+    made_of: ClassVar[Mapping[str, bytes] | None] = None
+    """Name to content of ``unit.py`` and the files beside it, of a class that no file declares."""
     terminals: ClassVar[tuple[Terminal, ...]] = ()
     elimination: ClassVar[tuple[str, ...]] = ()
     """States in the order in which the solver eliminates them; it decides the cost, not the result."""

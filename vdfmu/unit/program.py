@@ -162,6 +162,8 @@ class UnitFunctions(Functions):
         UnitError
             If one of them cannot be read.
         """
+        if self.unit.made_of is not None:
+            return dict(self.unit.made_of)
         path = source_file(self.unit)
         if path is None:
             if self.unit.backend == "native":

@@ -10,7 +10,7 @@ import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -140,14 +140,29 @@ def _from_arrays(name: str, pair: tuple[Any, Any], hold: bool, problems: list[st
     return Table(where, tuple(names), ("",) * len(names), t, columns, hold)
 
 
-def _from_csv(path: Path, hold: bool, problems: list[str]) -> Table | None:
+class Columns(NamedTuple):
+    """A CSV file: names and units of measurement of its columns, values (m, n); whether it is one of results."""
+
+    names: list[str]
+    units: list[str]
+    values: Floats
+    results: bool
+
+
+def csv_columns(path: Path, problems: list[str], *, timed: bool = True) -> Columns | None:
+    """Read a CSV file of named columns of numbers, of which ``time`` increases; None if it has none.
+
+    What is wrong with a row is noted, and a row that cannot be read left out.
+
+    `timed`: the first column must be the time. A second row of units, as in ``results.csv``, is as good as brackets.
+    """
     try:
         text = path.read_bytes().decode("utf-8-sig")
         reader = csv.reader(io.StringIO(text, newline=""), strict=True)
         lines = [(reader.line_num, [cell.strip() for cell in row]) for row in reader if any(row)]
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         why = getattr(error, "strerror", None) or error
-        problems.append(f"{path}: expected a CSV file of time and inputs, got what cannot be read: {why}")
+        problems.append(f"{path}: expected a CSV file, got what cannot be read: {why}")
         return None
     headings = [_heading(cell) for cell in lines[0][1]] if lines else []
     names, units = [name for name, _ in headings], [unit for _, unit in headings]
@@ -156,10 +171,10 @@ def _from_csv(path: Path, hold: bool, problems: list[str]) -> Table | None:
     if results:
         units = [unit if unit not in ("integer", "boolean") else "" for unit in body.pop(0)[1]]
     fault = ""
-    if names[:1] != ["time"] or units[:1] not in ([""], ["s"]):
+    if timed and (names[:1] != ["time"] or units[:1] not in ([""], ["s"])):
         got = repr(lines[0][1][0]) if lines else "an empty file"
         fault = f"row 1: expected 'time' as the first column, in s, got {got}. Separate columns with commas"
-    elif len(names) == 1 or not all(names):
+    elif (timed and len(names) == 1) or not all(names):
         fault = "row 1: expected an input in each column, such as 'plant.F_e[1] [N]'"
     elif twice := sorted({name for name in names if names.count(name) > 1}):
         fault = f"row 1: {', '.join(twice)}: more than one column has this name"
@@ -170,31 +185,45 @@ def _from_csv(path: Path, hold: bool, problems: list[str]) -> Table | None:
     if fault:
         problems.append(f"{path}: {fault}")
         return None
-    rows: list[list[float]] = []
+    rows: dict[int, list[float]] = {}
     found: list[str] = []
     for number, cells in body:
+        before = len(found)
         if len(cells) != len(names):
             found.append(f"row {number}: expected {len(names)} cells, got {len(cells)}")
             continue
-        rows.append([])
+        rows[number] = []
         for name, cell in zip(names, cells, strict=True):
             try:
-                rows[-1].append(float(cell))
+                rows[number].append(float(cell))
             except ValueError:
                 found.append(f"row {number}: {name}: expected a number, got {cell!r}")
-                rows[-1].append(0.0)
+        if len(found) > before:
+            del rows[number]
     if found:
         more = [f"{len(found) - _MOST_PROBLEMS} more rows like these"] if len(found) > _MOST_PROBLEMS else []
         problems += [f"{path}: {text}" for text in (*found[:_MOST_PROBLEMS], *more)]
+    table, numbers = np.array([*rows.values()]).reshape(-1, len(names)), [*rows]
+    t = table[:, names.index("time")] if "time" in names else np.arange(float(len(rows)))
+    others = [i for i, name in enumerate(names) if name != "time"]
+    _check_rows(
+        str(path), lambda i: f"row {numbers[i]}", [names[i] for i in others], t, table[:, others], problems
+    )
+    return Columns(names, units, table, results)
+
+
+def _from_csv(path: Path, hold: bool, problems: list[str]) -> Table | None:
+    before = len(problems)
+    columns = csv_columns(path, problems)
+    if columns is None or len(problems) > before:
         return None
-    table = np.array(rows)
+    names, units, table, results = columns
     copies = copies_in(summary_beside(path)) if results else {}
     for name, (of, late) in copies.items():
         if of in names and name not in names:
             place = names.index(of)
             names, units = [*names, name], [*units, units[place]]
             table = np.column_stack([table, later(table[:, place], late)])
-    _check_rows(str(path), lambda i: f"row {body[i][0]}", names[1:], table[:, 0], table[:, 1:], problems)
     return Table(
         str(path), tuple(names[1:]), tuple(units[1:]), table[:, 0].copy(), table[:, 1:], hold, not results
     )

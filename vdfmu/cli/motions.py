@@ -1,0 +1,64 @@
+"""``vdfmu motion``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from vdfmu.cli.robots import OverwriteOption, target_file
+from vdfmu.cli.terminal import console, say, say_notes
+
+
+def motion(
+    file: Annotated[
+        Path, typer.Argument(help="Scenario or TOML file with a table motion, or CSV file of samples.")
+    ],
+    robot: Annotated[
+        str | None,
+        typer.Option(help="Name of a shipped robot, or path of a robot file; default that of the scenario."),
+    ] = None,
+    out: Annotated[Path | None, typer.Option("--out", "-o", help="Picture to write.")] = None,
+    overwrite: OverwriteOption = False,
+) -> None:
+    """Work a motion out and print what it takes of each joint: speed, acceleration, torque of the rigid links."""
+    import numpy as np
+    from rich.table import Table
+
+    from vdfmu.dynamics import inverse_dynamics
+    from vdfmu.errors import UsageError
+    from vdfmu.model import load_robot
+    from vdfmu.model.load import locate
+    from vdfmu.model.toml_file import read_toml
+    from vdfmu.motion import load_motion
+
+    place: str | Path | None = robot
+    if (
+        robot is None
+        and file.suffix.lower() == ".toml"
+        and isinstance(named := read_toml(file).get("robot"), str)
+    ):
+        place = locate(named, "robots", file.parent)
+    if place is None:
+        raise UsageError(f"{file}: expected a robot, named in the file or by --robot.")
+    target = None if out is None else target_file(out, out.name, overwrite)
+    arm = load_robot(place)
+    found = load_motion(file, arm)
+    t = np.linspace(0.0, found.duration, 1001)
+    q = found.at(t)
+    tau = np.abs(inverse_dynamics(arm, q[0], q[1], q[2])).max(axis=0)
+    table = Table("joint", "from", "to", "speed", "acceleration", "jerk", "snap", "torque", box=None)
+    for j in range(arm.n):
+        row = (found.start[j], found.end[j], *found.peaks[:, j], tau[j])
+        table.add_row(str(j + 1), *(f"{round(value, 9) + 0.0:.4g}" for value in row))
+    console.print(table)
+    say_notes(found.notes)
+    closed = ", and ends where it starts" if found.closed else ""
+    say(f"{found.duration:.6g} s in {len(found.knots) - 1} pieces{closed}; rad or m, s, N.m or N, link-side")
+    if target is not None:
+        from vdfmu.report.motion import draw_motion
+        from vdfmu.style import save
+
+        save(draw_motion(f"Motion: {file.stem}, {arm.name}", arm, t, q), target)
+        say(f"Written to {target}")

@@ -1,0 +1,160 @@
+"""The shortest motion along a path through waypoints, by toppra, smoothed until its fourth derivative does not jump."""
+
+from __future__ import annotations
+
+import logging
+from importlib import import_module
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from scipy.integrate import cumulative_trapezoid
+from scipy.interpolate import make_interp_spline
+
+from vdfmu.arrays import Floats
+from vdfmu.dynamics import inverse_dynamics
+from vdfmu.errors import UsageError
+from vdfmu.model import Robot
+from vdfmu.motion.joint_space import check_points, limit
+from vdfmu.motion.polynomial import DEGREE, Motion, spline
+
+_GRID = 200
+"""Intervals of an interval between waypoints in which toppra looks at the limits."""
+_FINE = 8000
+"""Times at which its result is smoothed."""
+_SMOOTH = 0.02
+"""Share of the duration of each of the three means."""
+_KNOTS = 6
+"""Knots in the time of a mean."""
+_LOOKS = 1000
+"""Times at which torques are looked at."""
+_STRETCH = 1.01
+"""Factor of the time until torques hold."""
+
+
+def fastest(
+    points: npt.ArrayLike,
+    velocity: npt.ArrayLike,
+    acceleration: npt.ArrayLike,
+    *,
+    robot: Robot | None = None,
+    torque: npt.ArrayLike | None = None,
+    smoothing: float | None = None,
+) -> Motion:
+    """Return the motion along a path through points that takes nearly the shortest time, at rest at both ends.
+
+    The path is a natural spline of degree 5 over the distance. Along it toppra finds the shortest time, with an
+    acceleration that jumps. The mean of the place over `smoothing` seconds, three times, has no jump up to the fourth
+    derivative and keeps the path; where it breaks a limit the whole is slowed down. A note says what that costs.
+
+    Parameters
+    ----------
+    points : (k, n) [rad or m]
+    velocity, acceleration : float or (n,) [rad/s or m/s, rad/s2 or m/s2]
+    robot : Robot, optional
+        For `torque`.
+    torque : float or (n,) [N m or N], optional
+        Limits of the rigid links' torques, link-side.
+    smoothing : float [s], optional
+        Default a fiftieth of the shortest time.
+
+    Raises
+    ------
+    UsageError
+        Without toppra, for what does not fit, and for limits that no motion keeps, such as torques below the weight.
+    """
+    q = np.array(points, dtype=float)
+    check_points(q)
+    n = q.shape[1]
+    limits = limit("velocity", velocity, n), limit("acceleration", acceleration, n)
+    most = limit("torque", torque, n)
+    if most is not None and robot is None:
+        raise UsageError("fastest: limits of torque need the robot.")
+    s = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(q, axis=0), axis=1)))
+    free = [(order, np.zeros(n)) for order in (3, 4)]
+    path = make_interp_spline(s, q, k=DEGREE, bc_type=(free, free))
+    t, places, speeds = _shortest(path, s, limits, robot, most)
+    width = _SMOOTH * t[-1] if smoothing is None else smoothing
+    if not 0.0 < width < t[-1]:
+        raise UsageError(f"smoothing: expected more than 0 s and less than {t[-1]:g} s, got {width}.")
+    fine = np.linspace(0.0, t[-1] + 3.0 * width, _FINE + 1)
+    at = np.clip(fine - 1.5 * width, 0.0, t[-1])
+    i = np.clip(np.searchsorted(t, at, "right") - 1, 0, len(t) - 2)
+    change = (speeds[i + 1] - speeds[i]) / (t[i + 1] - t[i])
+    smooth = places[i] + (at - t[i]) * (speeds[i] + 0.5 * (at - t[i]) * change)
+    for _ in range(3):
+        smooth = _mean(fine, smooth, width)
+    knots = np.linspace(0.0, fine[-1], int(np.ceil(_KNOTS * fine[-1] / width)) + 1)
+    motion = spline(knots, path(np.clip(np.interp(knots, fine, smooth), 0.0, s[-1]))).fitted(*limits)
+    while most is not None and robot is not None and overload(robot, motion, most) > 1.0:
+        motion = motion.slower(_STRETCH)
+        if motion.duration > 100.0 * t[-1]:
+            raise UsageError("torque: the limits are too low to hold the arm along the path. Raise them.")
+    share = 100.0 * (motion.duration / t[-1] - 1.0)
+    note = f"{motion.duration:.4g} s, {share:.1f} % more than the shortest time, whose acceleration jumps."
+    return Motion(motion.knots, motion.coefficients, (note,))
+
+
+def _shortest(
+    path: Any, s: Floats, limits: tuple[Floats | None, ...], robot: Robot | None, torque: Floats | None
+) -> tuple[Floats, Floats, Floats]:
+    """Return times, places and speeds on the path of the shortest motion."""
+    try:
+        toppra: Any = import_module("toppra")
+    except ImportError:
+        raise UsageError("fastest: it needs toppra: pip install 'vdfmu[motion]'.") from None
+
+    own = {
+        "dof": len(path(0.0)),
+        "path_interval": s[[0, -1]],
+        "__call__": lambda _, place, order=0: path(place, order),
+    }
+    shape = type("Path", (toppra.interpolator.AbstractGeometricPath,), own)()
+    velocity, acceleration = (np.column_stack([-one, one]) for one in limits if one is not None)
+    asked = [
+        toppra.constraint.JointVelocityConstraint(velocity),
+        toppra.constraint.JointAccelerationConstraint(acceleration),
+    ]
+    if torque is not None and robot is not None:
+        none = np.zeros(len(torque))
+        asked.append(
+            toppra.constraint.JointTorqueConstraint(
+                lambda q, q_dot, q_ddot: inverse_dynamics(robot, q, q_dot, q_ddot),
+                np.column_stack([-torque, torque]),
+                none,
+            )
+        )
+    places = np.unique(np.concatenate([np.linspace(a, b, _GRID + 1) for a, b in zip(s, s[1:], strict=False)]))
+    logger = logging.getLogger("toppra")
+    level = logger.level
+    logger.setLevel(logging.CRITICAL)  # what it says of points without a solution is an error below
+    try:
+        speeds = toppra.algorithm.TOPPRA(asked, shape, gridpoints=places).compute_parameterization(0.0, 0.0)[
+            1
+        ]
+    finally:
+        logger.setLevel(level)
+    if speeds is None or not np.all(np.isfinite(speeds)):
+        raise UsageError(
+            "fastest: no speed keeps the limits along the path: expected torques that hold the arm at each of its "
+            "poses. Raise them, or choose other points."
+        )
+    pace = speeds[1:] + speeds[:-1]
+    return np.append(0.0, np.cumsum(2.0 * np.diff(places) / pace)), places, speeds
+
+
+def _mean(t: Floats, y: Floats, width: float) -> Floats:
+    """Return the mean over `width` around each time of values that hold before the first and after the last."""
+    integral = cumulative_trapezoid(y, t, initial=0.0)
+
+    def until(end: Floats) -> Floats:
+        inside = np.interp(end, t, integral)
+        return inside + y[0] * np.minimum(end - t[0], 0.0) + y[-1] * np.maximum(end - t[-1], 0.0)
+
+    return (until(t + 0.5 * width) - until(t - 0.5 * width)) / width
+
+
+def overload(robot: Robot, motion: Motion, torque: Floats) -> float:
+    """Return the largest share of limits of torque, (n,) [N m or N] link-side, that a motion of rigid links takes."""
+    q, q_dot, q_ddot = motion.at(np.linspace(0.0, motion.duration, _LOOKS))[:3]
+    return float((np.abs(inverse_dynamics(robot, q, q_dot, q_ddot)) / torque).max())

@@ -1,0 +1,201 @@
+"""Motions from files: the table ``[motion]`` of a TOML file, and points of the joints from CSV files."""
+
+from __future__ import annotations
+
+import inspect
+import math
+import os
+import re
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from vdfmu.arrays import Floats
+from vdfmu.dynamics import inverse_dynamics
+from vdfmu.engine.cosim.inputs import csv_columns
+from vdfmu.equations.limits import motor_torque
+from vdfmu.errors import ModelError, UsageError
+from vdfmu.model import Robot
+from vdfmu.model.read import Problems, Table, shape_of, shown
+from vdfmu.model.toml_file import read_toml
+from vdfmu.motion.cartesian import circle, line
+from vdfmu.motion.excitation import multisine, sweep
+from vdfmu.motion.joint_space import samples, waypoints
+from vdfmu.motion.minimum_time import fastest
+from vdfmu.motion.polynomial import Motion
+
+_KINDS: tuple[Callable[..., Motion], ...] = (waypoints, samples, fastest, line, circle, sweep, multisine)
+KINDS: dict[str, tuple[Callable[..., Motion], dict[str, inspect.Parameter]]] = {
+    make.__name__: (make, {k: p for k, p in inspect.signature(make).parameters.items() if k != "robot"})
+    for make in _KINDS
+}
+"""Kind to the function that works it out, and its parameters, which are the keys of the table."""
+OF_FILE = ("waypoints", "samples", "fastest")
+"""Kinds whose points may be in a CSV file."""
+_OF_ROBOT = ("fastest", "line", "circle")
+_TEXTS = ("orientation", "law", "phases")
+_WHOLE = ("periods", "seed", "lines")
+_SINGLE = ("angle", "duration", "period", "periods", "seed", "smoothing", "speed", "tolerance")
+_FACTORS = {"revolute": {"rad": 1.0, "deg": math.pi / 180.0}, "prismatic": {"m": 1.0, "mm": 1e-3}}
+_LOOKS = 1001
+"""Times at which torques are looked at."""
+_EXAMPLE = "time [s], q1 [rad], q2 [deg]"
+
+
+def load_motion(path: str | os.PathLike[str], robot: Robot) -> Motion:
+    """Work out the motion of a file for a robot.
+
+    Parameters
+    ----------
+    path : path
+        A TOML file with a table ``[motion]``, such as a scenario, or with its keys by themselves; or a CSV file of
+        samples.
+    robot : Robot
+
+    Raises
+    ------
+    ModelError
+        For what is wrong with the file or with the motion; it lists every problem.
+    """
+    path = Path(path)
+    problems = Problems(str(path))
+    if path.suffix.lower() == ".csv":
+        data: Any = {"kind": "samples", "file": path.name}
+    else:
+        data = read_toml(path)
+        data = data.get("motion", data)
+    motion = read_motion(problems, data, robot, path.parent)
+    problems.raise_any()
+    assert motion is not None
+    return motion
+
+
+def read_motion(problems: Problems, data: object, robot: Robot, folder: Path) -> Motion | None:
+    """Work out the motion of a table ``[motion]``, or of the TOML file that its text names; None with problems."""
+    if isinstance(data, str):
+        try:
+            return load_motion(folder / data, robot)
+        except ModelError as error:
+            problems.lines.extend(error.problems)
+            return None
+    before = len(problems.lines)
+    kind = Table(problems, data, "motion", list(data) if isinstance(data, dict) else ()).text(
+        "kind", choices=(*KINDS,)
+    )
+    if kind not in KINDS:
+        return None
+    make, keys = KINDS[kind]
+    table = Table(problems, data, "motion", ("kind", *(("file",) if kind in OF_FILE else ()), *keys))
+    values = {key: _value(table, key) for key in table.data if key in keys}
+    if kind in OF_FILE and "file" in table.data:
+        read = read_points(folder / table.text("file"), robot, problems, keys)
+        if twice := [key for key in read if key in values]:
+            problems.add(
+                "motion.file", "values in one place", f"{', '.join(twice)} twice", "Remove one of them."
+            )
+        values |= read
+    for key, parameter in keys.items():
+        if parameter.default is parameter.empty and key not in values and len(problems.lines) == before:
+            way = 'Add the key, or file = "points.csv".' if kind in OF_FILE else "The key is missing: add it."
+            problems.add(table.key(key), f"a value for {kind}", "nothing", way)
+    if len(problems.lines) > before:
+        return None
+    try:
+        motion = make(**values, **({"robot": robot} if kind in _OF_ROBOT else {}))
+        check_motion(motion, robot)
+    except UsageError as error:
+        problems.lines.extend(f"{problems.where}: motion: {one}" for one in str(error).splitlines())
+        return None
+    return motion
+
+
+def check_motion(motion: Motion, robot: Robot) -> None:
+    """Raise UsageError for a motion of other joints, beyond end stops, or beyond what motors give to rigid links."""
+    if motion.n != robot.n:
+        raise UsageError(f"expected positions of the {robot.n} joints of {robot.name}, got {motion.n}.")
+    if not robot.limits:
+        return
+    low, high = motion.extremes(0)
+    problems = [
+        f"joint {j + 1}: expected positions between its end stops, {robot.q_min[j]:g} and {robot.q_max[j]:g}, got "
+        f"{value[i, j]:.4g} at {motion.knots[i]:.4g} to {motion.knots[i + 1]:.4g} s. Choose other points."
+        for j in range(robot.n)
+        for value, beyond in ((low, low < robot.q_min), (high, high > robot.q_max))
+        for i in np.flatnonzero(beyond[:, j])[:1]
+    ]
+    t = np.linspace(0.0, motion.duration, _LOOKS)
+    q, q_dot, q_ddot = motion.at(t)[:3]
+    tau = inverse_dynamics(robot, q, q_dot, q_ddot) / robot.ell + robot.I_m * q_ddot
+    lacking = np.abs(tau) - np.abs(motor_torque(robot, tau, q_dot))
+    problems += [
+        f"joint {j + 1}: expected at most the torque that its motor has at this speed, got {abs(tau[i, j]):.4g} N.m, "
+        f"{lacking[i, j]:.4g} N.m more, at {t[i]:.4g} s. Give more time."
+        for j, i in enumerate(lacking.argmax(axis=0))
+        if lacking[i, j] > 1e-9 * abs(tau[i, j])
+    ]
+    if problems:
+        raise UsageError("\n".join(problems))
+
+
+def _value(table: Table, key: str) -> Any:
+    """Return the value of a key: a text, or a number or an array."""
+    value = table.data[key]
+    if key in _TEXTS and isinstance(value, str):
+        return table.text(key)
+    shape, numbers = shape_of(value), np.array(value, dtype=object).ravel()
+    if shape and key in _SINGLE:
+        table.problems.add(table.key(key), "one number", shown(value), "Correct it.")
+    elif shape is None or len(shape) > 2 or 0 in shape:
+        table.problems.add(table.key(key), "a number, or a list or rows of them", shown(value), "Correct it.")
+    elif key in _WHOLE and any(type(one) is not int for one in numbers):
+        table.problems.add(table.key(key), "whole numbers", shown(value), "Correct it.")
+    elif not shape:
+        return int(value) if key in _WHOLE else table.number(key, "")
+    else:
+        return table.numbers(key, shape, "")
+    return None
+
+
+def read_points(path: Path, robot: Robot, problems: Problems, known: Any) -> dict[str, Floats]:
+    """Read a CSV file of positions of the joints; what is wrong is noted, with lines.
+
+    The heading names the columns in any order: ``q1`` to ``qn``, with rad or deg in brackets, or m or mm for a
+    prismatic joint, SI where no unit is given; ``time [s]`` and ``dwell [s]`` where they are `known`.
+
+    Returns
+    -------
+    dict of str to array
+        ``points`` (k, n) [rad or m], ``times`` and ``dwell`` (k,) [s].
+    """
+    found: list[str] = []
+    columns = csv_columns(path, found, timed=False)
+    if columns is not None:
+        names, units, values, _ = columns
+        keys = {"time": "times", "dwell": "dwell"}
+        table: dict[str, Floats] = {}
+        for name, unit, column in zip(names, units, values.T, strict=True):
+            match = re.fullmatch(r"q([1-9]\d*)", name)
+            joint = int(match[1]) if match else 0
+            factors = _FACTORS[robot.joint_types[joint - 1]] if 0 < joint <= robot.n else {"s": 1.0}
+            if joint > robot.n or (not joint and keys.get(name) not in known):
+                also = "".join(f", {key}" for key, value in keys.items() if value in known)
+                found.append(
+                    f"{path}: row 1: {name}: expected q1 to q{robot.n}{also}. Write a heading such as {_EXAMPLE}."
+                )
+            elif unit and unit not in factors:
+                found.append(
+                    f"{path}: row 1: {name}: expected {' or '.join(factors)}, got {unit!r}. Convert the column."
+                )
+            else:
+                table[name] = column * factors.get(unit, 1.0)
+        if missing := [f"q{j + 1}" for j in range(robot.n) if f"q{j + 1}" not in names]:
+            found.append(
+                f"{path}: row 1: expected a column for each joint, got none of {', '.join(missing)}."
+            )
+        if not found:
+            points = np.column_stack([table[f"q{j + 1}"] for j in range(robot.n)])
+            return {"points": points} | {keys[key]: table[key] for key in keys if key in table}
+    problems.lines.extend(found)
+    return {}
