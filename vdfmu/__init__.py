@@ -37,7 +37,7 @@ __version__ = "0.1.0"
 
 if TYPE_CHECKING:
     from vdfmu.analysis.modes import Modes, natural_modes
-    from vdfmu.analysis.space import StateSpace, linearize
+    from vdfmu.analysis.space import linearize
     from vdfmu.dynamics import (
         forward_dynamics,
         forward_kinematics,
@@ -49,6 +49,7 @@ if TYPE_CHECKING:
     from vdfmu.engine.cosim import Results, Simulator, simulate
     from vdfmu.engine.cosim.container import write_container
     from vdfmu.engine.federation import federate
+    from vdfmu.engine.space import StateSpace
     from vdfmu.engine.ssp import load_ssp
     from vdfmu.engine.ssp.limits import package_limit
     from vdfmu.errors import VdfmuError
@@ -66,7 +67,7 @@ if TYPE_CHECKING:
 
 _NAMES = {
     "vdfmu.analysis.modes": ("Modes", "natural_modes"),
-    "vdfmu.analysis.space": ("StateSpace", "linearize"),
+    "vdfmu.analysis.space": ("linearize",),
     "vdfmu.analysis.run": ("run",),
     "vdfmu.dynamics": (
         "forward_dynamics", "forward_kinematics", "gravity_torque", "inverse_dynamics", "jacobian", "mass_matrix",
@@ -74,6 +75,7 @@ _NAMES = {
     "vdfmu.engine.cosim": ("Results", "Simulator", "simulate"),
     "vdfmu.engine.cosim.container": ("write_container",),
     "vdfmu.engine.federation": ("federate",),
+    "vdfmu.engine.space": ("StateSpace",),
     "vdfmu.engine.ssp": ("load_ssp",),
     "vdfmu.engine.ssp.limits": ("package_limit",),
     "vdfmu.errors": ("VdfmuError",),

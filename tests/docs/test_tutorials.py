@@ -105,6 +105,7 @@ def run_page(path):
     [
         *PAGES,
         ROOT / "docs" / "modes.md",
+        pytest.param(ROOT / "docs" / "identification.md", marks=pytest.mark.heavy),
         pytest.param(ROOT / "docs" / "world.md", marks=pytest.mark.heavy),
         pytest.param(ROOT / "docs" / "motions.md", marks=pytest.mark.heavy),
         pytest.param(ROOT / "docs" / "systems.md", marks=pytest.mark.heavy),

@@ -14,9 +14,8 @@ from vdfmu.equations.friction import dry_friction
 from vdfmu.errors import UsageError
 from vdfmu.model.parameters import PARAMETERS
 from vdfmu.study.wired import System
-from vdfmu.unit.evaluate import Evaluation, Traced
-from vdfmu.unit.program import Call
-from vdfmu.unit.trace import argument_name
+from vdfmu.unit.evaluate import Evaluation
+from vdfmu.unit.linear import state_space
 
 
 class Linear(NamedTuple):
@@ -40,33 +39,12 @@ def linearize(unit: Evaluation, inputs: Sequence[str]) -> Linear:
     UsageError
         If the unit has no states, or is not traced.
     """
-    if not isinstance(unit, Traced) or not unit.x.size:
+    if not unit.x.size:
         raise UsageError(
             f"{unit.interface.unit.__name__}: expected a traced unit with states, to linearise it."
         )
-    calls = unit.interface.program.derivatives
-    A, *columns = (slopes(unit, calls, ("x_dot",), name) for name in ("x", *map(argument_name, inputs)))
-    return Linear(A, np.hstack(columns))
-
-
-def slopes(unit: Evaluation, calls: Sequence[Call], results: Sequence[str], name: str) -> Floats:
-    """Differentiate results of the call that the unit's choices take, one after the other, by one argument."""
-    (call,) = filter(unit.takes, calls)
-    functions = unit.interface.functions
-    given = {group: unit.argument(group) for group in functions.casadi_function(call.function).name_in()}
-    product = functions.function(f"{call.function}_forward", **given)
-    direction = product.args.get(f"d_{name}")
-    columns = np.zeros(
-        (unit.argument(name).size, sum(product.results[f"d_{group}"].size for group in results))
-    )
-    if direction is not None:  # else they do not depend on it
-        for i, column in enumerate(columns):
-            direction[:] = 0.0
-            direction[i] = 1.0
-            product.run()
-            column[:] = np.concatenate([product.results[f"d_{group}"] for group in results])
-        direction[:] = 0.0
-    return columns.T
+    found = state_space(unit, inputs)
+    return Linear(found.A, found.B)
 
 
 def without_dry_friction(unit: Evaluation) -> None:

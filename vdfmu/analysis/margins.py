@@ -18,6 +18,8 @@ import numpy.typing as npt
 
 from vdfmu.analysis.linear import Linear, feedback, held, linearize, lively, without_dry_friction
 from vdfmu.arrays import Floats
+from vdfmu.engine.algorithms import CONTINUOUS
+from vdfmu.engine.linear import LinearSystem
 from vdfmu.errors import UsageError
 from vdfmu.scenario import Scenario
 from vdfmu.scenario.values import system_values
@@ -73,11 +75,13 @@ class Loop:
     growth: float = 0.0
     """Rate [1/s] up to which what grows counts as stable: margins are those on the circle ``|z| = exp(growth
     step)``."""
+    discrete: bool = False
+    """Whether the plant is given from one communication point to the next already."""
 
     @cached_property
     def sampled(self) -> Linear:
         """The plant from one communication point to the next."""
-        return held(self.plant, self.step)
+        return self.plant if self.discrete else held(self.plant, self.step)
 
     @cached_property
     def grid(self) -> tuple[Floats, Complex]:
@@ -226,6 +230,34 @@ class ArmLoops:
             each.append(loop.margins(K, delay))
         modulus, gain, phase, left = np.min([m[:4] for m in each], axis=0)
         return Margins(modulus, gain, phase, left, max(m.radius for m in each))
+
+
+def system_margins(system: LinearSystem, opened: Sequence[str], growth: float = 0.0) -> Margins:
+    """Margins of the sampled loops of any system, with the delays that its master gives them.
+
+    Parameters
+    ----------
+    system : LinearSystem
+    opened : sequence of str
+        Connected inputs at which the loops are opened, ``plant.tau``: each while those of all others are closed.
+    growth : float [1/s]
+        As of :class:`Loop`.
+
+    Raises
+    ------
+    UsageError
+        For unknown inputs, and for a master that takes signals as continuous.
+    """
+    if system.algorithm in CONTINUOUS:
+        raise UsageError(
+            f"margins: expected gauss-seidel or jacobi, which sample the signals, got {system.algorithm}."
+        )
+    loops, cut = system.sampled(opened), system.places(opened)
+    returned = loops.C[
+        len(loops.C) - len(cut) :
+    ]  # nothing comes back in the same step: there is no algebraic loop
+    plant = Linear(loops.A, loops.B[:, cut])
+    return Loop(0.0, plant, returned, system.step, growth, discrete=True).margins(delay=0)
 
 
 def _margins(L: Any, w: Floats) -> Floats:

@@ -11,8 +11,9 @@ import numpy.typing as npt
 
 from vdfmu.analysis.linear import lively
 from vdfmu.analysis.margins import Complex
-from vdfmu.analysis.space import StateSpace, linearize
+from vdfmu.analysis.space import linearize
 from vdfmu.arrays import Floats
+from vdfmu.engine.space import StateSpace
 from vdfmu.errors import UsageError
 from vdfmu.model import Robot
 from vdfmu.scenario import Scenario

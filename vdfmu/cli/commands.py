@@ -12,7 +12,21 @@ from typing import Annotated
 import typer
 
 from vdfmu import __version__
-from vdfmu.cli import cache, doctor, files, models, modes, motions, robots, runs, sweeps, tunes, units
+from vdfmu.cli import (
+    cache,
+    doctor,
+    files,
+    identify,
+    margins,
+    models,
+    modes,
+    motions,
+    robots,
+    runs,
+    sweeps,
+    tunes,
+    units,
+)
 from vdfmu.cli.terminal import console, fail
 from vdfmu.errors import ModelError, SspError, UsageError, VdfmuError
 from vdfmu.once import one_job
@@ -35,6 +49,11 @@ for function, example in (
     ),
     (motions.motion, "vdfmu motion path.toml --robot planar_2dof -o path.png"),
     (modes.modes, "vdfmu modes manipulator_6dof --pose '0 0.5 0.5 0 0 0'"),
+    (margins.margins, "vdfmu margins tracking --master jacobi --at 2.5"),
+    (
+        identify.identify,
+        "vdfmu identify results/tracking/results.csv --robot manipulator_6dof -o identified.toml",
+    ),
     (files.build, "vdfmu build tracking --backend native --fmi 3.0 --platform all --out fmus"),
     (files.container, "vdfmu container tracking --out tracking.fmu"),
     (files.ssp, "vdfmu ssp two_joint --format 2.0 --out two_joint.ssp"),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -31,13 +31,21 @@ def modes(
             help="Over the desired motion of a scenario, in place of one pose, with a picture.",
         ),
     ] = None,
+    bode: Annotated[
+        int | None,
+        typer.Option(
+            metavar="JOINT", help="Draw the response of a joint's rotor and link to its motor torque, too."
+        ),
+    ] = None,
     dry: Annotated[
         bool,
         typer.Option("--dry-friction", help="Keep Coulomb and Stribeck friction, with its slope at rest."),
     ] = False,
     out: Annotated[
         Path | None,
-        typer.Option("--out", "-o", help="Picture of --path; default SCENARIO_modes.png, in this folder."),
+        typer.Option(
+            "--out", "-o", help="Picture of --path or --bode; default SCENARIO_modes.png or ROBOT_bode.png."
+        ),
     ] = None,
     overwrite: OverwriteOption = False,
 ) -> None:
@@ -45,12 +53,15 @@ def modes(
     from vdfmu.errors import UsageError
 
     if path is not None:
-        if pose is not None:
-            raise UsageError("modes: expected --pose or --path, got both.")
+        if pose is not None or bode is not None:
+            raise UsageError("modes: expected --pose or --path, got both." if pose is not None else
+                             "modes: --bode is for one pose, not for --path.")  # fmt: skip
         _over_path(robot, path, dry, out, overwrite)
         return
-    if out is not None:
-        raise UsageError("modes: --out is for the picture of --path SCENARIO, which is not given.")
+    if out is not None and bode is None:
+        raise UsageError(
+            "modes: --out is for the picture of --path SCENARIO or --bode JOINT; neither is given."
+        )
     from vdfmu.analysis.modes import MOTORS, natural_modes
     from vdfmu.model import load_robot
 
@@ -58,6 +69,8 @@ def modes(
     q = _pose(arm, pose)
     for motors in MOTORS:
         _print(motors, q, natural_modes(arm, q, motors=motors, dry=dry))
+    if bode is not None:
+        _draw_bode(arm, q, bode, dry, target_file(out, f"{arm.name}_bode.png", overwrite))
 
 
 def _pose(robot: Robot, text: str | None) -> list[float]:
@@ -92,6 +105,33 @@ def _print(motors: str, q: list[float], found: Modes) -> None:
     if len(found.rates):
         say("Not oscillating, 1/s: " + " ".join(f"{round(rate, 3) + 0.0:.4g}" for rate in found.rates))
     console.print()
+
+
+def _draw_bode(robot: Robot, q: list[float], joint: int, dry: bool, target: Path) -> None:
+    from vdfmu.analysis.bode import joint_bode
+    from vdfmu.analysis.space import linearize
+    from vdfmu.errors import UsageError
+    from vdfmu.report.modes import draw_bode
+    from vdfmu.style import save
+
+    if not 1 <= joint <= robot.n:
+        raise UsageError(f"--bode {joint}: expected a joint, 1 to {robot.n}.")
+    system = linearize(robot, q, dry=dry)
+    found = joint_bode(system, joint)
+    unit = system.output_units[system.outputs.index(f"q_dot[{joint}]")]
+    where = " ".join(f"{number:g}" for number in q)
+    curves: dict[str, Any] = dict(zip(("rotor", "link"), found.response, strict=True))
+    title = f"Motor torque of joint {joint} to velocities: {robot.name} at {where}"
+    save(
+        draw_bode(title, found.frequency, curves, f"({unit})/(N.m)", found.resonance, found.antiresonance[0]),
+        target,
+    )
+    for what, each in (
+        ("resonances", found.resonance),
+        ("anti-resonances at the motor", found.antiresonance[0]),
+    ):
+        say(f"Joint {joint}, {what}: {', '.join(f'{one:.2f}' for one in each) or 'none'} Hz")
+    say(f"{target}: rotor and link, by the motor torque")
 
 
 def _over_path(robot: str, path: str, dry: bool, out: Path | None, overwrite: bool) -> None:

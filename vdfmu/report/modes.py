@@ -1,8 +1,9 @@
-"""The picture of an arm's natural frequencies along a motion."""
+"""Pictures of an arm's natural frequencies along a motion, and of its frequency responses."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -10,6 +11,9 @@ from matplotlib.figure import Figure
 
 from vdfmu import style
 from vdfmu.arrays import Floats
+
+_SOLID: dict[str, Any] = {"linestyle": "-"}
+_DOTTED: dict[str, Any] = {"linestyle": ":"}
 
 
 @style.styled
@@ -43,4 +47,54 @@ def draw_modes(
                 axes.plot(*np.transpose(here), ".", color=style.joint_look(joint)["color"], markersize=4.0)
         style.dress(axes, f"Motors {motors}", "frequency", "Hz", times)
     style.label_time(shown, 1)
+    return figure
+
+
+@style.styled
+def draw_bode(
+    title: str,
+    frequency: Floats,
+    curves: Mapping[str, npt.NDArray[np.complex128]],
+    unit: str,
+    resonance: Floats,
+    antiresonance: Floats,
+) -> Figure:
+    """Draw responses to one input over frequency [Hz]: amplitudes, above, and phases.
+
+    Parameters
+    ----------
+    title : str
+    frequency : (m,) [Hz]
+    curves : mapping of str to (m,) arrays
+        What responds, to its response.
+    unit : str
+        Of the amplitudes.
+    resonance, antiresonance : (k,) [Hz]
+        Marked by vertical lines: poles, and zeros of the first curve.
+    """
+    looks = [style.joint_look(i) for i in range(len(curves))]
+    marks = [("resonance", resonance, _SOLID), ("anti-resonance", antiresonance, _DOTTED)]
+    handles = [style.Line2D([], [], label=name, **look) for name, look in zip(curves, looks, strict=True)]
+    handles += [style.Line2D([], [], label=name, color="0.5", **look) for name, _, look in marks]
+    figure = style.new_figure(
+        title,
+        "Linear, at rest. Above: resonances; below: anti-resonances of the first curve, where its amplitude is least.",
+        height=5.4,
+        legend=handles,
+    )
+    above, below = figure.subplots(2, 1, sharex=True)
+    for values, look in zip(curves.values(), looks, strict=True):
+        above.loglog(frequency, np.abs(values), **look)
+        below.semilogx(frequency, np.degrees(np.unwrap(np.angle(values))), **look)
+    for axes in (above, below):
+        for _, places, look in marks:
+            for place in places:
+                axes.axvline(place, color="0.5", linewidth=0.8, zorder=0, **look)
+    for places, height, side in ((resonance, 1.0, "bottom"), (antiresonance, -0.02, "top")):
+        for place in places:
+            above.annotate(f"{place:.3g}", (place, height), xycoords=("data", "axes fraction"), fontsize=7.5,
+                           ha="center", va=side)  # fmt: skip
+    style.dress(above, "Amplitude", "", unit)
+    style.dress(below, "Phase", "", "deg", frequency)
+    below.set_xlabel("Frequency [Hz]")
     return figure

@@ -44,14 +44,14 @@ def robot_text(name: str, file: str, arm: Arm, driven: Sequence[Driven], folder:
     sources: list[dict[str, str]] = []
     lines = [_HEAD.format(file=_line(file), base=arm.base, tip=arm.tip)]
     description = f"From {file}: {len(arm.bodies)} joints from {arm.base} to {arm.tip}"
-    lines += [f"name = {_value(name[:100])}", f"description = {_value(description)}"]
+    lines += [f"name = {toml_value(name[:100])}", f"description = {toml_value(description)}"]
     whole = {"gravity": arm.gravity, "tip": arm.tool.p}
     if np.abs(arm.tool.R - np.eye(3)).max() > 1e-9:
         whole["tip_axes"] = arm.tool.R
-    lines += [f"{row.key} = {_value(whole[row.given])}" for row in section("robot") if row.given in whole]
+    lines += [f"{row.key} = {toml_value(whole[row.given])}" for row in section("robot") if row.given in whole]
     for i, (body, drive) in enumerate(zip(arm.bodies, driven, strict=True), 1):
         lines += ["", f"# Joint {i}: {_about(body, drive)}", "[[joints]]"]
-        lines.append(f"type = {_value(MOVING[body.joint.kind])}")
+        lines.append(f"type = {toml_value(MOVING[body.joint.kind])}")
         lines += _entries("joint", {"rotation": body.placement.R, "offset": body.placement.p})
         lines += ["", "[joints.link]"]
         lines += _entries("link", {"mass": body.mass, "centroid": body.centroid, "inertia": body.inertia})
@@ -59,20 +59,20 @@ def robot_text(name: str, file: str, arm: Arm, driven: Sequence[Driven], folder:
             rows = [row for row in section(part) if row.path in drive.numbers]
             if rows:
                 lines += ["", f"[joints.{part}]"]
-                lines += [f"{row.key} = {_value(drive.numbers[row.path][0])}" for row in rows]
+                lines += [f"{row.key} = {toml_value(drive.numbers[row.path][0])}" for row in rows]
         placed = f"{file}: origins and axes of the joints; z turned onto the axis"
         where = {row.path: placed for row in section("joint")}
         where |= {row.path: f"{file}: the links in the comment above the joint" for row in section("link")}
         sources.append(where | {path: source for path, (_, source) in drive.numbers.items()})
     lines += ["", "[sources]"]
-    lines += [f"{key} = {_value(text)}" for key, text in _sources(file, arm, whole, sources)]
+    lines += [f"{key} = {toml_value(text)}" for key, text in _sources(file, arm, whole, sources)]
     for visual in arm.visuals:
         lines += ["", "[[visuals]]", *_look(visual, folder)]
     return "\n".join(lines) + "\n"
 
 
 def _entries(part: Section, values: dict[str, Any]) -> list[str]:
-    return [f"{row.key} = {_value(values[row.name])}" for row in section(part) if row.name in values]
+    return [f"{row.key} = {toml_value(values[row.name])}" for row in section(part) if row.name in values]
 
 
 def _about(body: Body, drive: Driven) -> str:
@@ -92,11 +92,11 @@ def _sources(
     for row in (row for row in PARAMETERS.values() if row.per_joint):
         texts = [joint[row.path] for joint in joints if row.path in joint]
         if len(set(texts)) == 1 and len(texts) == len(joints):
-            yield _value(row.path), texts[0]
+            yield toml_value(row.path), texts[0]
             continue
         for i, joint in enumerate(joints, 1):
             if row.path in joint:
-                yield _value(row.path.replace("joints", f"joints[{i}]", 1)), joint[row.path]
+                yield toml_value(row.path.replace("joints", f"joints[{i}]", 1)), joint[row.path]
 
 
 def _look(visual: Visual, folder: Path) -> Iterator[str]:
@@ -104,19 +104,21 @@ def _look(visual: Visual, folder: Path) -> Iterator[str]:
     if Path(visual.file).is_absolute():
         table["file"] = Path(os.path.relpath(visual.file, folder.resolve())).as_posix()
     for key, value in table.items():
-        yield f"{key} = {_value(value)}"
+        yield f"{key} = {toml_value(value)}"
 
 
 def _line(text: str) -> str:
     return " ".join(text.split())
 
 
-def _value(value: Any) -> str:
+def toml_value(value: Any) -> str:
     """Return a value of TOML; what turning frames has left of a zero is written as zero."""
     if isinstance(value, str):
         return json.dumps(_line(value), ensure_ascii=False)
     if isinstance(value, (list, tuple, np.ndarray)):
         array = np.asarray(value, dtype=float)
         clean = np.where(np.abs(array) <= 1e-16 * np.abs(array).max(initial=0.0), 0.0, array)
-        return f"[{', '.join(map(_value, clean))}]"
+        return f"[{', '.join(map(toml_value, clean))}]"
+    if isinstance(value, bool):
+        return str(value).lower()
     return repr(int(value)) if isinstance(value, int) else repr(float(value))

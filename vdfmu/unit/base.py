@@ -27,7 +27,8 @@ from vdfmu.unit.declaration import (
 )
 
 if TYPE_CHECKING:
-    from vdfmu.unit.run import LinearModel, Solution
+    from vdfmu.engine.space import StateSpace
+    from vdfmu.unit.run import Solution
 
 
 class Watch(Protocol):
@@ -239,7 +240,7 @@ class Unit:
 
         return simulate(self, inputs, stop=stop, step=step, tolerance=tolerance)
 
-    def linearize(self, *, x: Any = None, t: float = 0.0) -> LinearModel:
+    def linearize(self, *, x: Any = None, t: float = 0.0) -> StateSpace:
         """Return the linear model at the inputs and parameters that are set, and a state.
 
         Parameters
@@ -250,8 +251,8 @@ class Unit:
 
         Returns
         -------
-        LinearModel
-            ``A, B, C, D`` with the names of their rows and columns. Outputs that are states are in A alone.
+        vdfmu.StateSpace
+            ``A, B, C, D`` with the names of their rows and columns; outputs are the states and what follows from them.
         """
         from vdfmu.unit.run import linearize
 

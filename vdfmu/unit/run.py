@@ -3,19 +3,19 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
-import casadi as ca
 import numpy as np
 import numpy.typing as npt
 
-from vdfmu.errors import UnitError, UsageError
+from vdfmu.engine.space import StateSpace
+from vdfmu.errors import UsageError
 from vdfmu.unit.base import Unit
 from vdfmu.unit.evaluate import Evaluation, evaluation
 from vdfmu.unit.interface import Interface
+from vdfmu.unit.linear import state_space
 from vdfmu.unit.motion import Motion
-from vdfmu.unit.trace import argument_name
 
 Floats = npt.NDArray[np.float64]
 Signal = Callable[[float], npt.ArrayLike] | npt.ArrayLike
@@ -30,18 +30,6 @@ class Solution(NamedTuple):
     def __getitem__(self, name: Any) -> Any:
         """Values of a variable."""
         return self.signals[name] if isinstance(name, str) else tuple(self)[name]
-
-
-class LinearModel(NamedTuple):
-    """``x_dot = A x + B u``, ``y = C x + D u`` for small changes; and the names of states, inputs and outputs."""
-
-    A: Floats
-    B: Floats
-    C: Floats
-    D: Floats
-    states: tuple[str, ...]
-    inputs: tuple[str, ...]
-    outputs: tuple[str, ...]
 
 
 class _Driven(Motion):
@@ -105,34 +93,17 @@ def simulate(
     return Solution(t, {group: np.array(row).reshape(-1, *shapes[group]) for group, row in rows.items()})
 
 
-def linearize(unit: Unit, *, x: npt.ArrayLike | None = None, t: float = 0.0) -> LinearModel:
+def linearize(unit: Unit, *, x: npt.ArrayLike | None = None, t: float = 0.0) -> StateSpace:
     """Linear model of a unit; see :meth:`Unit.linearize`."""
     run = _bound(unit)
-    interface = run.interface
-    if unit.backend == "python":
-        raise UnitError(f"{type(unit).__name__}: what cannot be traced has no derivatives.")
     run.memory[-1] = t
     run.start()
     if x is not None:
         if np.size(x) != run.x.size:
             raise UsageError(f"x: expected {run.x.size} numbers, got {np.size(x)}.")
         run.x[:] = np.ravel(x)
-    states = range(interface.states.start, interface.states.stop)
-    inputs = interface.groups_of("input")
-    outputs = {g: where for g, where in interface.groups_of("output").items() if where.start not in states}
-    J = _jacobian(run, ["x", *map(argument_name, inputs)])
-    places = np.arange(interface.size)
-    of_x, of_x_dot = places[interface.states], places[interface.derivatives]
-    of_u, of_y = (
-        np.concatenate([of_x[:0], *(places[where] for where in groups.values())])
-        for groups in (inputs, outputs)
-    )
-    A, B, C, D = (J[np.ix_(rows, columns)] for rows in (of_x_dot, of_y) for columns in (of_x, of_u))
-
-    def names(positions: npt.NDArray[np.int_]) -> tuple[str, ...]:
-        return tuple(interface.memory[i].name for i in positions)
-
-    return LinearModel(A, B, C, D, names(of_x), names(of_u), names(of_y))
+    run.outputs()
+    return state_space(run)
 
 
 def _bound(unit: Unit) -> Evaluation:
@@ -159,25 +130,3 @@ def _check_inputs(interface: Interface, given: Mapping[str, Any]) -> None:
         raise UsageError(
             f"{interface.name} has no input {', '.join(unknown)}. There are: {', '.join(known) or 'none'}."
         )
-
-
-def _jacobian(run: Evaluation, names: Sequence[str]) -> Floats:
-    """Return the derivatives of outputs and derivatives by some arguments, (N, N) over the memory.
-
-    Calls count whose choices hold.
-    """
-    interface, program = run.interface, run.interface.program
-    J = np.zeros((interface.size, interface.size))
-    for call in (*program.derivatives, *program.outputs):
-        if not run.takes(call):
-            continue
-        function = interface.functions.casadi_function(call.function)
-        symbols = {name: ca.SX.sym(name, function.numel_in(name)) for name in function.name_in()}
-        values = [run.argument(name) for name in function.name_in()]
-        made = function.call(list(symbols.values()))
-        for result, expression in zip(function.name_out(), made, strict=True):
-            for name in (name for name in names if name in symbols):
-                derivative = ca.jacobian(ca.vec(expression), symbols[name])
-                block = ca.Function("J", list(symbols.values()), [derivative]).call(values)[0]
-                J[interface.slice(result), interface.slice(name)] = np.array(block, dtype=float)
-    return J

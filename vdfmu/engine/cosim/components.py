@@ -110,6 +110,16 @@ class Components:
             self._stepper = SampledStepper(self.exchange)
         return self._stepper
 
+    def bring_inputs(self, time: float) -> None:
+        """Set all inputs to what the outputs are that feed them."""
+        self.exchange.feed(time)
+        for bank in self.exchange.banks:
+            gather = bank.gather(slice(0, bank.inputs.size))
+            if gather is not None:
+                gather()
+            for slave in self.slaves.values():
+                slave.run(bank.calls(slave, "Set"))
+
     def reset(self) -> None:
         """Take all back to what they were after loading."""
         stepper, self._stepper, self._events = self._stepper, None, None

@@ -6,7 +6,7 @@ with an update of its discrete states.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from ctypes import c_double, c_size_t, c_void_p
 from typing import TYPE_CHECKING, Any
 
@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from vdfmu.arrays import Floats
 from vdfmu.engine.cosim.access import Call
+from vdfmu.engine.cosim.variables import Variable
 from vdfmu.errors import CosimError
 
 if TYPE_CHECKING:
@@ -23,6 +24,8 @@ TOLERANCE = 1e-6
 """Relative, where none is asked for; absolute, times the nominal values of the states."""
 _STIFF = 200
 """Steps of the explicit method in a communication step from which on an implicit one takes over."""
+_DIFFERENCE = 1e-6
+"""Of differences, relative to sizes and nominal values."""
 _EVENTS = 1000
 """Events in a communication step at most."""
 
@@ -136,6 +139,25 @@ class Integrator:
                 high = middle
             else:
                 low = middle
+
+    def differences(self, time: float, inputs: Sequence[Variable], outputs: Sequence[Variable]) -> Floats:
+        """Return what `vdfmu.engine.cosim.interface.derivatives` does, by central differences."""
+        slave, n = self.slave, self._x.size
+        slave.leave_event()
+        self._values("GetContinuousStates", self._x)
+        center = np.array([*self._x, *(slave.get(v) for v in inputs)], np.float64)
+
+        def both(at: Floats) -> Floats:
+            slave.set_all(list(zip(inputs, at[n:].tolist(), strict=True)))
+            rates = self._derivatives(time, at[:n])
+            return np.array([*rates, *(slave.get(v) for v in outputs)], np.float64)
+
+        sizes = np.maximum(np.abs(center), [*self._nominals, *(v.size for v in inputs)])
+        steps = np.diag(_DIFFERENCE * sizes)
+        columns = [(both(center + d) - both(center - d)) / (2.0 * d.sum()) for d in steps]
+        both(center)
+        slave.enter_event()
+        return np.array(columns).reshape(len(steps), n + len(outputs)).T
 
     # ------------------------------------------------------------------ calls
 

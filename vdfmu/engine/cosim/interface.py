@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
 
 from vdfmu.arrays import Floats
+from vdfmu.engine.cosim.component import Slave
 from vdfmu.engine.cosim.coupled import Block, Coupled, Unit
+from vdfmu.engine.cosim.variables import Variable
 
 
 def interface_inverse(block: Block, coupled: Coupled, h: float) -> Floats | None:
@@ -44,31 +46,11 @@ def _sensitivity(unit: Unit, coupled: Coupled, h: float) -> Callable[[Floats], N
     links = [own[i] for i in moving]
     sources = [bank.position[k.start] for k in links]
     factors = np.array([k.conversion.factor for k in links])
-    ends = [bank.variables[i][1] for i in outputs]
-    states = slave.description.states
-    n = sum(length for *_, length in states)
-    # each array with all of its elements, as its directional derivatives are
-    begins: list[tuple[int, int]] = [(x, length) for x, _, length in states]
-    begins += dict.fromkeys((k.sink.reference, k.sink.length) for k in links)
-    finals = [(rate, length) for _, rate, length in states]
-    finals += dict.fromkeys((v.reference, v.length) for v in ends)
-
-    def places(wanted: list[tuple[int, int]], among: list[tuple[int, int]]) -> list[int]:
-        elements = [(reference, i) for reference, length in among for i in range(length)]
-        at = {element: i for i, element in reversed(list(enumerate(elements)))}
-        return [at[element] for element in wanted]
-
-    size = sum(length for _, length in finals)
-    knowns = [reference for reference, _ in begins]
-    unknowns = [reference for reference, _ in finals]
-    seeds = np.eye(sum(length for _, length in begins))
-    jacobian = np.array([slave.differentiate(unknowns, size, knowns, seed) for seed in seeds])
-    jacobian = jacobian.reshape(len(seeds), size).T
-    inputs = [n + i for i in places([(k.sink.reference, k.sink.index) for k in links], begins[len(states) :])]
-    rows = [n + i for i in places([(v.reference, v.index) for v in ends], finals[len(states) :])]
+    jacobian = derivatives(slave, [k.sink for k in links], [bank.variables[i][1] for i in outputs])
     m = len(links)
+    n = jacobian.shape[1] - m
     motion = np.zeros((n + 2 * m, n + 2 * m))  # x' = A x + B u, u' = w, w' = 0
-    motion[:n, : n + m] = jacobian[:n, [*range(n), *inputs]]
+    motion[:n, : n + m] = jacobian[:n]
     motion[n : n + m, n + m :] = np.eye(m)
     from scipy.linalg import expm  # takes long to import
 
@@ -78,9 +60,36 @@ def _sensitivity(unit: Unit, coupled: Coupled, h: float) -> Callable[[Floats], N
         state[n : n + m] = np.diag(hold[moving])
         state[n + m :] = np.diag(1.0 - hold[moving]) / h if unit.runs else 0.0
         state = part @ state
-    gain = jacobian[np.ix_(rows, [*range(n), *inputs])] @ state[: n + m]
+    gain = jacobian[n:] @ state[: n + m]
 
     def through(changes: Floats) -> None:
         changes[outputs] = gain @ (factors * changes[sources])
 
     return through
+
+
+def derivatives(slave: Slave, inputs: Sequence[Variable], outputs: Sequence[Variable]) -> Floats:
+    """Return the derivatives of those of the declared states, and of outputs, by states and by inputs.
+
+    From the directional derivatives of the component: [[A, B], [C, D]].
+    """
+    states = slave.description.states
+    n = sum(length for *_, length in states)
+    # each array with all of its elements, as its directional derivatives are
+    begins: list[tuple[int, int]] = [(x, length) for x, _, length in states]
+    begins += dict.fromkeys((v.reference, v.length) for v in inputs)
+    finals = [(rate, length) for _, rate, length in states]
+    finals += dict.fromkeys((v.reference, v.length) for v in outputs)
+
+    def places(wanted: Sequence[Variable], among: list[tuple[int, int]]) -> list[int]:
+        elements = [(reference, i) for reference, length in among for i in range(length)]
+        at = {element: i for i, element in reversed(list(enumerate(elements)))}
+        return [*range(n), *(n + at[v.reference, v.index] for v in wanted)]
+
+    size = sum(length for _, length in finals)
+    knowns = [reference for reference, _ in begins]
+    unknowns = [reference for reference, _ in finals]
+    seeds = np.eye(sum(length for _, length in begins))
+    jacobian = np.array([slave.differentiate(unknowns, size, knowns, seed) for seed in seeds])
+    jacobian = jacobian.reshape(len(seeds), size).T
+    return jacobian[np.ix_(places(outputs, finals[len(states) :]), places(inputs, begins[len(states) :]))]

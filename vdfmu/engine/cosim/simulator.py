@@ -11,7 +11,7 @@ import numpy as np
 from vdfmu.engine.algorithms import ALGORITHMS, CONTINUOUS, count_steps
 from vdfmu.engine.cosim.check import Value, check_system, with_parameters
 from vdfmu.engine.cosim.checked import Checked
-from vdfmu.engine.cosim.components import CONVERGENCE
+from vdfmu.engine.cosim.components import CONVERGENCE, Components
 from vdfmu.engine.cosim.inputs import Inputs, outside, read_inputs
 from vdfmu.engine.cosim.isolated import Limits
 from vdfmu.engine.cosim.messages import LogMessage
@@ -166,6 +166,30 @@ class Simulator:
                 failed.__exit__(type(error), error)
             raise
         return run.results
+
+    def stand(self, time: float | None = None, step: float | None = None) -> Components:
+        """Run the system to a time, by default its start; return its components, with their inputs of that time.
+
+        They stay until the next run or the end of the block. The simulator must not isolate them.
+
+        Raises
+        ------
+        UsageError, CosimError, Interrupted, VdfmuError
+            As of :meth:`run`.
+        """
+        begin, end, step, _ = self.grid(None, None, step)
+        if time is None or time == begin:
+            assert self._checked is not None
+            components = self._ready(with_steps(self._checked, step)).components
+            components.initialize(begin, end, self._tolerance, self._convergence or CONVERGENCE)
+            assert isinstance(components, Components)
+            return components
+        self.run(stop=time, step=step, record=())
+        assert self._run is not None
+        components = self._run.components
+        assert isinstance(components, Components)
+        components.bring_inputs(time)
+        return components
 
     def _ready(self, checked: Checked) -> Run:
         """Return the components as they are after loading."""

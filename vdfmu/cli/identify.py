@@ -1,0 +1,114 @@
+"""``vdfmu identify``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from vdfmu.cli.robots import OverwriteOption, target_file
+from vdfmu.cli.terminal import console, parse_settings, say, say_notes
+
+if TYPE_CHECKING:
+    from vdfmu.identify.fit import Identified
+
+
+def identify(
+    log: Annotated[
+        Path,
+        typer.Argument(
+            help="results.csv or .parquet of a run, a CSV of any tool, or a .mat of the KUKA data set."
+        ),
+    ],
+    robot: Annotated[
+        str,
+        typer.Option("--robot", help="Robot to start from: kinematics, ratios, and what is not identified."),
+    ],
+    column: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--column",
+            metavar="WHAT=NAME",
+            help="Columns of a CSV: kappa, theta, tau, tau_link or q = NAME with {} for the joint. Repeatable.",
+        ),
+    ] = None,
+    band: Annotated[
+        float | None, typer.Option(help="Band of the equations in Hz; default from the motion.")
+    ] = None,
+    truth: Annotated[str | None, typer.Option(help="Robot with the true values, to compare.")] = None,
+    plot: Annotated[Path | None, typer.Option(help="Picture of torques and residuals to draw.")] = None,
+    out: Annotated[
+        Path | None, typer.Option("--out", "-o", help="Robot file to write, with the identified values.")
+    ] = None,
+    overwrite: OverwriteOption = False,
+) -> None:
+    """Estimate drives, friction, springs and base parameters of an arm from a log of its motion."""
+    from vdfmu.identify.fit import identify as estimate
+    from vdfmu.identify.log import read_log
+    from vdfmu.model import load_robot
+
+    arm = load_robot(robot)
+    true = load_robot(truth) if truth is not None else None
+    targets = {path: target_file(path, "", overwrite) for path in (plot, out) if path is not None}
+    found = estimate(
+        read_log(log, arm, parse_settings(column, "--column", "WHAT=NAME, such as q=q_{}")), arm, band=band
+    )
+    _print(found, None if true is None else found.of(true))
+    say_notes([f"not identified, kept: {name}: {why}" for name, why in found.held.items()])
+    say_notes(found.advice)
+    if plot is not None:
+        from vdfmu.report.identify import draw_torques
+        from vdfmu.style import save
+
+        title = f"Identification of {arm.name} from {log.name}"
+        units = tuple("N" if kind == "prismatic" else "N.m" for kind in arm.joint_types)
+        save(draw_torques(title, found.t, found.torque, found.torque_error, units), targets[plot])
+        say(f"{plot}: torques, and what the model leaves of them")
+    if out is not None:
+        from vdfmu.files import write_whole
+        from vdfmu.identify.robot import identified_robot, robot_text
+
+        made, notes = identified_robot(found, arm, log.name)
+        say_notes(notes)
+        write_whole(
+            targets[out],
+            [robot_text(made, f"{arm.name}, identified from {log.name} by vdfmu identify.").encode()],
+        )
+        say(f"{out}: {arm.name} with the identified values")
+
+
+def _print(found: Identified, true: list[float] | None) -> None:
+    from rich.table import Table
+
+    table = Table(
+        "parameter", "value", "95 %", "unit", "robot file", *(("truth", "error") if true else ()), box=None
+    )
+    table.title_justify = "left"
+    table.title = f"{len(found.t)} rows, band {found.band:.3g} Hz, torques {1e3 * found.delay:.2f} ms late"
+    rows = list(zip(found.names, found.values, found.deviation, found.units, found.nominal, strict=True))
+    for i, (name, value, deviation, unit, nominal) in enumerate(rows):
+        kept = name in found.held
+        cells = [
+            name,
+            f"{value:.5g}",
+            "kept" if kept else f"+- {1.96 * deviation:.2g}",
+            unit,
+            f"{nominal:.5g}",
+        ]
+        if true:
+            error = f"{100.0 * (value / true[i] - 1.0):+.2f} %" if true[i] and not kept else ""
+            cells += [f"{true[i]:.5g}", error]
+        table.add_row(*cells)
+    console.print(table)
+    drives = Table("joint", "torque left", "of", "deformation left", "stiffness", "95 %", box=None)
+    for i in range(found.torque.shape[1]):
+        left = [float((each[:, i] ** 2).mean() ** 0.5) for each in (found.torque_error, found.torque)]
+        bent = found.deformation_error
+        drives.add_row(
+            str(i + 1), f"{left[0]:.3g}", f"{left[1]:.3g}",
+            "" if bent is None else f"{float((bent[:, i] ** 2).mean() ** 0.5):.3g}",
+            "" if bent is None else f"{found.stiffness[i]:.6g}",
+            "" if bent is None else f"+- {1.96 * found.stiffness_deviation[i]:.2g}",
+        )  # fmt: skip
+    console.print(drives)

@@ -1,0 +1,228 @@
+"""A system of FMUs linearised at a time of its run: its components side by side, and their connections.
+
+Each component is ``x_dot = A x + B u``, ``y = C x + D u`` by its directional derivatives; all together have block
+diagonal matrices. A connected input gets what the connections bring, ``L y``, and a disturbance d: ``u = L y + d``.
+
+In continuous time ``y = (1 - D L)^-1 (C x + D d)``. Sampled, as the master has it, inputs are held over a step h, over
+which x is solved exactly, ``x[k+1] = Phi x[k] + Gamma u[k]``; outputs at its end are ``y[k+1] = C x[k+1] + D u[k]``.
+An input gets ``u[k] = L y[k] + d[k]``, a sample of delay for what feeds through, or, where `gauss-seidel` passes fresh
+values on, ``u[k] = L y[k+1] + d[k]``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from scipy.linalg import block_diag, expm
+
+from vdfmu.arrays import Floats
+from vdfmu.engine.cosim.component import Slave
+from vdfmu.engine.cosim.interface import derivatives
+from vdfmu.engine.cosim.simulator import Simulator
+from vdfmu.engine.space import Signal, StateSpace
+from vdfmu.engine.ssp.structure import System
+from vdfmu.errors import UsageError
+
+
+@dataclass(frozen=True)
+class LinearSystem:
+    """Linear components of a system, and what connects them.
+
+    Attributes
+    ----------
+    parts : StateSpace
+        The components side by side; names are ``component.variable``.
+    links : (n_u, n_y) array
+        L.
+    fresh : (n_u,) bool array
+        Inputs that get the value of the same step.
+    step : float [s]
+    algorithm : str
+        Of the master.
+    """
+
+    parts: StateSpace
+    links: Floats
+    fresh: npt.NDArray[np.bool_]
+    step: float
+    algorithm: str
+
+    def places(self, inputs: Sequence[str]) -> list[int]:
+        """Return the places of inputs, ``component.variable`` with or without an index; UsageError for others."""
+        known = {name: i for i, name in enumerate(self.parts.inputs) if self.links[i].any()}
+        found = [
+            [i for name, i in known.items() if wanted in (name, name.split("[")[0])] for wanted in inputs
+        ]
+        if missing := [name for name, each in zip(inputs, found, strict=True) if not each]:
+            groups = ", ".join(dict.fromkeys(name.split("[")[0] for name in known)) or "none"
+            raise UsageError(
+                f"{', '.join(missing)}: expected connected continuous inputs. There are: {groups}."
+            )
+        return [i for each in found for i in each]
+
+    def continuous(self, opened: Sequence[str] = ()) -> StateSpace:
+        """Return the system in continuous time.
+
+        Parameters
+        ----------
+        opened : sequence of str
+            Inputs whose connections are cut: they get d alone, and what would come to them is an output, the last.
+
+        Raises
+        ------
+        UsageError
+            For unknown inputs, or an algebraic loop without a solution.
+        """
+        A, B, C, D = (getattr(self.parts, name) for name in "ABCD")
+        cut = self.places(opened)
+        fed = self.links.copy()
+        fed[cut] = 0.0
+        inner = np.eye(len(fed)) - fed @ D
+        try:
+            U: Any = np.linalg.solve(inner, np.hstack([fed @ C, np.eye(len(fed))]))  # u = U (x, d)
+        except np.linalg.LinAlgError:
+            raise UsageError(
+                "linearize: the feed-through of the connections has a loop of gain 1; the system is not solvable."
+            ) from None
+        x = np.hstack([A, np.zeros_like(B)]) + B @ U
+        y = np.hstack([C, np.zeros_like(D)]) + D @ U
+        return self._named(x, np.vstack([y, (self.links @ y)[cut]]), cut, None)
+
+    def sampled(self, opened: Sequence[str] = ()) -> StateSpace:
+        """Return the system from one communication point to the next; parameters as of :meth:`continuous`.
+
+        States are those of the components, and the values L y that wait at their inputs. Outputs are ``C x + D u``.
+        """
+        A, B, C, D = (getattr(self.parts, name) for name in "ABCD")
+        (n, m), cut = B.shape, self.places(opened)
+        whole: Any = expm(self.step * np.block([[A, B], [np.zeros((m, n + m))]]))
+        Phi, Gamma = whole[:n, :n], whole[:n, n:]
+        ends = np.hstack([self.links @ C @ Phi, np.zeros((m, m))])  # L y at the end of the step, by (x, w)
+        by_u = self.links @ (C @ Gamma + D)
+        fresh = np.diag(self.fresh.astype(float))
+        late = np.hstack([np.zeros((m, n)), np.eye(m) - fresh])
+        keep = np.eye(m)
+        keep[cut, cut] = 0.0
+        U: Any = np.linalg.solve(
+            np.eye(m) - keep @ fresh @ by_u, np.hstack([keep @ (fresh @ ends + late), np.eye(m)])
+        )  # u by (x, w, d)
+        none = np.zeros((m, m))
+        waits = np.hstack([ends, none]) + by_u @ U
+        x = np.hstack([Phi, np.zeros((n, 2 * m))]) + Gamma @ U
+        y = np.hstack([C, np.zeros((len(C), 2 * m))]) + D @ U
+        back = fresh @ waits + np.hstack([late, none])
+        return self._named(np.vstack([x, waits]), np.vstack([y, back[cut]]), cut, self.step)
+
+    def _named(self, motion: Floats, outputs: Floats, cut: list[int], step: float | None) -> StateSpace:
+        """Return the state space of matrices by (states, d); what comes to cut inputs are the last outputs."""
+        p, size, value = self.parts, len(motion), self.links @ self.parts.y
+        waiting = len(value) if step is not None else 0
+        return replace(
+            p, A=motion[:, :size], B=motion[:, size:], C=outputs[:, :size], D=outputs[:, size:], step=step,
+            states=(*p.states, *(f"at {name}" for name in p.inputs[:waiting])),
+            state_units=(*p.state_units, *p.input_units[:waiting]),
+            x=np.concatenate([p.x, value[:waiting]]),
+            outputs=(*p.outputs, *(p.inputs[i] for i in cut)),
+            output_units=(*p.output_units, *(p.input_units[i] for i in cut)),
+            y=np.concatenate([p.y, value[cut]]),
+        )  # fmt: skip
+
+
+def linear_system(
+    system: System | str | Path,
+    at: float | None = None,
+    *,
+    step: float | None = None,
+    **options: Any,
+) -> LinearSystem:
+    """Run a system to a time and linearise its components there.
+
+    By their directional derivatives; those of a component for model exchange that has none by central differences, of
+    which `notes` tells. Signals that change at communication points only, such as sampled states, count as constant;
+    that is noted, too.
+
+    Parameters
+    ----------
+    system, step
+        As of :func:`vdfmu.simulate`.
+    at : float, optional [s]
+        Default the start.
+    options
+        Of :class:`vdfmu.Simulator`, such as `algorithm` and `parameters`.
+
+    Raises
+    ------
+    SspError, UsageError, CosimError, Interrupted
+        As of :func:`vdfmu.simulate`; for components for co-simulation without directional derivatives.
+    """
+    simulator = Simulator(system, isolate=False, **options)
+    step = simulator.grid(None, None, step)[2]
+    with simulator:
+        components = simulator.stand(at, step)
+        checked = components.checked
+        blind = [
+            name
+            for name, each in checked.descriptions.items()
+            if not (each.derives_unknowns or each.exchange)
+        ]
+        if blind:
+            raise UsageError(
+                f"{', '.join(blind)}: expected FMUs with directional derivatives, or for model exchange, whose "
+                "derivatives are differenced. Export them so; of the FMUs of this project the native ones have them."
+            )
+        notes: list[str] = [f"its step is {n} times that of the others, and is taken as one: {name}"
+                            for name, n in checked.multiples.items() if n != 1]  # fmt: skip
+        each = [
+            _part(name, slave, components.box.time if at is None else at, notes)
+            for name, slave in components.slaves.items()
+        ]
+    A, B, C, D = (block_diag(*blocks) for blocks in zip(*(matrices for matrices, _ in each), strict=True))
+    states, inputs, outputs = ([s for _, signals in each for s in signals[i]] for i in range(3))
+    whole: list[list[Any]] = [[A, B], [C, D]]
+    parts = StateSpace.of(np.block(whole), states, inputs, outputs)
+    rows = {name: i for i, name in enumerate(parts.inputs)}
+    columns = {name: i for i, name in enumerate(parts.outputs)}
+    links, fresh = np.zeros((len(rows), len(columns))), np.zeros(len(rows), bool)
+    for link in checked.links:
+        start, end = ".".join(link.start), ".".join(link.end)
+        if start in columns and end in rows and link.stepped:
+            links[rows[end], columns[start]] = link.conversion.factor
+            fresh[rows[end]] = link.end in checked.schedule.fresh
+        elif link.source.type == "Real" and end.partition(".")[0] in components.slaves and link.discrete:
+            notes.append(f"taken as constant, for it changes at communication points only: {start}")
+    parts = replace(parts, notes=tuple(dict.fromkeys(notes)))
+    return LinearSystem(parts, links, fresh, step, checked.algorithm)
+
+
+def _part(name: str, slave: Slave, time: float, notes: list[str]) -> tuple[list[Floats], list[list[Signal]]]:
+    """Return A, B, C, D of a component at the point where it is, and its states, inputs and outputs."""
+    known = slave.description.variables.values()
+    chosen = (
+        [v for v in known if v.causality == causality and v.type == "Real" and v.variability != "discrete"]
+        for causality in ("input", "output")
+    )
+    inputs, outputs = chosen
+    order = {(reference, i): k for k, (reference, i) in enumerate(
+        (x, i) for x, _, length in slave.description.states for i in range(length))}  # fmt: skip
+    states = sorted(
+        (v for v in known if (v.reference, v.index) in order), key=lambda v: order[v.reference, v.index]
+    )
+    if slave.description.derives_unknowns:
+        J = derivatives(slave, inputs, outputs)
+    else:
+        assert slave.integrator is not None
+        J = slave.integrator.differences(time, inputs, outputs)
+        notes.append(f"without directional derivatives, by differences: {name}")
+    n = J.shape[1] - len(inputs)
+    if not n and inputs and not J.any():
+        notes.append(f"without declared states, and no output depends on an input directly: {name}")
+    signals: list[list[Signal]] = [
+        [(f"{name}.{v.name}", v.unit.name if v.unit else "1", float(slave.get(v))) for v in part]
+        for part in (states[:n], inputs, outputs)
+    ]
+    return [J[:n, :n], J[:n, n:], J[n:, :n], J[n:, n:]], signals
