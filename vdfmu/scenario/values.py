@@ -216,7 +216,7 @@ def _named(table: Variables, name: str, key: str) -> list[Variable]:
             and table.robot is not None
             and row
             and row.section in OPTIONAL
-            and not of_group
+            and not getattr(table.robot, row.section)
         ):
             way = f"It is of the optional table [{row.section}] of a robot's file, which {table.robot.name} has not."
         raise UsageError(f"{key}: {table.name} has no {name}. {way}")
