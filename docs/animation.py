@@ -1,4 +1,4 @@
-"""Make the animation of the README from the page of a run: ``python docs/animation.py results/tracking/report.html``."""
+"""Make the animation of the README: ``python docs/animation.py results/tracking/report.html``."""
 
 from __future__ import annotations
 
