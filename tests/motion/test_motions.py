@@ -181,6 +181,8 @@ def test_the_shortest_motion_keeps_limits_and_path_and_says_what_it_costs(planar
     between = 0.5 * (free + least)
     weak = motions.fastest(points, velocity, acceleration, robot=planar, torque=between)
     assert overload(planar, weak, np.full(2, between)) <= 1.0 and weak.duration > motion.duration
+    with pytest.raises(UsageError, match=r"smoothing: expected from .* s to .* s, got 0.0001"):
+        motions.fastest(points, velocity, acceleration, smoothing=1e-4)
     with pytest.raises(UsageError, match="torque"):
         motions.fastest(points, velocity, acceleration, robot=planar, torque=5.0)  # 11.8 N.m hold it level
 
