@@ -85,6 +85,25 @@ def override(scenario: Scenario, settings: Mapping[str, Any]) -> dict[str, Value
     return _set_all(scenario.system, tables_of(scenario.system, scenario.robot), settings)
 
 
+def present_values(
+    scenario: Scenario, values: Mapping[str, Values], target: str, number: float
+) -> dict[str, Any]:
+    """Return the values of what a setting sets, by ``component.variable``: those of `values`, else start values.
+
+    Raises
+    ------
+    UsageError
+        As :func:`override`, for a `number` that does not fit.
+    """
+    tables = tables_of(scenario.system, scenario.robot)
+    return {
+        f"{component}.{v.name}": values[component].get(v.name, v.start)
+        for component, each in override(scenario, {target: number}).items()
+        for v in tables[component]
+        if v.name in each
+    }
+
+
 def start_values(unit: type[Unit], robot: Robot | None, settings: Mapping[str, Any]) -> Values:
     """Read settings of a unit by itself, ``K_p=3000`` or ``K_p[1]=3000``: variable to value.
 
