@@ -25,6 +25,8 @@ READERS = {
     "check",
     "doctor",
     "federate",
+    "identify",
+    "margins",
     "models",
     "modes",
     "motion",

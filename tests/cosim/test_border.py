@@ -16,6 +16,7 @@ ROOT = Path(vdfmu.__file__).parent
 ALLOWED = {
     "vdfmu", "vdfmu.arrays", "vdfmu.bars", "vdfmu.errors", "vdfmu.files", "vdfmu.interrupt", "vdfmu.measure",
     "vdfmu.process", "vdfmu.progress", "vdfmu.style", "vdfmu.temporary", "vdfmu.text",
+    "vdfmu.thinning",
 }  # fmt: skip
 ARM = (
     "casadi",
