@@ -127,6 +127,7 @@ def test_the_command_draws_a_joint(tmp_path, monkeypatch):
     ):
         failed = CliRunner().invoke(app, ["modes", "planar_2dof", *options, "--overwrite"])
         assert isinstance(failed.exception, UsageError) and message in str(failed.exception), options
+        assert "Hz" not in failed.output  # it fails before it prints anything
 
 
 def test_signals_that_are_not_there_are_named(lift):

@@ -101,6 +101,13 @@ def test_the_command_prints_margins_of_a_scenario_and_of_a_package(tmp_path, mon
     assert said.exit_code == 0 and len(said.output.splitlines()) >= 2 + 5 * 2  # five times, two joints
 
 
+def test_an_input_is_opened_once():
+    """However often it is named, so that names differ."""
+    once = vdfmu.linearize("planar_tracking", 0.0, sampled=True, opened=["plant.tau"])
+    again = vdfmu.linearize("planar_tracking", 0.0, sampled=True, opened=["plant.tau", "plant.tau[1]"])
+    assert again.outputs == once.outputs and again.outputs[-2:] == ("plant.tau[1]", "plant.tau[2]")
+
+
 def test_what_cannot_be_linearised_is_said():
     for call, message in (
         (
@@ -121,6 +128,13 @@ def test_what_cannot_be_linearised_is_said():
             lambda: vdfmu.linearize(vdfmu.load_robot("planar_2dof"), [0.1, 0.2], sampled=True),
             "for systems at a time",
         ),
+        (
+            lambda: vdfmu.linearize("planar_tracking", -1.0),
+            "at: expected a time of the run, which starts at 0 s",
+        ),
+        (lambda: margins_along("planar_tracking", at=[np.nan]), "at: expected a time .* got nan s"),
+        (lambda: vdfmu.linearize("planar_tracking", None), "at: expected positions of the joints, or a time"),
+        (lambda: vdfmu.linearize("planar_tracking", 0.1, dry=True), "dry: this is for an arm"),
     ):
         with pytest.raises(UsageError, match=message):
             call()

@@ -1,4 +1,4 @@
-"""The documentation as it is built: what the page of the Python API shows."""
+"""The documentation as it is built: what the page of the Python API shows, and what the search finds from disk."""
 
 import html
 import inspect
@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 
 import vdfmu
+from tests.page.browser import Browser
 from vdfmu import dynamics
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -20,8 +21,8 @@ DOCUMENTED = [vdfmu.Robot, vdfmu.Results, *(f for f in vars(dynamics).values() i
 
 
 @pytest.fixture(scope="module")
-def api(tmp_path_factory):
-    """Return the page of the API as HTML, from a build that stops at any warning."""
+def site(tmp_path_factory):
+    """Return the folder of the pages, from a build that stops at any warning."""
     folder = tmp_path_factory.mktemp("site")
     shutil.copytree(ROOT / "docs", folder / "docs")
     shutil.copy(ROOT / "zensical.toml", folder)
@@ -39,7 +40,13 @@ def api(tmp_path_factory):
         assert [url for url in loaded if re.match(r"\w+://|//", url)] == [], page
         (shim,) = (url for url in loaded if url.endswith("js/iframe-worker.js"))
         assert (page.parent / shim).exists()
-    return (folder / "site" / "api.html").read_text(encoding="utf-8")
+    return folder / "site"
+
+
+@pytest.fixture(scope="module")
+def api(site):
+    """Return the page of the API as HTML."""
+    return (site / "api.html").read_text(encoding="utf-8")
 
 
 def words(text):
@@ -66,3 +73,31 @@ def test_formulas_in_docstrings_are_no_emphasis(api):
     assert "<code>A*sin(2*ell*kappa + phase)</code>" in api
     assert re.findall(r"<em>.*?</em>", api) == []
     assert re.findall(r":(?:func|class|mod|meth|data):", api) == []
+
+
+FOUND = """new Promise((done, failed) => {
+    const late = Date.now() + 20000
+    const look = () => {
+        const roots = [...document.querySelectorAll("*")].map(e => e.shadowRoot).filter(r => r)
+        const links = roots.flatMap(r => [...r.querySelectorAll("a")]).map(a => [a.href, a.textContent])
+        if (links.length) done(links)
+        else if (Date.now() > late) failed(new Error("nothing found"))
+        else setTimeout(look, 50)
+    }
+    look()
+})"""
+
+
+@pytest.mark.heavy
+def test_the_search_of_a_page_from_disk_finds_other_pages(site, tmp_path):
+    with Browser(tmp_path) as browser:
+        browser.open(site / "tutorials" / "results.html")
+        browser.run("document.querySelector('.md-search__button').click()")
+        browser.settle()
+        browser.call("Input.insertText", text="anti-resonances")
+        found = browser.run(FOUND)
+        assert any(
+            url.startswith((site / "modes.html").as_uri()) and "Bode plot" in text for url, text in found
+        ), found
+        assert browser.problems == []
+        assert [url for url in browser.requests if not url.startswith(("file:", "data:", "blob:"))] == []

@@ -8,7 +8,7 @@ import scipy.io
 from typer.testing import CliRunner
 
 import vdfmu
-from tests.identify.multisine import Multisine
+from vdfmu import motion
 from vdfmu.cli.commands import app
 from vdfmu.equations.harmonic_drive import deformation
 from vdfmu.equations.regressor import body_parameters
@@ -18,7 +18,6 @@ from vdfmu.identify.log import Log, read_log
 from vdfmu.identify.robot import identified_robot, robot_text
 
 ENCODER = 2 * np.pi / 2**17
-START = [-1.2, 0.4]
 PHYSICAL = ("I_m", "f_c", "f_s", "v_s", "f_v")
 
 
@@ -31,10 +30,15 @@ def robot():
 def run(tmp_path_factory):
     """Return the folder of a run of 60 s along a multisine, under feedforward and feedback."""
     out = tmp_path_factory.mktemp("run")
+    sines = motion.multisine([-1.2, 0.4], 1.2, [1, 2, 5, 9], period=15.0, periods=2, phases="random")
     vdfmu.run(
-        "planar_tracking", units={"trajectory": Multisine}, stop=60.0, reference=False, out=out, overwrite=True,
-        settings={"trajectory.q_start": START, "plant.q_0": START, "trajectory.size": 0.8, "trajectory.f": 0.07},
-    )  # fmt: skip
+        "planar_tracking",
+        units={"trajectory": sines.unit()},
+        stop=60.0,
+        reference=False,
+        out=out,
+        overwrite=True,
+    )
     return out
 
 

@@ -75,10 +75,20 @@ def linearize(
     >>> system.A.shape, system.inputs[:2], system.states[4:6], system.state_units[4:6]
     ((8, 8), ('tau[1]', 'tau[2]'), ('kappa_dot[1]', 'kappa_dot[2]'), ('rad/s', 'rad/s'))
     """
-    if not isinstance(system, Robot) and np.ndim(at) == 0:
+    try:
+        place = np.asarray(at, dtype=float)
+    except (TypeError, ValueError):
+        raise UsageError(
+            f"linearize: at: expected positions of the joints, or a time in s, got {at!r:.60}."
+        ) from None
+    if not isinstance(system, Robot) and place.ndim == 0:
+        if dry:
+            raise UsageError(
+                "linearize: dry: this is for an arm; a system has the friction of its parameters."
+            )
         from vdfmu.analysis.system import linearized
 
-        found = linearized(system, float(np.asarray(at)), **options)
+        found = linearized(system, float(place), **options)
         return found.sampled(opened) if sampled else found.continuous(opened)
     if sampled or opened or options:
         raise UsageError(

@@ -66,11 +66,14 @@ def modes(
     from vdfmu.model import load_robot
 
     arm = load_robot(robot)
+    if bode is not None and not 1 <= bode <= arm.n:
+        raise UsageError(f"--bode {bode}: expected a joint, 1 to {arm.n}.")
+    target = None if bode is None else target_file(out, f"{arm.name}_bode.png", overwrite)
     q = _pose(arm, pose)
     for motors in MOTORS:
         _print(motors, q, natural_modes(arm, q, motors=motors, dry=dry))
-    if bode is not None:
-        _draw_bode(arm, q, bode, dry, target_file(out, f"{arm.name}_bode.png", overwrite))
+    if bode is not None and target is not None:
+        _draw_bode(arm, q, bode, dry, target)
 
 
 def _pose(robot: Robot, text: str | None) -> list[float]:
@@ -110,12 +113,9 @@ def _print(motors: str, q: list[float], found: Modes) -> None:
 def _draw_bode(robot: Robot, q: list[float], joint: int, dry: bool, target: Path) -> None:
     from vdfmu.analysis.bode import joint_bode
     from vdfmu.analysis.space import linearize
-    from vdfmu.errors import UsageError
     from vdfmu.report.modes import draw_bode
     from vdfmu.style import save
 
-    if not 1 <= joint <= robot.n:
-        raise UsageError(f"--bode {joint}: expected a joint, 1 to {robot.n}.")
     system = linearize(robot, q, dry=dry)
     found = joint_bode(system, joint)
     unit = system.output_units[system.outputs.index(f"q_dot[{joint}]")]

@@ -63,7 +63,7 @@ class LinearSystem:
             raise UsageError(
                 f"{', '.join(missing)}: expected connected continuous inputs. There are: {groups}."
             )
-        return [i for each in found for i in each]
+        return list(dict.fromkeys(i for each in found for i in each))
 
     def continuous(self, opened: Sequence[str] = ()) -> StateSpace:
         """Return the system in continuous time.

@@ -75,7 +75,7 @@ class StateSpace:
         return ScipyStateSpace(self.A, self.B, self.C, self.D, **time)
 
     def to_control(self) -> Any:
-        """Return a ``control.StateSpace`` of python-control, with the names.
+        """Return a ``control.StateSpace`` of python-control, with the names, whose dots become ``_``.
 
         Raises
         ------
@@ -89,13 +89,8 @@ class StateSpace:
                 "to_control: expected python-control, which is not installed: pip install control."
             ) from None
         time = () if self.step is None else (self.step,)
-        return control.ss(
-            self.A,
-            self.B,
-            self.C,
-            self.D,
-            *time,
-            states=self.states,
-            inputs=self.inputs,
-            outputs=self.outputs,
-        )
+        names = {
+            kind: [name.replace(".", "_") for name in getattr(self, kind)]
+            for kind in ("states", "inputs", "outputs")
+        }
+        return control.ss(self.A, self.B, self.C, self.D, *time, **names)

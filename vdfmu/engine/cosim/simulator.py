@@ -184,6 +184,8 @@ class Simulator:
             components.initialize(begin, end, self._tolerance, self._convergence or CONVERGENCE)
             assert isinstance(components, Components)
             return components
+        if not begin < time < np.inf:
+            raise UsageError(f"at: expected a time of the run, which starts at {begin:g} s; got {time:g} s.")
         self.run(stop=time, step=step, record=())
         assert self._run is not None
         components = self._run.components
