@@ -86,7 +86,7 @@ def override(scenario: Scenario, settings: Mapping[str, Any]) -> dict[str, Value
 
 
 def present_values(
-    scenario: Scenario, values: Mapping[str, Values], target: str, number: float
+    scenario: Scenario, values: Mapping[str, Mapping[str, Any]], target: str, number: float
 ) -> dict[str, Any]:
     """Return the values of what a setting sets, by ``component.variable``: those of `values`, else start values.
 
