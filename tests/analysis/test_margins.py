@@ -58,6 +58,21 @@ def test_margins_of_an_integrator_have_their_closed_form(share):
     assert late.radius == pytest.approx(np.abs(np.roots([1, -1, share])).max(), rel=1e-12)
 
 
+def test_what_stays_constant_takes_no_margin():
+    """A mass held by a spring and by an element that is one at rest, as hysteresis is: the states of both are one."""
+    m, k, k_h, d = 2.0, 3e4, 2e3, 5.0
+    one = np.array([[-d / m, -1 / m], [k + k_h, 0.0]])  # speed, torque of both springs
+    two = np.array([[-d / m, -1 / m, -1 / m], [k, 0.0, 0.0], [k_h, 0.0, 0.0]])
+    push, K = np.array([[1 / m], [0.0], [0.0]]), np.array([[-20.0, 0.0, 0.0]])
+    apart = Loop(0.0, Linear(two, push), K, STEP)
+    wanted = Loop(0.0, Linear(one, push[:2]), K[:, :2], STEP).margins()
+    assert apart.constants == 1
+    for found, margin in zip(apart.margins(), wanted, strict=True):
+        # the same loop but for rounding, and at frequencies around the same poles
+        np.testing.assert_allclose(found, margin, rtol=1e-6)
+    assert wanted.modulus[0] > 0.1
+
+
 def test_margins_may_allow_growth():
     """The integrator with k h = 2.002 grows by 1 / s at half the sampling frequency."""
     loop = Loop(0.0, Linear(np.zeros((1, 1)), np.ones((1, 1))), np.array([[-2.002 / STEP]]), STEP)

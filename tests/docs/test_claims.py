@@ -9,7 +9,7 @@ import pytest
 
 import vdfmu
 from vdfmu.equations.flexible_joint import rotor_transform
-from vdfmu.equations.mapping import joint_space_mass_matrix, velocity_mapping
+from vdfmu.equations.mapping import jacobian, joint_space_mass_matrix, velocity_mapping
 from vdfmu.equations.plant import equilibrium_torque
 from vdfmu.kernel.rodas import ALPHA, GAMMA, GAMMA_I
 from vdfmu.kernel.structure import values as parameter_values
@@ -53,6 +53,14 @@ def test_linked_files_exist(page):
             ("interface.md", "robot_file.md")
         ):  # made when the pages are built
             assert (page.parent / target).exists(), target
+
+
+def test_the_wrench_of_the_page_acts_on_the_arm_of_the_page():
+    """One across the plane of the planar arm would go into its bearings."""
+    page = (ROOT / "docs/world.md").read_text(encoding="utf-8")
+    axis = int(re.search(r"^time,plant\.F_e\[(\d)\] \[N\]$", page, re.MULTILINE)[1])
+    levers = jacobian(vdfmu.load_robot("planar_2dof"), np.array([0.3, 0.4]))[axis - 1]
+    assert (np.abs(levers) > 0.1).all()  # m
 
 
 def test_packages_import_only_those_before_them():

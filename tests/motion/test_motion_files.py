@@ -170,6 +170,9 @@ def test_a_scenario_reports_the_problems_of_its_motion_beside_its_own(written):
     text = str(caught.value)
     for words in ("step: expected", "motion: waypoints: expected times", "trajectory.T: motion has no T"):
         assert words in text
+    with pytest.raises(ModelError) as caught:  # a kind that is missing is one problem
+        vdfmu.load_scenario(written(f'{head}motion = "other.toml"\n'.replace('kind = "cosimulation"\n', "")))
+    assert "expected a scenario of kind" not in str(caught.value)
     contrast = written(
         head.replace("cosimulation", "contrast").replace("-1.0", "0.1") + 'motion = "other.toml"\n'
     )

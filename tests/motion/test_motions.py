@@ -117,6 +117,15 @@ def test_limits_hold_and_one_is_met_and_stops_are_stops():
         motions.waypoints(POINTS, duration=0.5, velocity=velocity, acceleration=acceleration)
 
 
+def test_rests_last_as_long_as_asked_within_a_duration():
+    motion = motions.waypoints(POINTS, duration=4.0, dwell=[0.0, 0.0, 0.5, 0.0, 0.25])
+    still = np.abs(motion.coefficients[:, 1:]).max(axis=(1, 2)) == 0.0
+    assert motion.duration == pytest.approx(4.0, rel=1e-14)  # a sum of roundings
+    assert np.diff(motion.knots)[still] == pytest.approx([0.5, 0.25], rel=1e-14)
+    with pytest.raises(UsageError, match=r"duration: expected more than the 5 s of rest, got 4 s"):
+        motions.waypoints(POINTS, duration=4.0, dwell=1.0)
+
+
 def test_waypoints_report_every_problem():
     with pytest.raises(UsageError) as caught:
         motions.waypoints([[0.0, 0.0], [1.0, np.nan], [2.0, 2.0]], [0.0, 1.0, 0.5], dwell=[0.0, -1.0, 0.0])
@@ -128,6 +137,12 @@ def test_waypoints_report_every_problem():
         assert words in str(caught.value)
     with pytest.raises(UsageError, match="expected times, a duration, or limits"):
         motions.waypoints(POINTS)
+    with pytest.raises(UsageError, match="expected times or a duration, got both"):
+        motions.waypoints(POINTS, TIMES, duration=1.0)
+    with pytest.raises(UsageError, match="velocity: expected a number above 0"):
+        motions.waypoints(POINTS, velocity=np.inf, acceleration=1.0)
+    with pytest.raises(UsageError, match="dwell: expected"):
+        motions.waypoints(POINTS, duration=1.0, dwell=np.inf)
     with pytest.raises(UsageError, match="point 3: expected another position"):
         motions.waypoints([[0.0], [1.0], [1.0]], duration=1.0)
 
@@ -166,6 +181,8 @@ def test_the_shortest_motion_keeps_limits_and_path_and_says_what_it_costs(planar
     between = 0.5 * (free + least)
     weak = motions.fastest(points, velocity, acceleration, robot=planar, torque=between)
     assert overload(planar, weak, np.full(2, between)) <= 1.0 and weak.duration > motion.duration
+    with pytest.raises(UsageError, match=r"smoothing: expected from .* s to .* s, got 0.0001"):
+        motions.fastest(points, velocity, acceleration, smoothing=1e-4)
     with pytest.raises(UsageError, match="torque"):
         motions.fastest(points, velocity, acceleration, robot=planar, torque=5.0)  # 11.8 N.m hold it level
 
@@ -197,6 +214,21 @@ def test_amplitudes_shrink_to_keep_limits_and_say_so():
     assert motion.peaks[0, 1] == pytest.approx(0.5, rel=1e-12)
     assert [note.split(":")[0] for note in motion.notes] == ["joint 1", "joint 2"]
     assert motion.start == pytest.approx([0.0, 1.0], abs=0.0)
+
+
+@pytest.mark.parametrize(
+    ("keys", "words"),
+    [
+        ({"lines": [2, 2]}, "lines: expected whole numbers of at least 1, each once"),
+        ({"periods": np.nan}, "periods: expected a whole number"),
+        ({"seed": -1}, "seed: expected a whole number of at least 0"),
+        ({"start": []}, "start: expected a position for each joint"),
+        ({"amplitude": np.inf}, "amplitude: expected one above 0"),
+    ],
+)
+def test_a_multisine_that_does_not_fit_is_named(keys, words):
+    with pytest.raises(UsageError, match=words):
+        motions.multisine(**({"start": [0.0], "amplitude": 0.1, "lines": [1, 2], "period": 1.0} | keys))
 
 
 @pytest.mark.parametrize("law", ["linear", "logarithmic"])
@@ -322,6 +354,10 @@ def test_a_redundant_arm_takes_least_norms_and_goes_to_the_middle_of_its_range(a
         ({"start": [0.1]}, "start: expected the positions of 2 joints"),
         ({"duration": None}, "expected a duration, a speed, or limits"),
         ({"dwell": [0.1, 0.2]}, "dwell: expected one time"),
+        ({"dwell": -0.1}, "dwell: expected one time above 0 s"),
+        ({"tolerance": 0.0}, "tolerance: expected more than 0"),
+        ({"speed": np.inf}, "speed: expected more than 0"),
+        ({"start": [0.3, 0.0]}, "line: at 0 % of it, .* got a singular one: joint 2, at 0,"),
         ({"speed": 0.1}, "duration: expected at least the"),
         ({"velocity": [1.0, 1.0, 1.0]}, "velocity: expected a number above 0 for all joints, or 2"),
     ],
@@ -339,6 +375,17 @@ def test_motions_can_be_joined_and_slowed_down():
     # twice as slow: the same positions, 1/2, 1/4 .. of the derivatives
     scale = 0.5 ** np.arange(5.0)[:, None]
     assert both.at(2.5 + 2.0 * 0.8) == pytest.approx(scale * motion.at(0.8), rel=1e-11)
+
+
+def test_motions_that_do_not_meet_are_not_joined():
+    one, other = motions.waypoints(POINTS, TIMES), motions.waypoints(POINTS[1:], TIMES[1:])
+    for parts in ([one, other], [one, motions.rest(np.zeros(3), 1.0)]):
+        with pytest.raises(
+            UsageError, match=r"joined: expected motion 2 to start at .*, where motion 1 ends, got"
+        ):
+            motions.joined(parts)
+    with pytest.raises(UsageError, match="factor: expected a number above 0"):
+        one.slower(-1.0)
 
 
 def test_a_cubic_spline_jumps_where_these_do_not():

@@ -5,7 +5,7 @@ import pytest
 from scipy.optimize import root
 
 from vdfmu.data import data_path
-from vdfmu.errors import ModelError
+from vdfmu.errors import ModelError, UsageError
 from vdfmu.model import load_robot
 from vdfmu.scenario import load_scenario
 from vdfmu.scenario.replace import with_payload
@@ -111,3 +111,28 @@ def test_a_setting_gives_a_robot_a_payload(scenario_file):
     assert values["plant"]["payload_inertia[1,1]"] == 0.01
     assert with_payload(scenario, ["plant.payload_mass"]) is scenario
     assert not prepare("planar_tracking", settings=["plant.mass"]).robot.payload
+
+
+def test_a_component_that_knows_no_bodies_is_not_given_a_payload():
+    scenario = prepare("planar_tracking", settings=["controller.payload_mass"])
+    with pytest.raises(UsageError, match=r"controller has no payload_mass\. There are: q_d, "):
+        system_values(scenario, {"controller.payload_mass": 1.0})
+
+
+def test_a_variable_of_an_option_names_the_option(tmp_path):
+    (tmp_path / "system.toml").write_text(
+        'extends = "system"\n[units]\nwall = "wall"\n[connections]\n"plant.V_O" = ["wall.V_O"]\n'
+    )
+    (tmp_path / "free.toml").write_text(
+        (data_path("models") / "scenarios" / "planar_tracking.toml")
+        .read_text()
+        .replace('name = "planar_tracking"', 'name = "free"\nsystem = "system.toml"')
+    )
+    with pytest.raises(
+        ModelError, match=r"an output of plant, got 'V_O'\. It is there for a robot with coupled_tool only\."
+    ):
+        load_scenario(tmp_path / "free.toml")
+    with pytest.raises(
+        UsageError, match=r"plant has no V_S\. It is there for a robot with moving_base only\."
+    ):
+        system_values(load_scenario("planar_tracking"), {"plant.V_S": 1.0})

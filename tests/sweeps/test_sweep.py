@@ -453,6 +453,7 @@ def test_what_cannot_be_run_is_said_before_the_first_point(wild, tmp_path, over,
             r"optional table \[limits\] of a robot's file, which planar_2dof has not",
         ),
         (["plant.F_e=*lin(1, 2, 2)"], "not all 0"),
+        (["trajectory.t_start=*lin(1, 2, 2)"], "not all 0"),  # its start value: no key of the scenario
         (
             ["controller.K_p[1]=1, 2", "controller.K_p=3, 4"],
             r"K_p\[1\]: has no effect, as controller.K_p after it",

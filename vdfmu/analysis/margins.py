@@ -42,6 +42,8 @@ _AROUND = np.concatenate([-np.geomspace(8.0, 0.25, 6), [0.0], np.geomspace(0.25,
 """Distances to the frequency of a pole, as shares of its decay rate."""
 _SLOWEST = 1e-4
 """Lowest of them, as a share of half the sampling frequency."""
+_ROUNDING = 1e-9
+"""Of rates over a step, as a share of the state's largest."""
 
 
 class Margins(NamedTuple):
@@ -56,8 +58,8 @@ class Margins(NamedTuple):
     delay: Floats
     """Smallest further delay [s] that does."""
     radius: float
-    """Largest absolute eigenvalue of the closed loop; unless it is below 1, or what the growth allows, modulus, phase
-    and delay are 0."""
+    """Largest absolute eigenvalue of the closed loop, but for those of constants; unless it is below 1, or what the
+    growth allows, modulus, phase and delay are 0."""
 
 
 @dataclass(frozen=True)
@@ -82,6 +84,19 @@ class Loop:
     def sampled(self) -> Linear:
         """The plant from one communication point to the next."""
         return self.plant if self.discrete else held(self.plant, self.step)
+
+    @cached_property
+    def constants(self) -> int:
+        """Number of combinations of states that stay as they are whatever the inputs do.
+
+        At rest hysteresis and bristles are springs, parallel to those of the drives: the states of such springs have
+        a common rate. Their pole is 1, and no loop reaches it.
+        """
+        A, B = self.sampled
+        rates = np.hstack([A - np.eye(len(A)), B])
+        largest = np.abs(rates).max(axis=1, keepdims=True)
+        rank = np.linalg.matrix_rank(rates / np.where(largest > 0.0, largest, 1.0), tol=_ROUNDING)
+        return len(A) - int(rank)
 
     @cached_property
     def grid(self) -> tuple[Floats, Complex]:
@@ -125,6 +140,7 @@ class Loop:
         K = self.K if K is None else K
         n = len(K)
         poles = np.linalg.eigvals(self.closed(K, delay))
+        poles = poles[np.argsort(np.abs(poles - 1.0))[self.constants :]]
         radius = float(np.abs(poles).max())
         if not radius < np.exp(self.growth * self.step):
             return Margins(np.zeros(n), np.ones(n), np.zeros(n), np.zeros(n), radius)

@@ -186,6 +186,8 @@ def _along(
     robot: Robot, start: Floats, path: Callable[[float], Pose], kind: str, where: str, tolerance: float
 ) -> Motion:
     """Return the motion along a path of poses, s from 0 to 1, over one second."""
+    if not tolerance > 0.0:
+        raise UsageError(f"tolerance: expected more than 0 m and rad, got {tolerance}.")
     rows = 3 if kind == "free" else 6
     knots = _FIRST
     while True:
@@ -202,7 +204,7 @@ def _along(
         if knots == _MOST:
             raise UsageError(
                 f"{where}: expected at most {tolerance:g} m or rad from the path, got {off:.3g} with {knots} knots. "
-                " Raise the tolerance, or keep away from singular poses."
+                "Raise the tolerance, or keep away from singular poses."
             )
         knots *= 2
 
@@ -217,7 +219,7 @@ def _timed(
 ) -> Motion:
     """Return the motion over the time that is given, or that limits take."""
     limits = limit("velocity", velocity, motion.n), limit("acceleration", acceleration, motion.n)
-    if speed is not None and not speed > 0.0:
+    if speed is not None and not 0.0 < speed < np.inf:
         raise UsageError(f"speed: expected more than 0 m/s, got {speed}.")
     shortest = 0.0 if speed is None else length / (1.0 - _RAMP) / speed
     if duration is None and speed is None and (limits[0] is None or limits[1] is None):

@@ -56,14 +56,16 @@ def multisine(
     q = np.atleast_1d(np.array(start, dtype=float))
     k = np.array(lines, dtype=float)
     problems: list[str] = []
-    if k.ndim != 1 or not k.size or not np.all((k >= 1) & (k == np.floor(k))):
-        problems.append(f"lines: expected whole numbers of at least 1, got {lines}.")
+    if k.ndim != 1 or not k.size or not np.all((k >= 1) & (k == np.floor(k))) or len(set(k)) < k.size:
+        problems.append(f"lines: expected whole numbers of at least 1, each once, got {lines}.")
     if not (np.isfinite(period) and period > 0.0):
         problems.append(f"period: expected more than 0 s, got {period}.")
-    if int(periods) != periods or periods < 1:
+    if not np.isfinite(periods) or int(periods) != periods or periods < 1:
         problems.append(f"periods: expected a whole number of at least 1, got {periods}.")
     if phases not in ("schroeder", "random"):
         problems.append(f"phases: expected schroeder or random, got {phases!r}.")
+    if int(seed) != seed or seed < 0:
+        problems.append(f"seed: expected a whole number of at least 0, got {seed}.")
     if problems:
         raise UsageError("\n".join(problems))
     count = np.arange(1, k.size + 1)
@@ -137,7 +139,7 @@ def sweep(
 
 def _check_length(most_periods: float, q: Floats) -> None:
     """Raise UsageError for more periods of the highest frequency than a unit takes, and for no pose."""
-    if q.ndim != 1 or not np.all(np.isfinite(q)):
+    if q.ndim != 1 or not q.size or not np.all(np.isfinite(q)):
         raise UsageError(f"start: expected a position for each joint, got {q}.")
     most = MOST_NUMBERS / (_KNOTS * 6.0 * q.size)
     if not most_periods <= most:
@@ -163,7 +165,7 @@ def _about(
         most = np.broadcast_to(np.asarray(amplitude, dtype=float), q.shape)
     except ValueError:
         most = np.full(q.shape, np.nan)
-    if not np.all(most >= 0.0) or not np.any(most > 0.0):
+    if not np.all((most >= 0.0) & np.isfinite(most)) or not np.any(most > 0.0):
         raise UsageError(f"amplitude: expected one above 0, or {len(q)} of at least 0, got {amplitude}.")
     t = np.linspace(0.0, duration, max(int(np.ceil(_KNOTS * highest * duration)), 8 * _KNOTS) + 1)
     envelope = smooth_step(t / ramp) * smooth_step((duration - t) / ramp)

@@ -54,15 +54,16 @@ def follow(
         For poses out of reach, singular ones, and those beyond end stops: the first of each kind and joint.
     """
     q = start
-    found = [q]
+    found: list[Floats] = []
     problems: dict[int, str] = {}
     length = float(np.linalg.norm(robot.offset, axis=-1).sum()) or 1.0
     scale = np.array([1.0 / length] * 3 + [1.0] * 3)[:rows]
-    for i, (p, R) in enumerate(poses[1:], 1):
+    shares = np.diff(percent, prepend=percent[0]) / 100.0
+    for i, (p, R) in enumerate(poses):
         place = f"{where}: at {percent[i]:.3g} % of it, at {np.array2string(p, precision=4)} m"
         if rows < robot.n and robot.limits:
             J = jacobian(robot, q)[:rows]
-            pull = _PULL * (percent[i] - percent[i - 1]) / 100.0 * (0.5 * (robot.q_min + robot.q_max) - q)
+            pull = _PULL * shares[i] * (0.5 * (robot.q_min + robot.q_max) - q)
             q = q + pull - np.linalg.pinv(J) @ (J @ pull)
         q, off = _solved(robot, q, (p, R), rows)
         U, sigma, V = np.linalg.svd(scale[:, None] * jacobian(robot, q)[:rows])

@@ -32,12 +32,12 @@ def waypoints(
     ----------
     points : (k, n) [rad or m]
     times : (k,) [s], optional
-        Of arrival, increasing. Without them the limits decide.
+        Of arrival, increasing; the motion begins at the first. Without them the limits decide.
     velocity, acceleration : float or (n,) [rad/s or m/s, rad/s2 or m/s2], optional
         Limits of each joint: without times the intervals are chosen so that they hold, and one is met; with times
         the motion must keep them.
     duration : float [s], optional
-        Without times, of the whole; the limits must hold.
+        Without times, of the whole, rests included; the limits must hold.
     dwell : float or (k,) [s]
         Rest at each point; where it is 0 the motion passes through.
 
@@ -55,19 +55,26 @@ def waypoints(
         raise UsageError(
             "waypoints: expected times, a duration, or limits of velocity and acceleration, got none of them."
         )
+    if given is not None and duration is not None:
+        raise UsageError("waypoints: expected times or a duration, got both. Remove one of them.")
     stops = [0, *(i for i in range(1, len(q) - 1) if dwells[i] > 0.0), len(q) - 1]
-    parts: list[Motion] = []
-    for a, b in pairwise(stops):
-        part = q[a : b + 1]
-        parts += [rest(q[a], dwells[a])] if dwells[a] > 0.0 else []
-        if given is None:
-            parts.append(_timed(part, *limits))
-        else:
-            parts.append(spline(np.append(given[a] + dwells[a], given[a + 1 : b + 1]), part))
-    motion = joined(parts).dwelling(dwells[-1])
-    if given is None and duration is None:
-        return motion
-    return motion.fitted(*limits, duration if given is None else motion.duration)
+    moves = [
+        _timed(q[a : b + 1], *limits)
+        if given is None
+        else spline(np.append(given[a] + dwells[a], given[a + 1 : b + 1]), q[a : b + 1])
+        for a, b in pairwise(stops)
+    ]
+    if given is not None or duration is not None:
+        moving = joined(moves)
+        rested = float(dwells.sum())
+        if duration is not None and duration <= rested > 0.0:
+            raise UsageError(f"duration: expected more than the {rested:g} s of rest, got {duration:g} s.")
+        left = moving.duration if duration is None else duration - rested
+        factor = moving.fitted(*limits, left).duration / moving.duration
+        moves = [move.slower(factor) for move in moves]
+    rests = [[rest(q[i], dwells[i])] if dwells[i] > 0.0 else [] for i in stops]
+    parts = [part for before, move in zip(rests, moves, strict=False) for part in (*before, move)]
+    return joined([*parts, *rests[-1]])
 
 
 def samples(times: npt.ArrayLike, points: npt.ArrayLike) -> Motion:
@@ -101,7 +108,7 @@ def limit(name: str, value: npt.ArrayLike | None, n: int) -> Floats | None:
         found = np.broadcast_to(np.asarray(value, dtype=float), (n,))
     except ValueError:
         found = np.zeros(n)
-    if not np.all(found > 0.0):
+    if not np.all((found > 0.0) & np.isfinite(found)):
         raise UsageError(f"{name}: expected a number above 0 for all joints, or {n} of them, got {value}.")
     return found
 
@@ -143,7 +150,7 @@ def check_points(q: Floats, times: Floats | None = None, dwell: Floats | float =
         raise UsageError(f"waypoints: expected at least 2 points of n joints, (k, n), got shape {q.shape}.")
     for i, j in np.argwhere(~np.isfinite(q)):
         problems.append(f"point {i + 1}: joint {j + 1}: expected a finite number, got {q[i, j]}.")
-    if dwell.shape not in ((), (len(q),)) or not np.all(dwell >= 0.0):
+    if dwell.shape not in ((), (len(q),)) or not np.all((dwell >= 0.0) & np.isfinite(dwell)):
         problems.append(f"dwell: expected a time of at least 0 s, or {len(q)} of them, got {dwell}.")
         dwell = np.zeros(())
     if times is not None:

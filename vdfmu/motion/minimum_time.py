@@ -22,6 +22,8 @@ _GRID = 200
 """Intervals of an interval between waypoints in which toppra looks at the limits."""
 _FINE = 8000
 """Times at which its result is smoothed."""
+_LEAST = 16
+"""Least number of them in a mean."""
 _SMOOTH = 0.02
 """Share of the duration of each of the three means."""
 _KNOTS = 6
@@ -56,7 +58,7 @@ def fastest(
     torque : float or (n,) [N m or N], optional
         Limits of the rigid links' torques, link-side.
     smoothing : float [s], optional
-        Default a fiftieth of the shortest time.
+        Default a fiftieth of the shortest time, at least a five-hundredth.
 
     Raises
     ------
@@ -75,8 +77,9 @@ def fastest(
     path = make_interp_spline(s, q, k=DEGREE, bc_type=(free, free))
     t, places, speeds = _shortest(path, s, limits, robot, most)
     width = _SMOOTH * t[-1] if smoothing is None else smoothing
-    if not 0.0 < width < t[-1]:
-        raise UsageError(f"smoothing: expected more than 0 s and less than {t[-1]:g} s, got {width}.")
+    least = _LEAST * t[-1] / _FINE
+    if not least <= width < t[-1]:
+        raise UsageError(f"smoothing: expected from {least:.3g} s to {t[-1]:.3g} s, got {width}.")
     fine = np.linspace(0.0, t[-1] + 3.0 * width, _FINE + 1)
     at = np.clip(fine - 1.5 * width, 0.0, t[-1])
     i = np.clip(np.searchsorted(t, at, "right") - 1, 0, len(t) - 2)

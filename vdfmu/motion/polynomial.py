@@ -6,6 +6,7 @@ import io
 from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 from math import factorial, perm
 from typing import Any
 
@@ -22,6 +23,8 @@ _ROUNDING = 1e-9
 """Share of a limit that is rounding."""
 MOST_NUMBERS = 500_000
 """Coefficients of a unit: some 10 MB of C, which compiles in seconds."""
+_GAP = 1e-9
+"""Distance [rad or m] of motions one after the other that is no jump."""
 _CLOSED = 1e-12
 """Distance of start and end [rad or m] that is rounding."""
 
@@ -136,20 +139,20 @@ class Motion:
             joint = int(np.argmax(np.max(factors, axis=0))) + 1
             raise UsageError(
                 f"duration: expected at least the {least * self.duration:.6g} s that the limits of joint {joint} take, "
-                f"got {duration:g} s. Give more time, or leave the duration out."
+                f"got {duration:g} s. Give more time, or raise the limits."
             )
         return self.slower(duration / self.duration)
 
     def slower(self, factor: float) -> Motion:
         """Return the motion over `factor` times the time."""
+        if not 0.0 < factor < np.inf:
+            raise UsageError(f"factor: expected a number above 0, got {factor}.")
         powers = factor ** -np.arange(DEGREE + 1.0)
         return Motion(self.knots * factor, self.coefficients * powers[:, None], self.notes)
 
     def dwelling(self, seconds: float) -> Motion:
         """Return the motion and a rest after it."""
-        if np.ndim(seconds):
-            raise UsageError(f"dwell: expected one time [s], got {seconds}.")
-        return joined([self, rest(self.end, seconds)]) if seconds > 0.0 else self
+        return self if np.array_equal(seconds, 0.0) else joined([self, rest(self.end, seconds)])
 
     def unit(self) -> type[Played]:
         """Return the unit that plays the motion, for ``units={"trajectory": motion.unit()}``.
@@ -231,6 +234,8 @@ def spline(t: Floats, q: Floats) -> Motion:
 
 def rest(q: Floats, seconds: float) -> Motion:
     """Return a motion that stands still."""
+    if np.ndim(seconds) or not 0.0 < seconds < np.inf:
+        raise UsageError(f"dwell: expected one time above 0 s, got {seconds}.")
     coefficients = np.zeros((1, DEGREE + 1, len(q)))
     coefficients[0, 0] = q
     return Motion(np.array([0.0, seconds]), coefficients)
@@ -239,6 +244,11 @@ def rest(q: Floats, seconds: float) -> Motion:
 def joined(parts: Iterable[Motion]) -> Motion:
     """Return motions one after the other; each starts where the one before ends."""
     parts = list(parts)
+    for i, (one, other) in enumerate(pairwise(parts), 1):
+        if one.n != other.n or np.abs(other.start - one.end).max() > _GAP:
+            raise UsageError(
+                f"joined: expected motion {i + 1} to start at {one.end}, where motion {i} ends, got {other.start}."
+            )
     begins = np.cumsum([0.0] + [part.duration for part in parts])
     knots = [part.knots[:-1] + begin for part, begin in zip(parts, begins, strict=False)]
     notes = dict.fromkeys(note for part in parts for note in part.notes)

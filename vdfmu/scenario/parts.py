@@ -94,6 +94,14 @@ def end_signals(table: Variables, name: str, causality: str) -> dict[tuple[int, 
     return {v.index if v.group == name else (): v for v in found}
 
 
+def optional(table: Variables, name: str) -> str:
+    """Say which option of its robot gives a component a variable that it lacks; empty if none does."""
+    group = name.partition("[")[0]
+    if not isinstance(table, Interface) or group in table.groups or group not in table.unit.declared:
+        return ""
+    return f"It is there for a robot with {table.unit.declared[group].when} only."
+
+
 def _signals(
     tables: Mapping[str, Variables], end: str, causality: str, problems: list[str]
 ) -> dict[tuple[int, ...], Variable]:
@@ -102,9 +110,8 @@ def _signals(
     found = end_signals(tables[component], name, causality)
     if not found:
         known = list(dict.fromkeys(v.group for v in tables[component] if v.causality == causality))
-        problems.append(
-            f"{end}: expected an {causality} of {component}, got {name!r}. {nearest(name, known)}"
-        )
+        way = optional(tables[component], name) or nearest(name, known)
+        problems.append(f"{end}: expected an {causality} of {component}, got {name!r}. {way}")
     return found
 
 

@@ -162,7 +162,7 @@ def _moved(
 ) -> tuple[SystemFile, dict[str, Any]]:
     """Return the system with the unit of a motion in the place of its trajectory, and sections with its start."""
     problems = file.problems
-    if kind != "cosimulation" or "trajectory" not in system.parts:
+    if kind not in ("cosimulation", "") or "trajectory" not in system.parts:
         expected = "a scenario of kind cosimulation whose system has a component trajectory"
         problems.add(
             "motion", expected, f"kind {kind} and {', '.join(system.parts)}", "Leave the motion out."

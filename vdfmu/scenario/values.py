@@ -14,7 +14,7 @@ from vdfmu.kernel.structure import parameters
 from vdfmu.model import Robot
 from vdfmu.model.parameters import OPTIONAL, PARAMETERS
 from vdfmu.model.read import nearest
-from vdfmu.scenario.parts import Variables, check_connections, tables_of
+from vdfmu.scenario.parts import Variables, check_connections, optional, tables_of
 from vdfmu.scenario.scenario import Scenario
 from vdfmu.scenario.system_file import SystemFile
 from vdfmu.unit.base import Unit
@@ -83,6 +83,25 @@ def override(scenario: Scenario, settings: Mapping[str, Any]) -> dict[str, Value
         values; with one line for each setting that is wrong.
     """
     return _set_all(scenario.system, tables_of(scenario.system, scenario.robot), settings)
+
+
+def present_values(
+    scenario: Scenario, values: Mapping[str, Values], target: str, number: float
+) -> dict[str, Any]:
+    """Return the values of what a setting sets, by ``component.variable``: those of `values`, else start values.
+
+    Raises
+    ------
+    UsageError
+        As :func:`override`, for a `number` that does not fit.
+    """
+    tables = tables_of(scenario.system, scenario.robot)
+    return {
+        f"{component}.{v.name}": values[component].get(v.name, v.start)
+        for component, each in override(scenario, {target: number}).items()
+        for v in tables[component]
+        if v.name in each
+    }
 
 
 def start_values(unit: type[Unit], robot: Robot | None, settings: Mapping[str, Any]) -> Values:
@@ -210,13 +229,13 @@ def _named(table: Variables, name: str, key: str) -> list[Variable]:
         groups = list(dict.fromkeys(v.group for v in table if v.causality != "output"))
         of_group = [v.name for v in table if v.group == name.partition("[")[0]]
         row = PARAMETERS.get(name.partition("[")[0])
-        way = nearest(name, of_group or groups)
+        way = optional(table, name) or nearest(name, of_group or groups)
         if (
             isinstance(table, Interface)
             and table.robot is not None
             and row
             and row.section in OPTIONAL
-            and not of_group
+            and not getattr(table.robot, row.section)
         ):
             way = f"It is of the optional table [{row.section}] of a robot's file, which {table.robot.name} has not."
         raise UsageError(f"{key}: {table.name} has no {name}. {way}")

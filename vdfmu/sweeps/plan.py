@@ -285,7 +285,7 @@ def _program(
 
 def _binding(scenario: Any, axis: Axis, values: Mapping[str, Mapping[str, Any]]) -> Binding:
     """Return what an axis sets; UsageError for what is unknown, or cannot have its values."""
-    from vdfmu.scenario.values import override
+    from vdfmu.scenario.values import override, present_values
 
     def names(value: Any) -> dict[str, Any]:
         found = override(scenario, {axis.target: value})
@@ -300,11 +300,7 @@ def _binding(scenario: Any, axis: Axis, values: Mapping[str, Mapping[str, Any]])
             axis.at(u).item() for u in ((0.0, 1.0) if axis.form in ("lin", "log") else (0.5,))
         ]
         return Binding([tuple(names(value)) for value in tried][0])
-    reached = {
-        f"{c}.{v}": values[c].get(v)
-        for c, each in override(scenario, {axis.target: 1.0}).items()
-        for v in each
-    }
+    reached = present_values(scenario, values, axis.target, 1.0)
     nominal = [value for value in reached.values() if isinstance(value, float)]
     if len(nominal) < len(reached):
         raise UsageError(

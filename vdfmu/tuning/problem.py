@@ -15,7 +15,7 @@ import numpy as np
 from vdfmu.analysis.margins import ArmLoops, Margins
 from vdfmu.arrays import Floats
 from vdfmu.errors import UsageError
-from vdfmu.scenario.values import override, system_values
+from vdfmu.scenario.values import present_values, system_values
 from vdfmu.study.run import prepare
 from vdfmu.sweeps.axes import Axis, is_option, read_axes
 from vdfmu.sweeps.checks import TRACKING
@@ -158,27 +158,23 @@ def _elements(
         if axis.form not in ("lin", "log"):
             problems.append(f"{axis.target}: expected lin(FROM, TO) or log(FROM, TO), got {axis}.")
             continue
-        for component, each in override(
-            scenario, {axis.target: axis.numbers[0] if not axis.factor else 1.0}
-        ).items():
-            for variable in each:
-                start = values[component].get(variable)
-                low, high = sorted(axis.numbers)
-                if not isinstance(start, float) or start == NO_LIMIT:
-                    problems.append(f"{component}.{variable}: expected a finite number to vary, got {start}.")
-                    continue
-                if axis.factor:
-                    low, high = sorted((low * start, high * start))
-                if not low < high or (axis.form == "log" and not low * high > 0.0):
-                    problems.append(f"{component}.{variable}: expected a range, got {low:g} to {high:g}.")
-                    continue
-                if not low <= start <= high:
-                    problems.append(
-                        f"{component}.{variable}: expected a range that has the scenario's {start:g}, got {low:g} to "
-                        f"{high:g}."
-                    )
-                found.append(Axis(f"{component}.{variable}", axis.form, (low, high)))
-                starts.append(start)
+        number = 1.0 if axis.factor else axis.numbers[0]
+        for name, start in present_values(scenario, values, axis.target, number).items():
+            low, high = sorted(axis.numbers)
+            if not isinstance(start, float) or start == NO_LIMIT:
+                problems.append(f"{name}: expected a finite number to vary, got {start}.")
+                continue
+            if axis.factor:
+                low, high = sorted((low * start, high * start))
+            if not low < high or (axis.form == "log" and not low * high > 0.0):
+                problems.append(f"{name}: expected a range, got {low:g} to {high:g}.")
+                continue
+            if not low <= start <= high:
+                problems.append(
+                    f"{name}: expected a range that has the scenario's {start:g}, got {low:g} to {high:g}."
+                )
+            found.append(Axis(name, axis.form, (low, high)))
+            starts.append(start)
     if not found and not problems:
         problems.append("vary: expected at least one parameter, such as controller.K_p.")
     if problems:
