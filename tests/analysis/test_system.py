@@ -133,7 +133,7 @@ def test_what_cannot_be_linearised_is_said():
             "at: expected a time of the run, which starts at 0 s",
         ),
         (lambda: margins_along("planar_tracking", at=[np.nan]), "at: expected a time .* got nan s"),
-        (lambda: vdfmu.linearize("planar_tracking", None), "at: expected positions of the joints, or a time"),
+        (lambda: vdfmu.linearize("planar_tracking", "x"), "at: expected positions of the joints, or a time"),
         (lambda: vdfmu.linearize("planar_tracking", 0.1, dry=True), "dry: this is for an arm"),
     ):
         with pytest.raises(UsageError, match=message):

@@ -168,6 +168,15 @@ def test_the_command_writes_a_robot_that_says_where_it_is_from(clean, robot, gue
     assert not notes and np.all(np.linalg.eigvalsh(again.inertia) > 0)
 
 
+@pytest.mark.heavy
+def test_torques_that_do_not_fit_the_motion_are_said(clean, robot):
+    found = identify(clean._replace(tau=-clean.tau), robot)
+    assert any(
+        "joint 2: the model leaves more than 30 % of the torque; check" in note for note in found.advice
+    )
+    assert identify(clean, robot).advice == []
+
+
 def test_a_file_of_the_kuka_data_set_is_read(tmp_path):
     """As its recordings are: arrays (6, m), degrees, N.m, 250 Hz; and the file for forward identification, 10 Hz."""
     robot, random = vdfmu.load_robot("manipulator_6dof"), np.random.default_rng(0)
@@ -240,6 +249,18 @@ def test_wrong_logs_are_named(tmp_path, robot, clean):
     still = Log("log", t, np.column_stack([np.sin(t), 0 * t]), np.zeros((600, 2)), None)
     with pytest.raises(UsageError, match="joint 2 did not move"):
         identify(still, robot)
+    apart = Log(
+        "log", t, np.column_stack([np.sin(t)] * 2), np.zeros((600, 2)), np.column_stack([np.sin(t), 0 * t])
+    )
+    with pytest.raises(UsageError, match="log: joint 2: expected rotors, .* and links to move alike"):
+        identify(apart, robot)
+    for band in (0.0, -1.0, np.nan):
+        with pytest.raises(UsageError, match="band: expected more than 0 Hz"):
+            identify(clean, robot, band=band)
+    with pytest.raises(UsageError, match="columns: q=p: expected a name with {} for the joint"):
+        read_log(path, robot, {"q": "p"})
+    with pytest.raises(UsageError, match="q: expected columns {x}1, {x}2"):
+        read_log(path, robot, {"q": "{x}{}"})
     short = Log("log", t, np.column_stack([np.sin(t)] * 2), np.zeros((600, 2)), None)
     with pytest.raises(UsageError, match="expected a log of at least .* s for the band of"):
         identify(short, robot)

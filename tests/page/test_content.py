@@ -261,3 +261,9 @@ def test_the_file_is_written_where_it_belongs(planar, tmp_path, monkeypatch):
     assert "report.html" in json.loads((folder / "summary.json").read_text())["files"]
     with pytest.raises(UsageError, match="cannot write"):
         write_report([read_run(folder)], tmp_path / "missing" / page.NAME)
+
+
+def test_a_comparison_names_the_robots_of_all_runs(planar):
+    run = read_run(planar[0])
+    other = run._replace(summary={**run.summary, "robot": "another"})
+    assert "Robot planar_2dof; robot another, 2 runs of vdfmu" in report_page([run, other]).decode()

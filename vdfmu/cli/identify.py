@@ -79,10 +79,16 @@ def identify(
 
 
 def _print(found: Identified, true: list[float] | None) -> None:
-    from rich.table import Table
+    from rich.table import Column, Table
 
     table = Table(
-        "parameter", "value", "95 %", "unit", "robot file", *(("truth", "error") if true else ()), box=None
+        Column("parameter", no_wrap=True),
+        "value",
+        "95 %",
+        "unit",
+        "robot file",
+        *(("truth", "error") if true else ()),
+        box=None,
     )
     table.title_justify = "left"
     table.title = f"{len(found.t)} rows, band {found.band:.3g} Hz, torques {1e3 * found.delay:.2f} ms late"

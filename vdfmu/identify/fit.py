@@ -39,6 +39,10 @@ _TRIM = 3.0
 """Ends of the log that are left out, in periods of the band: transients of the filters."""
 _STILL = 1e-4
 """Range of a joint [rad or m] below which it did not move."""
+_APART = 0.5
+"""Range of kappa - q, as a share of kappa's, beyond which one of them is not what it should be."""
+_LEFT = 0.3
+"""Share of the root mean square of a torque that the model leaves, beyond which a note says so."""
 
 
 @dataclass(frozen=True)
@@ -100,12 +104,19 @@ class Identified:
 
     @property
     def advice(self) -> list[str]:
-        """What the log lacks altogether."""
+        """What the log lacks altogether, or what does not fit."""
+        left, whole = ((each**2).mean(axis=0) for each in (self.torque_error, self.torque))
+        notes = [
+            f"joint {i + 1}: the model leaves more than {100 * _LEFT:.0f} % of the torque; check units, signs and "
+            "order of the columns"
+            for i in np.flatnonzero(left > _LEFT**2 * whole)
+        ]
         if self.deformation_error is not None:
-            return []
+            return notes
         return [
+            *notes,
             "the log has no positions of links, so stiffnesses are those of the robot file, by which links are placed: "
-            "log them by encoders behind the gears, or with the rotors' by a camera or tracker"
+            "log them by encoders behind the gears, or with the rotors' by a camera or tracker",
         ]
 
 
@@ -124,7 +135,8 @@ def identify(log: Log, robot: Robot, *, band: float | None = None) -> Identified
     Raises
     ------
     UsageError
-        For joints that did not move, a log that is too short for the band, or the split arrangement of friction.
+        For joints that did not move, or whose rotor and link did not move alike; a log that is too short for the band,
+        or tells nothing; a band that is not positive; the split arrangement of friction.
     """
     if robot.friction != "lumped":
         raise UsageError(f"{robot.name}: expected friction in the lumped arrangement, got {robot.friction}.")
@@ -134,6 +146,16 @@ def identify(log: Log, robot: Robot, *, band: float | None = None) -> Identified
         raise UsageError(
             f"{log.where}: joint {which} did not move: nothing can be told of it. Log a motion of all."
         )
+    if log.q is not None:
+        apart = np.flatnonzero(np.ptp(log.kappa - log.q, axis=0) > _APART * moved)
+        if apart.size:
+            which = ", ".join(str(i + 1) for i in apart)
+            raise UsageError(
+                f"{log.where}: joint {which}: expected rotors, divided by the ratio, and links to move alike, to what "
+                "the springs give way. Check units, ratios, signs and order of the columns kappa and q."
+            )
+    if band is not None and not band > 0.0:
+        raise UsageError(f"band: expected more than 0 Hz, got {band:g} Hz.")
     problem, rows, t, band = _prepare(log, robot, band)
     x, covariance, held = solve(problem)
     errors, shown, deviation = problem.errors(x), problem.shown, np.sqrt(np.diag(covariance))

@@ -76,6 +76,9 @@ def read_log(path: str | os.PathLike[str], robot: Robot, columns: Mapping[str, s
     wrong = [name for name in columns or () if name not in _KNOWN]
     if wrong:
         raise UsageError(f"columns: {', '.join(wrong)}: expected some of {', '.join(_KNOWN)}.")
+    wrong = [f"{what}={name}" for what, name in (columns or {}).items() if "{}" not in name and robot.n > 1]
+    if wrong:
+        raise UsageError(f"columns: {', '.join(wrong)}: expected a name with {{}} for the joint.")
     if path.suffix.lower() == ".mat":
         t, found = _kuka(path, robot.n)
     else:
@@ -104,7 +107,7 @@ def _table(path: Path, robot: Robot, columns: Mapping[str, str]) -> tuple[Floats
     problems: list[str] = []
     for what, patterns in _KNOWN.items():
         chosen = [columns[what]] if what in columns else patterns
-        some = [[p.format(i + 1) for i in range(robot.n)] for p in chosen]
+        some = [[p.replace("{}", str(i + 1)) for i in range(robot.n)] for p in chosen]
         own = next((each for each in some if all(name in values for name in each)), None)
         if own is None:
             if what in columns:

@@ -8,6 +8,7 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from vdfmu.arrays import Floats
+from vdfmu.errors import UsageError
 from vdfmu.identify.problem import Problem
 
 _UNKNOWN = 0.1
@@ -121,6 +122,8 @@ def _hold(
     covariance = _covariance(problem, x, free, sizes, weights)
     spread, places = np.sqrt(np.diag(covariance)), np.flatnonzero(free)
     shown = places < problem.shown
+    if not shown.any():
+        raise UsageError("identify: the log tells no parameter; check units, signs and order of its columns.")
     worst = int(np.argmax(np.where(shown, spread, 0.0)))
     if spread[worst] < _UNKNOWN:
         return None

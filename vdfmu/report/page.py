@@ -107,7 +107,10 @@ def report_page(runs: Sequence[Run]) -> bytes:
         {"name": name, **content_of(run.results, run.summary)} for name, run in zip(names, runs, strict=True)
     ]
     diagram = next(filter(None, (system_diagram(run.package) for run in runs)), "")
-    about = f"Robot {first['robot']}" if "robot" in first else f"System {first.get('system', '')}"
+    facts = (run.summary for run in runs)
+    each = [f"robot {s['robot']}" if "robot" in s else f"system {s.get('system', '')}" for s in facts]
+    about = "; ".join(dict.fromkeys(each))
+    about = about[0].upper() + about[1:]
     body = "\n".join(
         [
             *_checks(names, runs),
