@@ -11,7 +11,7 @@ export function showFigures(section, more) {
   section.hidden = false;
   section.append(
     make("div", { class: "bar sticky" }, make("h2", {}, "Figures"), jointChips(), ...runChips(), zoomButtons()),
-    make("p", { class: "note" }, "Drag across a figure to zoom, or use + and −; double-click to see all. Point to read values, click to move the arm there. "
+    make("p", { class: "note" }, "Drag across a figure to zoom, or use + and −; double-click to see all. Point to read values" + (runs.some((run) => run.arm) ? ", click to move the arm there. " : ". ")
       + "Values are those of recorded rows; no peak is left out."),
     make("div", { class: "grid" }, ...charts.map((chart) => chart.element)),
   );
