@@ -71,10 +71,11 @@ def fails(package: Path, way: str, **options) -> CosimError:
     [
         ("crash", {}, r"the component crashed the process \(SIGSEGV\)"),
         ("leave", {}, r"the component ended the process \(exit code 0\)"),
-        (
+        pytest.param(
             "hang",
             {"time_limit": 5.0},
             r"no return within 5 s; a longer time_limit \(simulate --time-limit\) gives it more",
+            marks=pytest.mark.heavy,
         ),
         ("eat", {"memory_limit": 400.0}, r"SIGSEGV\), of which the memory had reached \d+ MB of 400 MB"),
         ("strange", {}, r"the unit gave no reason \(status 17, not of FMI 2\.0\)"),
@@ -176,9 +177,8 @@ def test_check_of_a_package_names_the_component_that_ends_the_process(wild, pack
     assert "ed the process (" in problem
 
 
-@pytest.mark.parametrize(
-    ("way", "call"), [("hang", "doStep"), pytest.param("hang_end", "terminate", marks=pytest.mark.heavy)]
-)
+@pytest.mark.heavy
+@pytest.mark.parametrize(("way", "call"), [("hang", "doStep"), ("hang_end", "terminate")])
 def test_check_of_a_package_names_the_component_that_does_not_return(wild, pack, xml, monkeypatch, way, call):
     monkeypatch.setattr(
         check_run, "SECONDS", check_run.NAMING + 8.0

@@ -26,6 +26,7 @@ BLOCK = re.compile(r"^```(?P<kind>\w+)(?P<options>[^\n]*)\n(?P<body>.*?)^```", r
 SKIP = "<!-- not run -->\n"  # before a block that the test leaves out
 VARIES = re.compile(r"^│ (Wall time|Real-time factor) .*$", re.MULTILINE)
 INSTALLS = re.compile(r"^make |pip install", re.MULTILINE)  # what is done in a clone
+LONG_PAGES = {"identification", "modes", "motions", "own_arm", "own_robot", "systems", "world"}
 LONG = re.compile(rf"{INSTALLS.pattern}|vdfmu reference|vdfmu sweep")
 
 
@@ -103,15 +104,16 @@ def run_page(path):
 @pytest.mark.parametrize(
     "page",
     [
-        *PAGES,
-        ROOT / "docs" / "modes.md",
-        pytest.param(ROOT / "docs" / "identification.md", marks=pytest.mark.heavy),
-        pytest.param(ROOT / "docs" / "world.md", marks=pytest.mark.heavy),
-        pytest.param(ROOT / "docs" / "motions.md", marks=pytest.mark.heavy),
-        pytest.param(ROOT / "docs" / "systems.md", marks=pytest.mark.heavy),
-        ROOT / "docs" / "reference" / "units.md",
+        pytest.param(page, marks=[pytest.mark.heavy] * (page.stem in LONG_PAGES), id=page.stem)
+        for page in (
+            *PAGES,
+            *(
+                ROOT / "docs" / f"{name}.md"
+                for name in ("modes", "identification", "world", "motions", "systems")
+            ),
+            ROOT / "docs" / "reference" / "units.md",
+        )
     ],
-    ids=lambda page: page.stem,
 )
 def test_tutorial_runs_and_shows_its_output(page, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
@@ -158,7 +160,7 @@ def test_the_start_page_installs_as_the_readme():
     assert commands and all(f"```sh\n{body}```" in page for body in commands)
 
 
-@pytest.mark.slow
+@pytest.mark.heavy
 def test_each_format_of_a_system_has_a_name_of_its_own(tmp_path):
     (block,) = (body for kind, body, _ in readme_blocks() if "--format" in body)
     lines = [line for line in block.splitlines() if line.startswith("vdfmu ssp")]

@@ -131,7 +131,7 @@ def bad(tmp_path, pack, xml):
     [
         ("os.kill(os.getpid(), 11)", r"the component crashed the process \(SIGSEGV\) \(federate g\)"),
         ("os._exit(3)", r"the component ended the process \(exit code 3\) \(federate g\)"),
-        ("time.sleep(60.0)", r"no return within 6 s; .* \(federate g\)"),
+        pytest.param("time.sleep(60.0)", r"no return within 6 s; .* \(federate g\)", marks=pytest.mark.heavy),
     ],
 )
 def test_a_component_that_takes_its_federate_along_is_named_with_it(bad, federates, code, reason):

@@ -58,7 +58,17 @@ def test_the_page_has_every_case():
     assert set(TESTED) >= MUST_RUN
 
 
-@pytest.mark.parametrize("case", TESTED, ids=lambda c: f"{c.tool}-{c.form}-{c.kind}-{c.fmi}")
+@pytest.mark.parametrize(
+    "case",
+    [
+        pytest.param(
+            case,
+            id=f"{case.tool}-{case.form}-{case.kind}-{case.fmi}",
+            marks=[pytest.mark.heavy] * (case.kind == "python"),
+        )
+        for case in TESTED
+    ],
+)
 @pytest.mark.slow
 def test_what_becomes_of_it(tracking, require, case):
     require(case.tool)

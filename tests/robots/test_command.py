@@ -56,7 +56,7 @@ def test_a_folder_that_is_missing_is_named(urdf, tmp_path: Path) -> None:
     assert "cannot write gone/robot.toml" in done.stderr
 
 
-@pytest.mark.slow
+@pytest.mark.heavy
 def test_a_first_motion_is_written_with_its_margins_and_runs_by_its_name_too(tmp_path: Path) -> None:
     written = vdfmu(tmp_path, "robot", "reach", "planar_2dof")
     assert written.returncode == 0, written.stderr

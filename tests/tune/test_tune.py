@@ -135,6 +135,7 @@ def test_a_larger_budget_goes_on(tmp_path):
     assert {name: column[:3] for name, column in second.items()} == first
 
 
+@pytest.mark.heavy
 def test_a_start_without_margin_is_noted(tmp_path):
     """The loop of tracking grows by 1.1 1/s with one sample of delay."""
     found = vdfmu.tune(
