@@ -83,7 +83,7 @@ def _print(found: Identified, true: list[float] | None) -> None:
 
     table = Table(
         Column("parameter", no_wrap=True),
-        "value",
+        Column("value", no_wrap=True),
         "95 %",
         "unit",
         "robot file",
