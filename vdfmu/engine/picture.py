@@ -13,7 +13,6 @@ from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
 from vdfmu import style
-from vdfmu.engine.cosim.frames import chosen
 from vdfmu.engine.cosim.results import Results
 
 PANELS = 12
@@ -48,7 +47,7 @@ def plot(
     results: Results, names: Sequence[str], over: Mapping[str, Results], path: str | Path | None
 ) -> Figure:
     """Draw chosen signals, and write the picture if there is a path; see `Results.plot`."""
-    wanted = chosen(results, names) if names else results.names
+    wanted = [signal for name in names or results.names for signal in results.members(name)]
     figure = draw_signals(results, set(results.names).difference(wanted), over)
     if path is not None:
         style.save(figure, Path(path))

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import importlib
-from collections.abc import Sequence
 from html import escape
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from vdfmu.errors import UsageError
-from vdfmu.text import close_to
 
 if TYPE_CHECKING:
     from vdfmu.engine.cosim.results import Results
@@ -172,15 +170,3 @@ def to_xarray(results: Results) -> Any:
         {key: value for key, value in results.summary.items() if isinstance(value, str | float)}
     )
     return dataset
-
-
-def chosen(results: Results, names: Sequence[str]) -> list[str]:
-    """Return the signals of names of signals and groups; UsageError for what is neither."""
-    listed: list[str] = []
-    for name in names:
-        if name not in results:
-            raise UsageError(
-                f"the results have no signal {name!r}{close_to(name, [*results.names, *results.groups])}"
-            )
-        listed.extend([name] if name in results.names else results.groups[name].values())
-    return list(dict.fromkeys(listed))

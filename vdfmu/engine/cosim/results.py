@@ -141,16 +141,13 @@ class Results:
         if signal is not None:
             column = np.asarray(self.data[signal.kind])[:, signal.column]
             return column.astype(bool) if signal.kind == "boolean" else column
-        group = self.groups.get(name)
-        if group is None:
-            raise UsageError(
-                f"the results have no signal {name!r}{close_to(name, [*self._signals, *self.groups])}"
-            )
+        names = self.members(name)
         shape = self.shape_of(name)
         if shape is None:
             raise UsageError(
-                f"the signals {', '.join(group.values())} are not all elements of an array; take them one by one"
+                f"the signals {', '.join(names)} are not all elements of an array; take them one by one"
             )
+        group = self.groups[name]
         listed = [self._signals[group[index]] for index in sorted(group)]
         kinds = {signal.kind for signal in listed}
         if len(kinds) == 1 and kinds != {"boolean"}:
@@ -158,6 +155,16 @@ class Results:
         else:
             columns = np.stack([self[signal.name] for signal in listed], axis=1)
         return columns.reshape(-1, *shape)
+
+    def members(self, name: str) -> list[str]:
+        """Return the signals of a name, of one or of an array; UsageError when there are none."""
+        if name in self._signals:
+            return [name]
+        if name not in self.groups:
+            raise UsageError(
+                f"the results have no signal {name!r}{close_to(name, [*self._signals, *self.groups])}"
+            )
+        return list(self.groups[name].values())
 
     def shape_of(self, group: str) -> tuple[int, ...] | None:
         """Return the shape of a row of a group; None if its signals do not fill an array."""
