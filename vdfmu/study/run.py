@@ -223,7 +223,9 @@ def run(
     report = called(progress)
     if scenario.kind == "contrast":
         if observer is not None:
-            raise UsageError(f"scenario {scenario.name} has no units, so there is no run to look at while it goes on.")
+            raise UsageError(
+                f"scenario {scenario.name} has no units, so there is no run to look at while it goes on."
+            )
         if backend is not None or fmi_version != "2.0":
             raise UsageError(
                 f"scenario {scenario.name} has no units, so there is no backend and no version of FMI."

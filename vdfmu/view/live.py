@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import pickle
 import signal
 import sys
@@ -103,7 +102,9 @@ class LiveView:
             first = json.loads(self._replies.readline())
         except ValueError:
             end_group(process)
-            raise VdfmuError(f"the process of the view has ended: {self._listener.finish().strip()}") from None
+            raise VdfmuError(
+                f"the process of the view has ended: {self._listener.finish().strip()}"
+            ) from None
         if "error" in first:
             raise UsageError(first["error"])
         self.address: str = first["address"]
@@ -151,7 +152,11 @@ class LiveView:
         self._words = None
         self._due = self._began = 0.0
         if arm is None or "q" not in places:
-            why = "no robot is known" if arm is None else f"there is no signal {SIGNALS['q']} of its joints"
+            why = (
+                "no robot is known; --robot, or arm of LiveView, names one"
+                if arm is None
+                else f"there is no signal {SIGNALS['q']} of its joints"
+            )
             text = f"There is no arm to show: {why}."
             self._say(f"note: live view: {text}")
             self._send("words", title, text)

@@ -22,7 +22,7 @@ from vdfmu.errors import UsageError
 from vdfmu.process import private_pipes
 from vdfmu.report.joints import UNITS
 from vdfmu.view.live import HEAD
-from vdfmu.view.scene import PERIOD, Arm, address, open_server, stage
+from vdfmu.view.scene import PERIOD, Arm, address, clear, open_server, stage
 from vdfmu.view.shapes import Chain
 
 QUANTITIES = {"torque": "Torque, link side", "error": "Tracking error", "torsion": "Torsion"}
@@ -30,6 +30,7 @@ _NUMBERS = 0.2
 """Time between two tables of numbers, and two pictures of curves [s]."""
 _POINTS = 400
 """Points of a curve that grows, before every second is dropped."""
+_HIGH = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 _LARGER = ("1", "10", "100", "1000", "10⁴", "10⁵")
 
 
@@ -52,12 +53,10 @@ class Scene:
     def __init__(
         self, server: Any, title: str, arm: Mapping[str, Any], start: float, stop: float, given: set[str]
     ) -> None:
-        server.scene.reset()
-        server.gui.reset()
-        server.gui.set_panel_label(title)
+        clear(server, title)
         self._server, self.chain = server, (chain := Chain(arm))
         self.start, self.stop = start, stop
-        stage(server, chain, chain.points(np.zeros(chain.n)))
+        stage(server, chain, np.vstack([chain.points(np.zeros(chain.n)), 0.8 * chain.reach * chain.up]))
         self._arm = Arm(server, chain, arm["shapes"])
         self._arm.frame(chain.n, "tool", 0.1 * chain.reach, chain.tool_offset, chain.tool_rotation)
         self._ghost = Arm(server, chain, arm["shapes"], "desired", ghost=True) if "q_d" in given else None
@@ -71,7 +70,9 @@ class Scene:
         self.slider: Any = None
         self._numbers = gui.add_markdown("")
         names = [key for key, needs in NEEDS.items() if needs <= given]
-        self._chosen = gui.add_dropdown("Colour of joints", [QUANTITIES[key] for key in names]) if names else None
+        self._chosen = (
+            gui.add_dropdown("Colour of joints", [QUANTITIES[key] for key in names]) if names else None
+        )
         self._desired = gui.add_checkbox("Desired arm", True) if self._ghost else None
         self._larger = gui.add_dropdown("Errors drawn times", _LARGER) if self._ghost else None
         self._keys = names
@@ -108,12 +109,18 @@ class Scene:
         self._peaks = {key: np.abs(values).max(axis=0) for key, values in whole.items()}
         self._time, self._curves = time.tolist(), {key: list(values) for key, values in whole.items()}
         gui, first, last = self._server.gui, float(time[0]), float(time[-1])
-        words = "The run is complete." if last >= self.stop - 1e-9 * abs(self.stop) else "The run ended early."
+        words = (
+            "The run is complete." if last >= self.stop - 1e-9 * abs(self.stop) else "The run ended early."
+        )
         self._state.content = f"{words} {first:g} to {last:g} s:"
         if last > first:
-            self.slider = gui.add_slider("Time [s]", first, last, (last - first) / 1000.0, last, order=self._state.order + 0.1)
+            self.slider = gui.add_slider(
+                "Time [s]", first, last, (last - first) / 1000.0, last, order=self._state.order + 0.1
+            )
             self.playing = gui.add_checkbox("Play", False, order=self._state.order + 0.2)
-            self.rate = gui.add_dropdown("Speed", ("1", "0.1", "0.3", "3", "10"), order=self._state.order + 0.3)
+            self.rate = gui.add_dropdown(
+                "Speed", ("1", "0.1", "0.3", "3", "10"), order=self._state.order + 0.3
+            )
         self.curves()
 
     def at(self, time: float) -> dict[str, Floats]:
@@ -123,7 +130,7 @@ class Scene:
         return {key: values[k] for key, values in self.recorded.items() if key != "time"}
 
     def choices(self) -> list[Any]:
-        """What is chosen in the panel."""
+        """Return what is chosen in the panel."""
         return [each.value for each in (self._chosen, self._desired, self._larger) if each is not None]
 
     def draw(self, found: Mapping[str, Floats]) -> None:
@@ -145,17 +152,18 @@ class Scene:
         if self.recorded is None:
             share = (time - self.start) / (self.stop - self.start) if self.stop > self.start else 1.0
             self._state.content = f"Running: t = {time:.3f} s, {100.0 * share:.0f} %"
-        heads = {"error": "error", "torque": "torque", "torsion": "torsion"}
         values = self.values(found)
-        lines = [f"| t = {time:.3f} s | position |" + "".join(f" {heads[key]} |" for key in values)]
+        one = len(set(self.chain.types)) == 1
+        units = {key: _unit(key, self.chain.types[0]) for key in ("position", *values)}
+        lines = ["| | " + " | ".join(f"{key} [{unit}]" if one else key for key, unit in units.items()) + " |"]
         lines.append("| --- " * (2 + len(values)) + "|")
         for i, kind in enumerate(self.chain.types):
-            unit = UNITS[kind]
-            cells = [f"{i + 1}", f"{unit.factor * found['q'][i]:.2f} {unit.position}"]
-            for key, each in values.items():
-                factor, name = (1.0, unit.torque) if key == "torque" else (unit.factor, unit.position)
-                cells.append(f"{factor * each[i]:.3g} {name}")
-            lines.append("| " + " | ".join(cells) + " |")
+            cells = [f"{UNITS[kind].factor * found['q'][i]:.2f}"]
+            cells += [f"{_factor(key, kind) * each[i]:.3g}" for key, each in values.items()]
+            if not one:
+                cells = [f"{cell} {_unit(key, kind)}" for key, cell in zip(units, cells, strict=True)]
+            cells = [cell.replace("-", "−") for cell in cells]  # at which no line is broken
+            lines.append(f"| {i + 1} | " + " | ".join(cells) + " |")
         self._numbers.content = "\n".join(lines)
 
     def curves(self) -> None:
@@ -164,24 +172,30 @@ class Scene:
             return
         time = np.array(self._time)
         for key, rows in self._curves.items():
-            array, factors = np.array(rows), np.ones(self.chain.n)
-            if key != "torque":
-                factors = np.array([UNITS[kind].factor for kind in self.chain.types])
-            data = (time, *(array * factors).T)
+            values = np.array(rows) * [_factor(key, kind) for kind in self.chain.types]
+            largest = float(np.abs(values).max())
+            power = (
+                0 if not 0.0 < largest < 0.1 else 3 * int(np.floor(np.log10(largest) / 3.0))
+            )  # of the axis
+            units = ", ".join(dict.fromkeys(_unit(key, kind) for kind in self.chain.types))
+            title = f"{QUANTITIES[key]} [{f'10{str(power).translate(_HIGH)} ' * (power < 0)}{units}]"
+            data = (time, *(10.0**-power * values).T)
             if key in self._plots:
-                self._plots[key].data = data
+                self._plots[key].data, self._plots[key].title = data, title
                 continue
-            units = dict.fromkeys(
-                UNITS[kind].torque if key == "torque" else UNITS[kind].position for kind in self.chain.types
-            )
-            series: list[dict[str, Any]] = [{"label": "s"}]
-            series += [
-                {"label": f"{i + 1}", "stroke": COLOURS[i % len(COLOURS)], "width": 1.5} for i in range(self.chain.n)
-            ]
+            looks = [{"label": f"{i + 1}", "stroke": COLOURS[i % len(COLOURS)]} for i in range(self.chain.n)]
             self._plots[key] = self._server.gui.add_uplot(
-                data, tuple(series), title=f"{QUANTITIES[key]} [{', '.join(units)}]", aspect=1.7,
-                scales={"x": {"time": False}}, legend={"show": False},
+                data, ({"label": "s"}, *({**look, "width": 1.5} for look in looks)), title=title, aspect=1.4,
+                scales={"x": {"time": False}}, legend={"show": True},
             )  # fmt: skip
+
+
+def _unit(key: str, kind: str) -> str:
+    return UNITS[kind].torque if key == "torque" else UNITS[kind].position
+
+
+def _factor(key: str, kind: str) -> float:
+    return 1.0 if key == "torque" else UNITS[kind].factor
 
 
 NEEDS = {"torque": {"tau"}, "error": {"q_d"}, "torsion": {"kappa"}}
@@ -201,7 +215,13 @@ class Server:
         self._shown: Any = None
 
     def begin(
-        self, title: str, arm: Mapping[str, Any], path: str, places: dict[str, list[int]], start: float, stop: float
+        self,
+        title: str,
+        arm: Mapping[str, Any],
+        path: str,
+        places: dict[str, list[int]],
+        start: float,
+        stop: float,
     ) -> None:
         """Draw the arm of a run that begins."""
         self._scene = Scene(self._server, title, arm, start, stop, set(places))
@@ -212,9 +232,7 @@ class Server:
     def words(self, title: str, text: str) -> None:
         """Show a text in place of an arm."""
         self._scene = self._words = None
-        self._server.scene.reset()
-        self._server.gui.reset()
-        self._server.gui.set_panel_label(title)
+        clear(self._server, title)
         self._server.gui.add_markdown(text)
 
     def end(self, time: Floats, found: Mapping[str, Floats]) -> None:

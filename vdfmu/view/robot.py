@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
+import io
+import math
 import time as clock
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -50,7 +53,7 @@ class RobotView:
         self.address = address(self._server)
         self.chain = chain = Chain(arm_of(robot, {}))
         self._q: Floats = np.array(middle_pose(robot))
-        travel = [1.0] * chain.n
+        travel = [0.5] * chain.n
         if robot.limits:
             travel = np.maximum(np.abs(robot.q_min), np.abs(robot.q_max)).tolist()
         rails = [each for each, kind in zip(travel, chain.types, strict=True) if kind == "prismatic"]
@@ -58,7 +61,7 @@ class RobotView:
         shapes = [visual.to_dict() for visual in robot.visuals]
         self.arm = Arm(self._server, chain, shapes, travel=max(rails, default=None), meshes=folder)
         ellipsoids, self.notes = inertia_parts(robot)
-        self.notes += self.arm.notes
+        self.notes += filter(None, [self.arm.note])
         self._groups = self._add_groups(ellipsoids)
         self._add_controls()
         self._pool = ThreadPoolExecutor(1)
@@ -86,7 +89,9 @@ class RobotView:
             for i, p in centres(self.robot)
         ]
         groups["Ellipsoids of inertia"] = [
-            self.arm.add(part._replace(colour=(124, 58, 237)), f"inertia_{k}", opacity=0.45, cast_shadow=False)
+            self.arm.add(
+                part._replace(colour=(124, 58, 237)), f"inertia_{k}", opacity=0.45, cast_shadow=False
+            )
             for k, part in enumerate(ellipsoids)
         ]
         if not chain.weightless:
@@ -108,10 +113,13 @@ class RobotView:
                 low, high = (-np.pi, np.pi) if kind == "revolute" else (-0.5, 0.5)
                 if robot.limits:
                     low, high = float(robot.q_min[i]), float(robot.q_max[i])
-                ends = [round(float(self._factors[i] * end), 3) for end in (low, high)]
+                ends = [
+                    math.ceil(10.0 * self._factors[i] * low) / 10.0,
+                    math.floor(10.0 * self._factors[i] * high) / 10.0,
+                ]
                 start = min(max(float(self._factors[i] * self._q[i]), ends[0]), ends[1])
                 label = f"{i + 1} [{UNITS[kind].position}]"
-                self.sliders.append(gui.add_slider(label, *ends, (ends[1] - ends[0]) / 720.0, start))
+                self.sliders.append(gui.add_slider(label, *ends, 0.1, start))
             self._home = gui.add_button("Back to the start")
             start = [slider.value for slider in self.sliders]
 
@@ -129,7 +137,9 @@ class RobotView:
         with gui.add_folder("Modes"):
             self._motors = gui.add_dropdown("Motors", MOTORS)
             self._mode = gui.add_dropdown("Mode", ("none",))
-            self._amplitude = gui.add_slider("Amplitude", 0.0, 0.5, 0.01, 0.2, hint="rad or m, of the link that moves most")
+            self._amplitude = gui.add_slider(
+                "Amplitude", 0.0, 0.5, 0.01, 0.2, hint="rad or m, of the link that moves most"
+            )
             self._words = gui.add_markdown("")
         if self.notes:
             gui.add_markdown("\n".join(f"- {note}" for note in self.notes))
@@ -204,7 +214,8 @@ class RobotView:
     def close(self) -> None:
         """End the server."""
         self._pool.shutdown(wait=False, cancel_futures=True)
-        self._server.stop()
+        with contextlib.redirect_stdout(io.StringIO()):
+            self._server.stop()
 
 
 def displacement(modes: Modes, k: int, cycles: float) -> Floats:

@@ -15,7 +15,7 @@ import numpy as np
 
 from vdfmu.arrays import Floats
 from vdfmu.errors import UsageError
-from vdfmu.view.shapes import Chain, Colour, Part, blend, body_parts, turn_to
+from vdfmu.view.shapes import Chain, Colour, Part, blend, housings, own_shapes, tubes, turn_to
 
 HOST = "127.0.0.1"
 PERIOD = 1.0 / 30.0
@@ -65,9 +65,17 @@ def open_server(port: int | None, label: str) -> Any:
     with contextlib.redirect_stdout(io.StringIO()):  # its own words name no way to end
         server = viser.ViserServer(HOST, port or 0, label, verbose=False)
     server.request_share_url = lambda verbose=True: None  # it would open a tunnel to a server of others
+    clear(server, label)
+    return server
+
+
+def clear(server: Any, label: str) -> None:
+    """Empty scene and panel, and dock the panel beside the scene."""
+    server.scene.reset()
+    server.gui.reset()
+    server.gui.set_panel_label(label)
     server.gui.configure_theme(show_logo=False, show_share_button=False)
     server.gui.main_panel.dock_right()
-    return server
 
 
 def address(server: Any) -> str:
@@ -105,6 +113,7 @@ class Arm:
         meshes: Path | None = None,
     ) -> None:
         self._server, self._scene, self.chain = server, server.scene, chain
+        self._ghost = ghost
         self.root = self._scene.add_frame(name, show_axes=False)
         self._look = {"color": (47, 143, 232), "opacity": 0.3, "cast_shadow": False} if ghost else {}
         self.names, self._links = [name], list[Any]()
@@ -112,26 +121,31 @@ class Arm:
             self.names.append(f"{self.names[-1]}/link_{i + 1}")
             self._links.append(self._scene.add_frame(self.names[-1], show_axes=False))
         self.set(np.zeros(chain.n))
-        self.notes: list[str] = []
+        self.note = ""
         """What of the robot's looks cannot be shown."""
         loaded = [] if meshes is None else self._meshes([v for v in shapes if v["shape"] == "mesh"], meshes)
-        known = [v for v in shapes if v["shape"] != "mesh"]
-        if len(known) + len(loaded) < len(shapes):  # half an arm would look as if it were all of it
+        parts = [*own_shapes(shapes)]
+        if len(parts) + len(loaded) < len(shapes):  # half an arm would look as if it were all of it
             for handle in loaded:
                 handle.remove()
-            known, loaded = [], []
-        self.bodies, marked = loaded, dict[int, Any]()
-        for part in body_parts(chain, known, travel or chain.reach / 3.0, tubes=not (known or loaded)):
+            parts, loaded = [], []
+        if not loaded:
+            bare = [] if parts else tubes(chain)
+            parts = [*housings(chain, travel or chain.reach / 3.0), *parts, *bare]
+        self.bodies = loaded
+        marked: dict[int, Any] = {}
+        for part in parts:
             handle = self.add(part, f"body_{len(self.bodies)}")
             self.bodies.append(handle)
             if part.joint is not None:
                 marked[part.joint] = handle
-        self._marked = [marked[i] for i in range(chain.n)]
+        self._marked = [marked[i] for i in sorted(marked)]
         self._colours: list[Colour] = []
 
     def add(self, part: Part, name: str, **look: Any) -> Any:
         """Add a shape to its body; return viser's handle."""
-        name, size = f"{self.names[part.body]}/{name}", [float(each) for each in part.size]
+        shrink = 0.97 if self._ghost else 1.0  # within the other where they are at one place
+        name, size = f"{self.names[part.body]}/{name}", [shrink * float(each) for each in part.size]
         common = {"color": part.colour, "receive_shadow": False, **self._look, **look}
         common |= {"position": part.offset, "wxyz": _quaternion(part.rotation)}
         match part.shape:
@@ -157,7 +171,7 @@ class Arm:
                 mesh: Any = trimesh.load(folder / visual["file"], force="mesh")
                 mesh.apply_scale(visual["size"])
             except Exception as error:  # whatever a reader of another's format does with a file
-                self.notes.append(f"{visual['file']}: {error}")
+                self.note = f"mesh {visual['file']} cannot be shown: {error}"
                 continue
             handles.append(
                 self._scene.add_mesh_simple(
@@ -176,12 +190,16 @@ class Arm:
     def colour(self, shares: Floats) -> None:
         """Colour the joints by values as shares of their largest, (n,)."""
         colours = [blend(float(share)) for share in shares]
-        for handle, new, old in zip(self._marked, colours, self._colours or [None] * len(colours), strict=True):
+        for handle, new, old in zip(
+            self._marked, colours, self._colours or [None] * len(colours), strict=True
+        ):
             if new != old:
                 handle.color = new
         self._colours = colours
 
-    def frame(self, body: int, name: str, length: float, p: Floats | None = None, R: Floats | None = None) -> Any:
+    def frame(
+        self, body: int, name: str, length: float, p: Floats | None = None, R: Floats | None = None
+    ) -> Any:
         """Add axes to a body, x red, y green, z blue; p and R place them in it."""
         return self._scene.add_frame(
             f"{self.names[body]}/{name}", axes_length=length, axes_radius=0.045 * length, origin_radius=0.07 * length,
@@ -216,7 +234,12 @@ def stage(server: Any, chain: Chain, points: Floats) -> None:
     )  # fmt: skip
     r = 0.07 * reach
     scene.add_cylinder(
-        "foot", radius=r, height=-floor, color=(86, 98, 112), position=floor * up / 2.0, wxyz=_quaternion(turn)
+        "foot",
+        radius=r,
+        height=-floor,
+        color=(86, 98, 112),
+        position=floor * up / 2.0,
+        wxyz=_quaternion(turn),
     )
     low, high = points.min(axis=0), points.max(axis=0)
     centre = (low + high) / 2.0
@@ -241,4 +264,4 @@ def stage(server: Any, chain: Chain, points: Floats) -> None:
 def _quaternion(R: Floats) -> Floats:
     from viser.transforms import SO3
 
-    return SO3.from_matrix(R).wxyz
+    return np.asarray(SO3.from_matrix(R).wxyz, dtype=np.float64)

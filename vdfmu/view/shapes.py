@@ -60,11 +60,13 @@ class Chain:
 
     def points(self, q: Floats) -> Floats:
         """Origins of {I}, of every {B_i} and of {O} in {I}: (n + 2, 3) [m]."""
-        p, R, found = np.zeros(3), np.eye(3), [np.zeros(3)]
+        p: Floats = np.zeros(3)
+        R: Floats = np.eye(3)
+        found: list[Floats] = [p]
         for R_AB, p_AB in self.placements(q):
             p, R = p + R @ p_AB, R @ R_AB
             found.append(p)
-        return np.array([*found, p + R @ self.tool_offset])
+        return np.array([*found, p + R @ self.tool_offset], dtype=np.float64)
 
     @property
     def reach(self) -> float:
@@ -81,26 +83,15 @@ def turn_to(direction: Floats) -> Floats:
     return np.stack([x, np.cross(z, x), z], axis=1)
 
 
-def body_parts(
-    chain: Chain, shapes: Sequence[Mapping[str, Any]], travel: float, tubes: bool
-) -> Iterator[Part]:
-    """Yield housings along the axes of the joints, the robot's own shapes, and tubes from joint to joint.
+def _radius(chain: Chain, place: float) -> float:
+    """Radius of a housing [m], as on the page of a run: ``vdfmu/report/web/arm.js``."""
+    return 0.06 * chain.reach * (1.0 - 0.42 * place / max(1, chain.n - 1))
 
-    As the page of a run draws them, with the same radii: ``vdfmu/report/web/arm.js``.
 
-    Parameters
-    ----------
-    shapes : sequence of mappings
-        Tables ``[[visuals]]`` of the robot file; meshes are left out.
-    travel : float [m]
-        Length of the rails of prismatic joints.
-    tubes : bool
-        Whether there are tubes.
-    """
-    n, r0 = chain.n, 0.06 * chain.reach
-    radii = [r0 * (1.0 - 0.42 * i / max(1, n - 1)) for i in range(n)]
+def housings(chain: Chain, travel: float) -> Iterator[Part]:
+    """Yield housings along the axes of the joints; `travel` [m] is the length of the rails of prismatic ones."""
     for i, kind in enumerate(chain.types):
-        r, body = radii[i], i + 1
+        r, body = _radius(chain, i), i + 1
         if kind == "prismatic":
             R, middle = chain.rotation[i], chain.offset[i] + chain.rotation[i][:, 2] * travel / 2.0
             yield Part(i, "box", (1.5 * r, 1.5 * r, travel + 2.0 * r), middle, R)
@@ -108,21 +99,26 @@ def body_parts(
             continue
         yield Part(body, "cylinder", (r, 2.2 * r), np.zeros(3), np.eye(3), NEUTRAL, i)
         for side in (-1.16, 1.16):
-            yield Part(
-                body, "cylinder", (0.82 * r, 0.16 * r), np.array([0.0, 0.0, side * r]), np.eye(3), DARK
-            )
-    for shape in shapes:
-        if shape["shape"] != "mesh":
-            look = tuple(round(255.0 * part) for part in shape["color"][:3])
-            yield Part(
-                shape["joint"], shape["shape"], shape["size"], np.array(shape["offset"]),
-                np.array(shape["rotation"]), (look[0], look[1], look[2]),
-            )  # fmt: skip
-    for body, to in enumerate([*chain.offset, chain.tool_offset] if tubes else []):
+            cap = np.array([0.0, 0.0, side * r])
+            yield Part(body, "cylinder", (0.82 * r, 0.16 * r), cap, np.eye(3), DARK)
+
+
+def tubes(chain: Chain) -> Iterator[Part]:
+    """Yield tubes from joint to joint."""
+    for body, to in enumerate([*chain.offset, chain.tool_offset]):
         length = float(np.linalg.norm(to))
         if length > 1e-9:
-            r = 0.68 * r0 * (1.0 - 0.42 * min(max(body - 1, 0) + 0.5, n - 1) / max(1, n - 1))
+            r = 0.68 * _radius(chain, min(max(body - 1, 0) + 0.5, chain.n - 1))
             yield Part(body, "capsule", (r, length), to / 2.0, turn_to(to))
+
+
+def own_shapes(shapes: Sequence[Mapping[str, Any]]) -> Iterator[Part]:
+    """Yield the tables ``[[visuals]]`` of a robot file but meshes."""
+    for shape in shapes:
+        if shape["shape"] != "mesh":
+            red, green, blue = (round(255.0 * part) for part in shape["color"][:3])
+            offset, rotation = np.array(shape["offset"]), np.array(shape["rotation"])
+            yield Part(shape["joint"], shape["shape"], shape["size"], offset, rotation, (red, green, blue))
 
 
 def half_axes(mass: float, moments: Floats) -> Floats:
@@ -159,7 +155,9 @@ def inertia_parts(robot: Robot) -> tuple[list[Part], list[str]]:
             continue
         moments, axes = np.linalg.eigh((inertia + inertia.T) / 2.0)
         if moments[0] < 0.0 or 2.0 * moments[2] > moments.sum() * (1.0 + 1e-9):
-            notes.append(f"{name}: no body has principal moments {', '.join(f'{each:.3g}' for each in moments)}")
+            notes.append(
+                f"{name}: no body has principal moments {', '.join(f'{each:.3g}' for each in moments)}"
+            )
         size = half_axes(float(mass), moments)
         if not size.max() > 0.0:
             notes.append(f"{name} is a point mass")
