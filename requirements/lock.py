@@ -25,7 +25,10 @@ FILES = {
     "robots": (("--extra=robots",), ("base",)),
     "docs": (("--extra=docs",), ("base",)),
     "dev": (("--extra=dev",), ("base",)),
-    "test": (("--extra=test",), ("docs", "native", "sweep", "federate", "robots", "motion", "notebook", "view")),
+    "test": (
+        ("--extra=test",),
+        ("docs", "native", "sweep", "federate", "robots", "motion", "notebook", "view"),
+    ),
     "bench": (("--extra=bench",), ("native", "sweep", "robots", "view")),
     "supply": (("--group=supply",), ()),
 }

@@ -163,7 +163,7 @@ class Scene:
             if not one:
                 cells = [f"{cell} {_unit(key, kind)}" for key, cell in zip(units, cells, strict=True)]
             cells = [cell.replace("-", "−") for cell in cells]  # at which no line is broken
-            lines.append(f"| {i + 1} | " + " | ".join(cells) + " |")
+            lines.append(f"| {i + 1}  | " + " | ".join(cells) + " |")
         self._numbers.content = "\n".join(lines)
 
     def curves(self) -> None:
