@@ -17,12 +17,15 @@ class Watcher:
         self.names, self.about, self.rows, self.results = [], {}, [], None
 
     def begin(self, names, about):
+        """Keep what there is."""
         self.names, self.about = list(names), dict(about)
 
     def row(self, time, values):
+        """Keep a row."""
         self.rows.append((time, values))
 
     def end(self, results):
+        """Keep the results."""
         self.results = results
 
 

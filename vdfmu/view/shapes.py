@@ -80,7 +80,7 @@ def turn_to(direction: Floats) -> Floats:
     x = np.eye(3)[int(abs(z[0]) > 0.9)]
     x = x - (x @ z) * z
     x /= np.linalg.norm(x)
-    return np.stack([x, np.cross(z, x), z], axis=1)
+    return np.array([x, np.cross(z, x), z], dtype=np.float64).T
 
 
 def _radius(chain: Chain, place: float) -> float:
