@@ -23,6 +23,10 @@ class PlainDocstrings(griffe.Extension):
 
     def on_object(self, *, obj: griffe.Object, **_: Any) -> None:
         """Change the docstring of one object."""
+        if isinstance(obj, griffe.Class):
+            for parameter in obj.parameters:
+                if str(parameter.default).startswith("_row("):  # of the table of a robot's parameters
+                    parameter.default = None
         if obj.docstring is not None:
             text = obj.docstring.value
             if obj.path == f"{Robot.__module__}.Robot":  # its docstring goes on with the table of parameters

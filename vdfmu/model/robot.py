@@ -57,8 +57,8 @@ class Robot(Parameters):
     payload : bool
         Whether the last link carries a body of its own; the fields ``payload_`` count only then.
     limits, hysteresis, load_loss, backlash, bristles, winding, thermal : bool
-        Whether joints have end stops and motors a torque-speed line; what else drives and motors have. The fields of
-        ``[joints.limits]`` and so on count only then.
+        Whether joints have this option of the drives; the fields of its table, such as ``[joints.limits]``, count
+        only then.
     moving_base : bool
         Whether the base moves, as inputs of the plant say; else it is at rest in {I}.
     coupled_tool : bool
