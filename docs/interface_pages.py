@@ -65,7 +65,7 @@ def robot_file_page() -> str:
                 if isinstance(row.default, float)
                 else "unit matrix",
                 row.equation,
-                _text(row.text[0].lower() + row.text[1:].replace(", Eq. {}", "").replace(" of Eq. {}", "")),
+                _text(row.text[0].upper() + row.text[1:].replace(", Eq. {}", "").replace(" of Eq. {}", "")),
             )
             lines.append("| " + " | ".join(cells) + " |")
     return "\n".join([*lines, ""])

@@ -9,6 +9,7 @@ from typing import Any
 import typer.main
 
 from vdfmu.cli.commands import app
+from vdfmu.model.parameters import PARAMETERS
 from vdfmu.scenario.schema import scenario_schema
 
 
@@ -59,6 +60,7 @@ def _plain(text: str) -> str:
         .replace("<", "&lt;")
         .replace("*", r"\*")
         .replace("[", r"\[")
+        .replace("{", "&#123;")  # a frame at the end of a cell is no attribute of it
     )
 
 
@@ -67,6 +69,9 @@ def scenario_file_page() -> str:
     schema = scenario_schema()
     keys: Mapping[str, Any] = schema["properties"]
     tables = {key: value for key, value in keys.items() if value.get("properties")}
+    for part, table in tables.items():
+        if part != "payload":
+            table["properties"] = {k: v for k, v in table["properties"].items() if k not in PARAMETERS}
     top = {key: value for key, value in keys.items() if key not in tables}
     lines = [_SCENARIO_HEAD, "## Top of the file", *_keys(top, schema["required"])]
     for name, table in tables.items():
@@ -84,7 +89,9 @@ def _keys(keys: Mapping[str, Any], required: list[str]) -> list[str]:
 
 def _value(schema: Mapping[str, Any]) -> str:
     if "anyOf" in schema:
-        return " or ".join(dict.fromkeys(_value(each) for each in schema["anyOf"]))
+        found = " or ".join(dict.fromkeys(_value(each) for each in schema["anyOf"]))
+        one, _, many = found.partition(" or list: ")
+        return f"{one}, or a list" if one == many else found
     if "enum" in schema:
         return ", ".join(f"`{value}`" for value in schema["enum"])
     kind = schema.get("type", "")
@@ -121,4 +128,7 @@ This page is made from the schema of the file, `vdfmu models schema scenario`, w
 scenario is one TOML file: [The scenarios](scenarios.md) has those that are shipped. Beside the keys below it has a
 table for each component of its system, here those of the shipped one, with the component's parameters; one value
 stands for all joints. SI units, angles in rad.
+
+A component that knows the robot takes any of [its numbers](robot_file.md) too, such as `mass`, for itself: one that
+is in `[plant]` alone is unknown to the feedforward.
 """

@@ -100,17 +100,27 @@ def forward_dynamics(
     tau: npt.ArrayLike,
     F_e: npt.ArrayLike | None = None,
 ) -> Floats:
-    """Joint accelerations of the rigid arm, by the articulated recursion; the inverse of :func:`inverse_dynamics`.
+    """Joint accelerations of the rigid arm by the articulated recursion, Eq. (44)-(47) solved for them.
+
+    The inverse of :func:`inverse_dynamics`.
 
     Parameters
     ----------
+    robot : Robot
+    q, q_dot : (n,) or (m, n) [rad or m, and per s]
+        One state or a batch of m; a single row goes with a batch of the others.
     tau : (n,) or (m, n) [N m or N], link-side
-    robot, q, q_dot, F_e
-        As of :func:`inverse_dynamics`, with its errors.
+    F_e : (6,) or (m, 6) [N, N m], optional
+        Wrench that the arm exerts on its surroundings, in {O}.
 
     Returns
     -------
     q_ddot : (n,) or (m, n) [rad/s2 or m/s2]
+
+    Raises
+    ------
+    KernelError
+        As of :func:`inverse_dynamics`.
     """
     kernel = _kernel(robot)
     n = kernel.robot.n
@@ -121,11 +131,20 @@ def forward_dynamics(
 def gravity_torque(robot: Robot, q: npt.ArrayLike) -> Floats:
     """Joint torques that hold the rigid arm at rest against gravity, Eq. (44)-(47) with (62).
 
-    For one position `q`, (n,) [rad or m], or a batch, (m, n); errors as of :func:`inverse_dynamics`.
+    Parameters
+    ----------
+    robot : Robot
+    q : (n,) or (m, n) [rad or m]
+        One position or a batch of m.
 
     Returns
     -------
     G : (n,) or (m, n) [N m or N], link-side
+
+    Raises
+    ------
+    KernelError
+        As of :func:`inverse_dynamics`.
     """
     rest = np.zeros(robot_argument(robot).n)
     return inverse_dynamics(robot, q, rest, rest)
@@ -134,12 +153,21 @@ def gravity_torque(robot: Robot, q: npt.ArrayLike) -> Floats:
 def mass_matrix(robot: Robot, q: npt.ArrayLike) -> Floats:
     """Mass matrix of the rigid arm by the mapping matrices (37)-(43), without the rotors.
 
-    For one position `q`, (n,) [rad or m], or a batch, (m, n); errors as of :func:`inverse_dynamics`.
+    Parameters
+    ----------
+    robot : Robot
+    q : (n,) or (m, n) [rad or m]
+        One position or a batch of m.
 
     Returns
     -------
     M : (n, n) or (m, n, n) [kg m2, kg m, kg]
         Symmetric positive definite; ``M @ q_ddot`` are link-side torques.
+
+    Raises
+    ------
+    KernelError
+        As of :func:`inverse_dynamics`.
     """
     n = robot_argument(robot).n
     return _at_position(robot, "mass_matrix", q, (n, n))
@@ -148,12 +176,21 @@ def mass_matrix(robot: Robot, q: npt.ArrayLike) -> Floats:
 def jacobian(robot: Robot, q: npt.ArrayLike) -> Floats:
     """Jacobian of the end effector, Eq. (37)-(38): ``V_O = J_q @ q_dot``.
 
-    For one position `q`, (n,) [rad or m], or a batch, (m, n); errors as of :func:`inverse_dynamics`.
+    Parameters
+    ----------
+    robot : Robot
+    q : (n,) or (m, n) [rad or m]
+        One position or a batch of m.
 
     Returns
     -------
     J_q : (6, n) or (m, 6, n) [m, rad, and per rad or m]
         Linear part first, in the end-effector frame {O}; ``J_q.T @ F_e`` are the torques for a wrench in {O}.
+
+    Raises
+    ------
+    KernelError
+        As of :func:`inverse_dynamics`.
     """
     return _at_position(robot, "jacobian", q, (6, robot_argument(robot).n))
 
@@ -161,7 +198,11 @@ def jacobian(robot: Robot, q: npt.ArrayLike) -> Floats:
 def forward_kinematics(robot: Robot, q: npt.ArrayLike) -> tuple[Floats, Floats]:
     """Pose of the end-effector frame {O} in {I}, by the product of (34)-(36).
 
-    For one position `q`, (n,) [rad or m], or a batch, (m, n); errors as of :func:`inverse_dynamics`.
+    Parameters
+    ----------
+    robot : Robot
+    q : (n,) or (m, n) [rad or m]
+        One position or a batch of m.
 
     Returns
     -------
@@ -169,6 +210,11 @@ def forward_kinematics(robot: Robot, q: npt.ArrayLike) -> tuple[Floats, Floats]:
         Position of the origin of {O} in {I}.
     R_O : (3, 3) or (m, 3, 3)
         Rotation of {O} in {I}: ``R_O @ v`` turns a vector in {O} into {I}.
+
+    Raises
+    ------
+    KernelError
+        As of :func:`inverse_dynamics`.
     """
     pose = _at_position(robot, "forward_kinematics", q, (12,))
     return pose[..., :3], pose[..., 3:].reshape(*pose.shape[:-1], 3, 3)

@@ -75,6 +75,36 @@ def test_formulas_in_docstrings_are_no_emphasis(api):
     assert re.findall(r":(?:func|class|mod|meth|data):", api) == []
 
 
+def documented(function):
+    """Return the names and types below Parameters of a docstring."""
+    text = (inspect.getdoc(function) or "").partition("Parameters\n---")[2]
+    text = re.split(r"\n\w+\n---", text)[0]
+    found = {}
+    for line in re.findall(r"^[\w*, ]+(?: : .*)?$(?=\n +)?", text.replace(",\n", ", "), re.MULTILINE):
+        names, _, kind = line.partition(" : ")
+        found |= {name.strip("* "): kind for name in names.split(",")}
+    return found
+
+
+@pytest.mark.parametrize("name", [name for name in vdfmu.__all__ if inspect.isfunction(getattr(vdfmu, name))])
+def test_a_public_function_documents_its_parameters_and_what_it_returns(name):
+    function = getattr(vdfmu, name)
+    signature, text = inspect.signature(function), inspect.getdoc(function)
+    assert set(documented(function)) >= set(signature.parameters)
+    for parameter, kind in documented(function).items():  # a time has its unit
+        assert parameter not in ("step", "stop", "start", "time_limit") or not kind or "[s]" in kind, (
+            parameter
+        )
+    if signature.parameters and "Generator" not in signature.return_annotation:
+        assert "Returns\n-------" in text and ("Raises\n------" in text or "with its errors" in text)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", [name for name in vdfmu.__all__ if not name.startswith("_")])
+def test_every_public_name_is_on_the_page_of_the_api(api, name):
+    assert re.search(rf'<h3 id="[\w.]*\.{name}"', api)
+
+
 FOUND = """new Promise((done, failed) => {
     const late = Date.now() + 20000
     const look = () => {

@@ -156,7 +156,7 @@ class Robot(Parameters):
     def source_of(self, key: str) -> str | None:
         """Return where the number at `key`, such as ``joints[2].link.mass``, is from; None if not said.
 
-        An entry for the very joint goes before the one for all joints, ``joints.link.mass``.
+        A per-joint entry overrides that of all joints, ``joints.link.mass``.
         """
         return self.sources.get(key, self.sources.get(joint_free(key)))
 
