@@ -114,8 +114,9 @@ hide: [toc]
 
 # Command line
 
-This page is made from the commands themselves when the documentation is built. `vdfmu COMMAND --help` says the same.
-`vdfmu --install-completion` lets the shell complete commands and options.
+Every command and option, made from the commands themselves; `vdfmu COMMAND --help` says the same.
+`vdfmu --install-completion` lets the shell complete commands and options. Exit codes: 0 done, 1 a check or a unit
+failed, 2 wrong usage or input, 130 stopped with Ctrl-C, 143 by SIGTERM, 129 by SIGHUP.
 """
 
 _SCENARIO_HEAD = """---
@@ -124,9 +125,9 @@ hide: [toc]
 
 # Scenario file
 
-This page is made from the schema of the file, `vdfmu models schema scenario`, when the documentation is built. A
-scenario is one TOML file: [The scenarios](scenarios.md) has those that are shipped. Beside the keys below it has a
-table for each component of its system, here those of the shipped one, with the component's parameters; one value
+Every key of a scenario file, made from its schema, `vdfmu models schema scenario`. A scenario is one TOML file: robot,
+system, values, duration and master of a run. [The scenarios](scenarios.md) has those that are shipped. Beside the
+keys below it has a table for each component of its system, here those of the shipped one, with the component's parameters; one value
 stands for all joints. SI units, angles in rad.
 
 A component that knows the robot takes any of [its numbers](robot_file.md) too, such as `mass`, for itself: one that
