@@ -222,8 +222,8 @@ the numbers below it has
 | `gear`, `motor` of a joint | [a name in the catalogue](drives.md#the-catalogue) |
 | `[sources]` | where numbers are from: `"joints.link.mass" = ".."` for all joints, `"joints[2].link.mass"` for one |
 | `[[visuals]]` | what links look like; nothing calculates with it: `joint` (0 for what stands still), `shape` (mesh, \
-box, ellipsoid, cylinder, capsule, sphere), `file` of a mesh, `size` (scale of a mesh; sides; half-axes; radius and length \
-along z; radius), `rotation` and `offset` in the link frame, `color` (red, green, blue, opacity) |
+box, ellipsoid, cylinder, capsule, sphere), `file` of a mesh, `size` (scale of a mesh; sides; half-axes; radius and \
+length along z; radius), `rotation` and `offset` in the link frame, `color` (red, green, blue, opacity) |
 
 `[payload]` can be missing, tables of [options](drives.md#options) such as `[joints.limits]` too, but then of all
 joints.
