@@ -73,6 +73,7 @@ def scenario_file_page() -> str:
         if part != "payload":
             table["properties"] = {k: v for k, v in table["properties"].items() if k not in PARAMETERS}
     top = {key: value for key, value in keys.items() if key not in tables}
+    del tables["plant_factors"]
     lines = [_SCENARIO_HEAD, "## Top of the file", *_keys(top, schema["required"])]
     for name, table in tables.items():
         lines += [f"\n## [{name}]", *_keys(table["properties"], table["required"])]
@@ -91,23 +92,26 @@ def _value(schema: Mapping[str, Any]) -> str:
     if "anyOf" in schema:
         found = " or ".join(dict.fromkeys(_value(each) for each in schema["anyOf"]))
         one, _, many = found.partition(" or list: ")
-        return f"{one}, or a list" if one == many else found
+        return f"{one} or list" if one == many else found
     if "enum" in schema:
         return ", ".join(f"`{value}`" for value in schema["enum"])
     kind = schema.get("type", "")
     if kind == "array":
-        return f"list: {_value(schema['items'])}"
+        inner = _value(schema["items"])
+        return {"number": "list", "list": "matrix"}.get(inner, f"list: {inner}")
     bounds = [
         f"{sign} {schema[key]:g}"
         for key, sign in (
             ("minimum", "≥"), ("exclusiveMinimum", ">"), ("maximum", "≤"), ("exclusiveMaximum", "<"),
         )
-        if key in schema
+        if key in schema and abs(schema[key]) < _HUGE
     ]  # fmt: skip
     words = {"string": "text", "boolean": "true or false", "object": "table", "": "number or list"}
     return " ".join([words.get(kind, kind), *([", ".join(bounds)] if bounds else [])])
 
 
+_HUGE = 1e4
+"""Bound from which on it is there for broken files only."""
 _COMMANDS_HEAD = """---
 hide: [toc]
 ---
@@ -131,5 +135,6 @@ keys below it has a table for each component of its system, here those of the sh
 parameters; one value stands for all joints. SI units, angles in rad.
 
 A component that knows the robot takes any of [its numbers](robot_file.md) too, such as `mass`, for itself: one that
-is in `[plant]` alone is unknown to the feedforward.
+is in `[plant]` alone is unknown to the feedforward. `[plant_factors]` multiplies them in the plant alone, `mass = 1.02`
+or a list with one for each joint. `[paper]` has what is printed beside the results, from joint 1 on.
 """
