@@ -102,7 +102,7 @@ def forward_dynamics(
 ) -> Floats:
     """Joint accelerations of the rigid arm by the articulated recursion, Eq. (44)-(47) solved for them.
 
-    The inverse of :func:`inverse_dynamics`.
+    The inverse of :func:`inverse_dynamics`, with its errors.
 
     Parameters
     ----------
@@ -116,11 +116,6 @@ def forward_dynamics(
     Returns
     -------
     q_ddot : (n,) or (m, n) [rad/s2 or m/s2]
-
-    Raises
-    ------
-    KernelError
-        As of :func:`inverse_dynamics`.
     """
     kernel = _kernel(robot)
     n = kernel.robot.n
@@ -135,16 +130,11 @@ def gravity_torque(robot: Robot, q: npt.ArrayLike) -> Floats:
     ----------
     robot : Robot
     q : (n,) or (m, n) [rad or m]
-        One position or a batch of m.
+        One position or a batch of m; errors as of :func:`inverse_dynamics`.
 
     Returns
     -------
     G : (n,) or (m, n) [N m or N], link-side
-
-    Raises
-    ------
-    KernelError
-        As of :func:`inverse_dynamics`.
     """
     rest = np.zeros(robot_argument(robot).n)
     return inverse_dynamics(robot, q, rest, rest)
@@ -157,17 +147,12 @@ def mass_matrix(robot: Robot, q: npt.ArrayLike) -> Floats:
     ----------
     robot : Robot
     q : (n,) or (m, n) [rad or m]
-        One position or a batch of m.
+        One position or a batch of m; errors as of :func:`inverse_dynamics`.
 
     Returns
     -------
     M : (n, n) or (m, n, n) [kg m2, kg m, kg]
         Symmetric positive definite; ``M @ q_ddot`` are link-side torques.
-
-    Raises
-    ------
-    KernelError
-        As of :func:`inverse_dynamics`.
     """
     n = robot_argument(robot).n
     return _at_position(robot, "mass_matrix", q, (n, n))
@@ -180,17 +165,12 @@ def jacobian(robot: Robot, q: npt.ArrayLike) -> Floats:
     ----------
     robot : Robot
     q : (n,) or (m, n) [rad or m]
-        One position or a batch of m.
+        One position or a batch of m; errors as of :func:`inverse_dynamics`.
 
     Returns
     -------
     J_q : (6, n) or (m, 6, n) [m, rad, and per rad or m]
         Linear part first, in the end-effector frame {O}; ``J_q.T @ F_e`` are the torques for a wrench in {O}.
-
-    Raises
-    ------
-    KernelError
-        As of :func:`inverse_dynamics`.
     """
     return _at_position(robot, "jacobian", q, (6, robot_argument(robot).n))
 
@@ -202,7 +182,7 @@ def forward_kinematics(robot: Robot, q: npt.ArrayLike) -> tuple[Floats, Floats]:
     ----------
     robot : Robot
     q : (n,) or (m, n) [rad or m]
-        One position or a batch of m.
+        One position or a batch of m; errors as of :func:`inverse_dynamics`.
 
     Returns
     -------
@@ -210,11 +190,6 @@ def forward_kinematics(robot: Robot, q: npt.ArrayLike) -> tuple[Floats, Floats]:
         Position of the origin of {O} in {I}.
     R_O : (3, 3) or (m, 3, 3)
         Rotation of {O} in {I}: ``R_O @ v`` turns a vector in {O} into {I}.
-
-    Raises
-    ------
-    KernelError
-        As of :func:`inverse_dynamics`.
     """
     pose = _at_position(robot, "forward_kinematics", q, (12,))
     return pose[..., :3], pose[..., 3:].reshape(*pose.shape[:-1], 3, 3)
