@@ -28,7 +28,7 @@ path, circle, rect { stroke: currentColor; fill: none; stroke-width: 1.6; stroke
 .x { stroke: var(--x); } .y { stroke: var(--y); } .z { stroke: var(--z); } .dash { stroke-dasharray: 5 5; }
 text.z { stroke: none; fill: var(--z); }
 """
-_SMALL = re.compile(r"_(\w|\{.*?\})")
+_SMALL = re.compile(r"_(\w)")
 
 
 def _page(width: int, height: int, title: str, parts: list[str]) -> str:
@@ -43,12 +43,9 @@ def _page(width: int, height: int, title: str, parts: list[str]) -> str:
 
 
 def _text(x: float, y: float, text: str, kind: str = "") -> str:
-    """Text with subscripts, ``q_d`` or ``B_{12}``."""
-    small = _SMALL.sub(
-        lambda m: f'<tspan dy="4" font-size="70%">{m[1].strip("{}")}</tspan><tspan dy="-4">\u200b</tspan>',
-        escape(text),
-    )
-    return f'<text x="{x:.4g}" y="{y:.4g}" class="{kind}">{small}</text>'
+    """Text with subscripts, ``q_d``."""
+    small = r'<tspan dy="4" font-size="70%">\1</tspan><tspan dy="-4">&#8203;</tspan>'
+    return f'<text x="{x:.4g}" y="{y:.4g}" class="{kind}">{_SMALL.sub(small, escape(text))}</text>'
 
 
 def _line(*points: tuple[float, float], kind: str = "", tip: bool = False) -> str:
@@ -58,11 +55,12 @@ def _line(*points: tuple[float, float], kind: str = "", tip: bool = False) -> st
 
 
 def _box(x: float, y: float, width: float, height: float, kind: str, *lines: str) -> str:
-    parts = [f'<rect x="{x}" y="{y}" width="{width}" height="{height}" rx="5" class="{kind}"/>']
-    top = y + height / 2 + 5 - 10 * (len(lines) - 1)
-    for k, line in enumerate(lines):
-        parts.append(_text(x + width / 2, top + 20 * k, line, "soft" if k else "bold"))
-    return "\n".join(parts)
+    top = y + height / 2 + 15 - 10 * len(lines)
+    texts = [
+        _text(x + width / 2, top + 20 * k, line, "soft" if k else "bold") for k, line in enumerate(lines)
+    ]
+    box = f'<rect x="{x}" y="{y}" width="{width}" height="{height}" rx="5" class="{kind}"/>'
+    return "\n".join([box, *texts])
 
 
 _LABELS = (
@@ -76,12 +74,9 @@ def arm() -> str:
     """Return the paper's arm with its frames, in a pose that shows all of them."""
     robot = load_robot("manipulator_6dof")
     q = np.radians([20.0, 48.0, -24.0, 25.0, -62.0, 25.0])
-    azimuth, elevation = np.radians([-98.0, 24.0])
-    right = np.array([-np.sin(azimuth), np.cos(azimuth), 0.0])
-    away = np.array(
-        [np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)]
-    )
-    up = np.cross(away, right)
+    a, e = np.radians([-98.0, 24.0])  # azimuth and elevation of the eye
+    right = np.array([-np.sin(a), np.cos(a), 0.0])
+    up = np.array([-np.sin(e) * np.cos(a), -np.sin(e) * np.sin(a), np.cos(e)])
 
     def at(point: np.ndarray) -> tuple[float, float]:
         return 140.0 + 590.0 * float(right @ point), 450.0 - 590.0 * float(up @ point)
