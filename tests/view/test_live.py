@@ -38,6 +38,8 @@ def test_a_run_with_a_view_is_the_run_without_and_outlives_it(tmp_path):
         live._process.wait()
         alone = vdfmu.simulate(tmp_path / "system.ssp", stop=0.3, observer=live)
         assert not live.open
+        live.stay()
+        assert said.pop() == "note: live view: it has ended: it was killed"
     plain = vdfmu.simulate(tmp_path / "system.ssp", stop=0.3)
     for name in plain:
         np.testing.assert_array_equal(shown[name], plain[name])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 from collections.abc import Generator
 from contextlib import contextmanager
 from pathlib import Path
@@ -75,7 +76,7 @@ def view(
     with InterruptGuard() as guard:
         shown.run(lambda: guard.number != 0)
         shown.close()
-        guard.number = 0 if guard.number == 2 else guard.number
+        guard.number = 0 if guard.number == signal.SIGINT else guard.number
 
 
 @contextmanager

@@ -198,6 +198,8 @@ class LiveView:
     def stay(self) -> None:
         """Wait for Ctrl-C, if there is a terminal that it can come from; else until no browser is open on the view."""
         terminal = sys.stdin is not None and sys.stdin.isatty()
+        if not self.open:
+            self._say(f"note: live view: it has ended: {self._listener.finish().strip() or 'it was killed'}")
         if not self.open or not (terminal or self._clients):
             return
         self._say(f"The view stays: {self.address}. " + ("Ctrl-C ends it." if terminal else ""))
