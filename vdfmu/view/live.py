@@ -202,7 +202,8 @@ class LiveView:
             self._say(f"note: live view: it has ended: {self._listener.finish().strip() or 'it was killed'}")
         if not self.open or not (terminal or self._clients):
             return
-        self._say(f"The view stays: {self.address}. " + ("Ctrl-C ends it." if terminal else ""))
+        until = "Ctrl-C ends it" if terminal else "it ends when no browser has it open"
+        self._say(f"The view stays: {self.address}, {until}")
         with InterruptGuard() as guard:
             while not guard.number and self.open and (terminal or self._clients):
                 clock.sleep(0.1)
