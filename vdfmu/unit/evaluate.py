@@ -7,16 +7,14 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from vdfmu.arrays import Floats
 from vdfmu.kernel.structure import set_parameters
 from vdfmu.model.robot import Robot
 from vdfmu.unit.declaration import PHASES, Choice, Declared, Derivative, Switch
 from vdfmu.unit.interface import Interface
 from vdfmu.unit.program import Call
 from vdfmu.unit.trace import argument_name, run
-
-Floats = npt.NDArray[np.float64]
 
 
 class Evaluation:

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from vdfmu.arrays import Floats
 from vdfmu.engine.space import StateSpace
 from vdfmu.errors import UsageError
 from vdfmu.unit.base import Unit
@@ -17,7 +18,6 @@ from vdfmu.unit.interface import Interface
 from vdfmu.unit.linear import state_space
 from vdfmu.unit.motion import Motion
 
-Floats = npt.NDArray[np.float64]
 Signal = Callable[[float], npt.ArrayLike] | npt.ArrayLike
 
 
