@@ -15,6 +15,7 @@ from vdfmu.unit.evaluate import Traced, evaluation
 from vdfmu.unit.integrator import Integrator
 from vdfmu.unit.interface import Interface
 from vdfmu.unit.motion import Motion
+from vdfmu.unit.requirements import unmet
 
 
 class Behaviour:
@@ -37,7 +38,7 @@ class Behaviour:
 
     def check(self) -> list[str]:
         """Problems of the parameter values together; those of each alone are checked when they are set."""
-        return robot_problems(self.interface, self.memory)
+        return parameter_problems(self.interface, self.memory)
 
     def start(self, t: float, tolerance: float | None) -> None:
         """Take the parameters as they are and set the states to those of the start time `t` [s].
@@ -83,16 +84,16 @@ class Behaviour:
             setattr(self._solver, name, value)
 
 
-def robot_problems(interface: Interface, memory: Floats) -> list[str]:
-    """Return what is not physical in the robot parameters of a unit's memory, with FMI names."""
+def parameter_problems(interface: Interface, memory: Floats) -> list[str]:
+    """Return what is wrong with the parameters of a unit's memory together, with FMI names."""
     if interface.robot is None or not interface.has_robot:
-        return []
+        return unmet(interface, memory)
     robot = set_parameters(interface.robot, memory[interface.slice("p")])
     try:
         check_robot(robot, _ROBOT)
     except ModelError as error:
         return [_FILE_KEY.sub(_fmi_name, problem) for problem in error.problems]
-    return []
+    return unmet(interface, memory)
 
 
 _ROBOT = "robot"
