@@ -29,6 +29,10 @@ def catalogue() -> dict[str, dict[str, Any]]:
     return read_toml(data_path("models") / "drives" / "catalogue.toml")
 
 
+_OF_RATIO = {"K_w0": 2, "c_w": -1}
+"""Motor-side numbers of a gear's spring: the power of the ratio by which they follow from those of the link side."""
+
+
 def assumed(entry: dict[str, Any], part: str = "hysteresis") -> list[str]:
     """Names of the numbers of a gear, of which a table of it is calculated, that are assumed."""
     texts, of_part = catalogue()["sources"], _CALCULATED_OF.get(part, ())
@@ -75,6 +79,8 @@ def tables_of(problems: Problems, path: str, named: dict[str, Any], kind: str, e
                     if not ratio:
                         continue
                     value = value / ratio
+                if what == "gear" and key in _OF_RATIO:  # the link side stays as printed
+                    value = value * (gear["ratio"] / ratio) ** _OF_RATIO[key]
                 found.setdefault(part, {})[key] = value, source
     if gear:
         found["drive"]["ell"] = gear["ratio"], f"{_FILE}: gear {named['gear']}"
