@@ -1,7 +1,5 @@
 """Where the data files that travel with the package lie."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Literal
 

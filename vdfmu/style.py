@@ -3,8 +3,6 @@
 Figures are drawn with matplotlib's objects on an Agg canvas: no pyplot, no display, no settings of the user.
 """
 
-from __future__ import annotations
-
 import contextlib
 import functools
 import io

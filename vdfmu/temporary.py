@@ -1,7 +1,5 @@
 """Temporary folders that no signal leaves behind."""
 
-from __future__ import annotations
-
 import tempfile
 from collections.abc import Generator
 from contextlib import contextmanager

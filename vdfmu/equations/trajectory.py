@@ -1,7 +1,5 @@
 """Desired joint trajectory, Eq. (57), with its first four time derivatives."""
 
-from __future__ import annotations
-
 import math
 from typing import Any, NamedTuple
 

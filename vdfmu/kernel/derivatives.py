@@ -1,7 +1,5 @@
 """Derivatives of traced functions along directions, by automatic differentiation of the trace."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from itertools import accumulate
 

@@ -1,7 +1,5 @@
 """Which FMUs a format of the system can hold."""
 
-from __future__ import annotations
-
 import os
 import re
 from collections.abc import Mapping, Sequence

@@ -1,7 +1,5 @@
 """Numbers of a run: tracking and compensation errors, differences to the references, warnings."""
 
-from __future__ import annotations
-
 import platform
 from collections.abc import Iterable, Mapping
 from importlib.metadata import version

@@ -1,7 +1,5 @@
 """The process of a worker of a parameter study; see `vdfmu.sweeps.worker`."""
 
-from __future__ import annotations
-
 import logging
 import os
 import pickle

@@ -1,7 +1,5 @@
 """Which points of a parameter study are run together."""
 
-from __future__ import annotations
-
 import threading
 from collections.abc import Callable
 

@@ -1,7 +1,5 @@
 """A worker of a parameter study: a process that runs points, and is replaced when one of them kills it or hangs."""
 
-from __future__ import annotations
-
 import pickle
 import queue
 import signal

@@ -1,7 +1,5 @@
 """The linear model of a unit, by differentiation of its traced functions."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

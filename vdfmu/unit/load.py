@@ -1,7 +1,5 @@
 """Units from files of users."""
 
-from __future__ import annotations
-
 import os
 import sys
 import traceback

@@ -1,7 +1,5 @@
 """Where in its file a unit is declared."""
 
-from __future__ import annotations
-
 import ast
 import inspect
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """What parameters of a unit must meet beyond their limits: its `requirements`, on floats and as a traced function."""
 
-from __future__ import annotations
-
 import casadi as ca
 
 from vdfmu.kernel.requirements import STRICT, Requirement

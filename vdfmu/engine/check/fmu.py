@@ -1,7 +1,5 @@
 """Check of one FMU."""
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Mapping

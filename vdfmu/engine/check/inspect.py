@@ -1,7 +1,5 @@
 """Check of an FMU or a system: schema, rules of the standard, binaries, a short run, reference results."""
 
-from __future__ import annotations
-
 import html
 import os
 import posixpath

@@ -1,7 +1,5 @@
 """Results in CSV: a line of names, a line of units, then a line a communication point."""
 
-from __future__ import annotations
-
 import csv
 import io
 import json

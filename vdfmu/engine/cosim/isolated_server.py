@@ -1,7 +1,5 @@
 """The process of isolated components; see `vdfmu.engine.cosim.isolated`."""
 
-from __future__ import annotations
-
 import json
 import logging
 import math

@@ -1,7 +1,5 @@
 """Limits of what a package may cost, with all that is inside it."""
 
-from __future__ import annotations
-
 from collections.abc import Generator
 from contextlib import contextmanager
 from contextvars import ContextVar

@@ -1,7 +1,5 @@
 """What a unit computes over time: its methods on its memory and its solver, with no FMI in sight."""
 
-from __future__ import annotations
-
 import re
 from typing import Any
 
