@@ -292,7 +292,7 @@ def _check(tables: Mapping[str, Variables], values: Mapping[str, Values], robot:
     problems = [
         f"{component}.{problem}"
         for component, table in tables.items()
-        if isinstance(table, Interface)
+        if isinstance(table, Interface) and table.unit.requirements is not Unit.requirements
         for problem in unmet(table, table.memory_of(values.get(component, {})))
     ]
     problems += [

@@ -1,14 +1,11 @@
 """What a unit computes over time: its methods on its memory and its solver, with no FMI in sight."""
 
-import re
 from typing import Any
 
 import numpy as np
 
 from vdfmu.arrays import Floats
-from vdfmu.errors import FmuError, KernelError, ModelError, UnitError
-from vdfmu.kernel.structure import set_parameters
-from vdfmu.model import check_robot
+from vdfmu.errors import FmuError, KernelError, UnitError
 from vdfmu.unit.evaluate import Traced, evaluation
 from vdfmu.unit.integrator import Integrator
 from vdfmu.unit.interface import Interface
@@ -36,7 +33,7 @@ class Behaviour:
 
     def check(self) -> list[str]:
         """Problems of the parameter values together; those of each alone are checked when they are set."""
-        return parameter_problems(self.interface, self.memory)
+        return unmet(self.interface, self.memory)
 
     def start(self, t: float, tolerance: float | None) -> None:
         """Take the parameters as they are and set the states to those of the start time `t` [s].
@@ -80,26 +77,3 @@ class Behaviour:
         """Take a state of :meth:`state` back; raise and change nothing if it is none."""
         for name, value in {name: float(state[name]) for name in self._saved}.items():
             setattr(self._solver, name, value)
-
-
-def parameter_problems(interface: Interface, memory: Floats) -> list[str]:
-    """Return what is wrong with the parameters of a unit's memory together, with FMI names."""
-    if interface.robot is None or not interface.has_robot:
-        return unmet(interface, memory)
-    robot = set_parameters(interface.robot, memory[interface.slice("p")])
-    try:
-        check_robot(robot, _ROBOT)
-    except ModelError as error:
-        return [_FILE_KEY.sub(_fmi_name, problem) for problem in error.problems]
-    return unmet(interface, memory)
-
-
-_ROBOT = "robot"
-_FILE_KEY = re.compile(rf"^{_ROBOT}: (?:joints\[(\d+)\]\.)?(?:(payload)\.|\w+\.)?(\w+)")
-
-
-def _fmi_name(key: re.Match[str]) -> str:
-    """Turn ``robot: joints[2].friction.f_s`` into ``f_s[2]``."""
-    joint, payload, field = key.groups()
-    field = f"{payload}_{field}" if payload else field
-    return f"{field}[{joint}]" if joint else field
