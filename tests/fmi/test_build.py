@@ -233,7 +233,11 @@ def test_numpy_numbers_will_do_as_start_values(planar: Robot, tmp_path: Path) ->
             {"f_s[2]": 0.01},
             r"plant: f_s\[2\]: expected f_s >= f_c, got f_s\[2\] = 0.01 N.m, f_c\[2\] = 0.1 ",
         ),
-        ("plant", {"inertia[2,1,1]": 9.0}, r"plant: inertia\[2,1,1\]: expected no principal moment of inertia"),
+        (
+            "plant",
+            {"inertia[2,1,1]": 9.0},
+            r"plant: inertia\[2,1,1\]: expected no principal moment of inertia",
+        ),
         ("feedforward", {"mode": 2}, r"mode: expected 0 \(inverse\) or 1 \(vdc\), got 2"),
         ("feedforward", {"mode": 0.5}, r"mode: expected 0 \(inverse\) or 1 \(vdc\), got 0.5"),
         (

@@ -7,10 +7,11 @@ at once: arrays have one row a state.
 from typing import Any, NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
-from vdfmu.arrays import Floats
 from vdfmu.equations.rigid_body import link_body
 
+Floats = npt.NDArray[np.float64]
 BODY = ("m", "mx", "my", "mz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
 """Parameters of a body."""
 _PAIRS = ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))
