@@ -1,5 +1,7 @@
 """Where the data files that travel with the package lie."""
 
+from __future__ import annotations
+
 from pathlib import Path
 from typing import Literal
 

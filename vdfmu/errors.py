@@ -1,5 +1,7 @@
 """The errors of the package: one base class and a few kinds."""
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 from typing import Any
 

@@ -1,5 +1,7 @@
 """Units of measurement: what tools need of them, and which one a joint's quantity has."""
 
+from __future__ import annotations
+
 import math
 import re
 from dataclasses import dataclass

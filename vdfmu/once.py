@@ -4,6 +4,8 @@ A job is a command, or a call of :func:`vdfmu.run` or :func:`vdfmu.build_fmus`. 
 and classes may change in between.
 """
 
+from __future__ import annotations
+
 from collections.abc import Callable, Generator, Hashable
 from contextlib import contextmanager
 from contextvars import ContextVar

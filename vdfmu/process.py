@@ -1,5 +1,7 @@
 """Processes that may do anything: how they end with those that they started, and what is kept of their output."""
 
+from __future__ import annotations
+
 import codecs
 import io
 import os

@@ -3,6 +3,8 @@
 Figures are drawn with matplotlib's objects on an Agg canvas: no pyplot, no display, no settings of the user.
 """
 
+from __future__ import annotations
+
 import contextlib
 import functools
 import io

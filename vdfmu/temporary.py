@@ -1,5 +1,7 @@
 """Temporary folders that no signal leaves behind."""
 
+from __future__ import annotations
+
 import tempfile
 from collections.abc import Generator
 from contextlib import contextmanager

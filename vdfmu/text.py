@@ -1,5 +1,7 @@
 """Text of others, such as messages of units and names in files, made safe to show."""
 
+from __future__ import annotations
+
 import difflib
 import re
 from collections.abc import Iterable

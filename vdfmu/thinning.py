@@ -1,5 +1,7 @@
 """Fewer rows that look the same."""
 
+from __future__ import annotations
+
 from typing import Any
 
 import numpy as np

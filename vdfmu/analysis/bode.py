@@ -1,5 +1,7 @@
 """Frequency responses of a linear system, with their resonances and anti-resonances."""
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 

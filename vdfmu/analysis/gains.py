@@ -10,6 +10,8 @@ whole joint, on a stiff spring, two poles with the damping ratio zeta = 1/2. N s
 the joint's sampled loop, with and without a sample of delay, has the required modulus margin for every M that it sees.
 """
 
+from __future__ import annotations
+
 from typing import NamedTuple
 
 import numpy as np

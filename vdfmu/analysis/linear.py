@@ -1,5 +1,7 @@
 """What a linear model of an arm leaves out, and how its torques depend on its states through feedback."""
 
+from __future__ import annotations
+
 from collections.abc import Iterable, Sequence
 
 import numpy as np

@@ -6,6 +6,8 @@ while those of all others stay closed: with the loop of all joints ``L(z) = -z^-
 ``S = (1 + L)^-1`` it is ``L_i = 1 / S_ii - 1``.
 """
 
+from __future__ import annotations
+
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property

@@ -1,5 +1,7 @@
 """A first motion for any arm: a scenario whose gains come from one rule, within the limits of joints and motors."""
 
+from __future__ import annotations
+
 import json
 import os
 from pathlib import Path

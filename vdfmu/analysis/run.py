@@ -1,5 +1,7 @@
 """The run of a scenario, or of a first motion of any robot."""
 
+from __future__ import annotations
+
 import os
 from functools import wraps
 from pathlib import Path

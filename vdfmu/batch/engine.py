@@ -1,5 +1,7 @@
 """Runs of a program in lanes."""
 
+from __future__ import annotations
+
 from collections.abc import Mapping, Sequence
 from ctypes import c_int64, c_void_p
 from typing import Any

@@ -1,5 +1,7 @@
 """From a system to the program that runs several parameter sets of it side by side, if there can be one."""
 
+from __future__ import annotations
+
 from collections.abc import Iterable
 
 import numpy as np

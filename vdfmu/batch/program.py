@@ -1,5 +1,7 @@
 """The compiled communication steps of a system, as a worker gets them."""
 
+from __future__ import annotations
+
 from collections.abc import Mapping
 from dataclasses import dataclass
 

@@ -1,5 +1,7 @@
 """The C of a system whose runs go side by side: `fmu_src/batch`, the traced functions, and the order of a step."""
 
+from __future__ import annotations
+
 import re
 from collections.abc import Iterator, Sequence
 

@@ -4,6 +4,8 @@ Exit codes: 0 done, 1 a check or a unit failed, 2 wrong usage or input, 130 stop
 SIGHUP.
 """
 
+from __future__ import annotations
+
 import os
 import signal
 import sys

@@ -1,5 +1,7 @@
 """``vdfmu motion``."""
 
+from __future__ import annotations
+
 from pathlib import Path
 from typing import Annotated
 

@@ -1,5 +1,7 @@
 """The folder of a run's results: a run is written beside an earlier one and takes its place when it is complete."""
 
+from __future__ import annotations
+
 import json
 import os
 from collections.abc import Generator, Iterable, Sequence

@@ -1,5 +1,7 @@
 """Summaries as JSON that every reader takes."""
 
+from __future__ import annotations
+
 import json
 import math
 from collections.abc import Mapping

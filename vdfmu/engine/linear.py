@@ -9,6 +9,8 @@ An input gets ``u[k] = L y[k] + d[k]``, a sample of delay for what feeds through
 values on, ``u[k] = L y[k+1] + d[k]``.
 """
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path

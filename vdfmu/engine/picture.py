@@ -1,5 +1,7 @@
 """The picture of any system's run, or of several: a panel for each variable, arrays as the curves of one panel."""
 
+from __future__ import annotations
+
 from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple

@@ -5,6 +5,8 @@ one way, a wrench the other. Of what hangs on an arm the wrench depends on the a
 ``M_e A_O + F_e``, and the acceleration on the wrench. What is handed over is M_e and F_e: they need no acceleration.
 """
 
+from __future__ import annotations
+
 from typing import Any, NamedTuple
 
 import numpy as np

@@ -4,6 +4,8 @@ It is elastic, an odd, increasing function of the torque, so that the spring wit
 its energy exact.
 """
 
+from __future__ import annotations
+
 from typing import Any
 
 import numpy as np

@@ -4,6 +4,8 @@ The bristles are Dahl's element, with the level of (54) as its limit. Their damp
 ``sigma_1 / (1 + sigma_1 |v| / (4 g))``: constant damping above ``4 g / |v|`` makes energy (Barabanov and Ortega 2000).
 """
 
+from __future__ import annotations
+
 from typing import Any
 
 from vdfmu.equations.dahl import dahl_rate

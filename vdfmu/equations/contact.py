@@ -1,5 +1,7 @@
 """Contact of the end effector with a plane, and a screw that it drives. Not in the paper."""
 
+from __future__ import annotations
+
 from typing import Any
 
 import numpy as np

@@ -1,5 +1,7 @@
 """Dahl's element: a spring that slips, with its torque as state. Hysteresis and bristles are made of it."""
 
+from __future__ import annotations
+
 from typing import Any
 
 

@@ -5,6 +5,8 @@ straight pieces, measured with the wave generator held. The fit is that of the d
 difference of both torsions, over torques up to the largest that the gear may carry again and again.
 """
 
+from __future__ import annotations
+
 from types import SimpleNamespace
 from typing import Any
 

@@ -1,5 +1,7 @@
 """Joint torque from the positions on both sides of the drive, Eq. (2)-(3): as printed, and consistent."""
 
+from __future__ import annotations
+
 from typing import Any, NamedTuple
 
 import numpy as np

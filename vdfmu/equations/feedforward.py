@@ -1,5 +1,7 @@
 """Feedforward torque: exact inverse of the plant, and virtual decomposition control (12)-(28), (48)-(53)."""
 
+from __future__ import annotations
+
 from typing import Any, NamedTuple
 
 import numpy as np

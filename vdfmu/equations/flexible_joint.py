@@ -5,6 +5,8 @@ masses together), so that (5), (6) and (8) are (31) and (47), and (9) is (45). W
 turns about its axis on the base, with its mass in the base's link.
 """
 
+from __future__ import annotations
+
 from typing import Any
 
 import numpy as np

@@ -1,5 +1,7 @@
 """Forward dynamics of links and rotors: articulated recursion, and the paper's route by mapping matrices."""
 
+from __future__ import annotations
+
 from typing import Any, NamedTuple
 
 import numpy as np

@@ -1,5 +1,7 @@
 """Joint friction, Eq. (54)-(55), in two arrangements; with options, its load, its temperature and its bristles."""
 
+from __future__ import annotations
+
 from typing import Any
 
 import numpy as np

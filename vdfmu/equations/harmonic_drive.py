@@ -1,5 +1,7 @@
 """Harmonic drive: positions (1), and the deformation D(torque), the inverse of the torque estimation (2)-(3)."""
 
+from __future__ import annotations
+
 from typing import Any
 
 import numpy as np

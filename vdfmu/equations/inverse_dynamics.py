@@ -4,6 +4,8 @@ Pass 1 goes from the base to the end effector and pass 2 back; the functions sta
 :func:`inverse_dynamics`, last, joins them.
 """
 
+from __future__ import annotations
+
 from collections.abc import Callable
 from typing import Any, NamedTuple
 

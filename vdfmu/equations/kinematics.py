@@ -1,5 +1,7 @@
 """Positions of the links and transformations between their frames: Eq. (32)-(36)."""
 
+from __future__ import annotations
+
 from typing import Any
 
 import numpy as np

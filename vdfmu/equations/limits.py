@@ -1,5 +1,7 @@
 """End stops of a joint and the torque-speed line of its motor. Not in the paper; off by default."""
 
+from __future__ import annotations
+
 from typing import Any
 
 from vdfmu.scalar.generic import clip

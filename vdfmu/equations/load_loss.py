@@ -1,5 +1,7 @@
 """Friction of the mesh that grows with the torque that it carries: efficiency against load. Off by default."""
 
+from __future__ import annotations
+
 from typing import Any
 
 import numpy as np

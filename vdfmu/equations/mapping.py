@@ -1,5 +1,7 @@
 """Jacobian and velocity mapping matrices: Eq. (37)-(43), and the mass matrix that follows from them."""
 
+from __future__ import annotations
+
 from typing import Any
 
 import numpy as np

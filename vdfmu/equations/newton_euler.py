@@ -5,6 +5,8 @@ Written from the text-book recursion (Luh, Walker and Paul 1980), not from the p
 means something.
 """
 
+from __future__ import annotations
+
 from typing import Any
 
 import numpy as np

@@ -1,5 +1,7 @@
 """Proportional-derivative feedback, Eq. (58), and the motor torque that the controller commands."""
 
+from __future__ import annotations
+
 from typing import Any, NamedTuple
 
 from vdfmu.scalar.generic import clip

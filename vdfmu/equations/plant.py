@@ -1,5 +1,7 @@
 """The plant: links, drives and friction as one differential equation, Eq. (4)-(11), (29)-(47), (54)-(56)."""
 
+from __future__ import annotations
+
 from typing import Any, NamedTuple
 
 import numpy as np

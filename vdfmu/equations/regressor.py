@@ -4,6 +4,8 @@ A body has ten parameters: mass m, first moments m c, and the inertia about the 
 at once: arrays have one row a state.
 """
 
+from __future__ import annotations
+
 from typing import Any, NamedTuple
 
 import numpy as np

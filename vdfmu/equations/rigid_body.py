@@ -1,5 +1,7 @@
 """Dynamics of one rigid body in its own frame {B}: Eq. (59)-(62), used by (6)-(8) and (47)."""
 
+from __future__ import annotations
+
 from typing import Any
 
 import numpy as np

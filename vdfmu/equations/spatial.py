@@ -1,5 +1,7 @@
 """Rotations, transforms and 6-vectors: Eq. (32), (33) and (63)."""
 
+from __future__ import annotations
+
 from typing import Any
 
 import numpy as np

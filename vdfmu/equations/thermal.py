@@ -1,5 +1,7 @@
 """Temperature of a joint, heated by its losses, and the viscous friction that falls with it. Off by default."""
 
+from __future__ import annotations
+
 from typing import Any
 
 import numpy as np

@@ -1,5 +1,7 @@
 """Desired joint trajectory, Eq. (57), with its first four time derivatives."""
 
+from __future__ import annotations
+
 import math
 from typing import Any, NamedTuple
 

@@ -1,5 +1,7 @@
 """The motor's winding and its current loop, limited by voltage and current. Not in the paper; off by default."""
 
+from __future__ import annotations
+
 from typing import Any
 
 from vdfmu.scalar.generic import clip

@@ -1,5 +1,7 @@
 """Which FMUs on disk were built here."""
 
+from __future__ import annotations
+
 import hashlib
 from pathlib import Path
 

@@ -1,5 +1,7 @@
 """modelDescription.xml of FMI 2.0, of Python and of native FMUs, and what that of FMI 3.0 shares with it."""
 
+from __future__ import annotations
+
 from collections.abc import Iterable, Sequence
 from copy import deepcopy
 from xml.etree.ElementTree import Element, SubElement, indent, tostring

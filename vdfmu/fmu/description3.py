@@ -1,5 +1,7 @@
 """modelDescription.xml and buildDescription.xml of FMI 3.0."""
 
+from __future__ import annotations
+
 from collections.abc import Callable, Mapping, Sequence
 from xml.etree.ElementTree import Element, SubElement
 

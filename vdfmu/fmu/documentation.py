@@ -1,5 +1,7 @@
 """documentation/index.html of an FMU: one page that needs no other file and no network."""
 
+from __future__ import annotations
+
 import inspect
 from collections.abc import Sequence
 from html import escape

@@ -1,5 +1,7 @@
 """The frame of a page, of an FMU, a package, a run or a parameter study, that needs no other file and no network."""
 
+from __future__ import annotations
+
 from collections.abc import Iterable, Sequence
 from html import escape
 

@@ -4,6 +4,8 @@ Units are connected by joining their terminals of the same name, output to input
 the connections of ``ssp/system.toml``. FMI 2.0 allows the folder since 2.0.4; the file has the format of FMI 3.0.
 """
 
+from __future__ import annotations
+
 from collections.abc import Iterator
 from typing import Literal
 from xml.etree.ElementTree import Element, SubElement

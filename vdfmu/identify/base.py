@@ -1,5 +1,7 @@
 """Base parameters: the combinations of inertial parameters that move a torque (Gautier and Khalil 1990)."""
 
+from __future__ import annotations
+
 from typing import Any, NamedTuple
 
 import numpy as np

@@ -13,6 +13,8 @@ each joint is weighted by its own residual. Torques may be late: ``delay`` is a 
 What a log cannot tell, by the standard deviation that the Jacobian gives, keeps its value of the robot file.
 """
 
+from __future__ import annotations
+
 from collections.abc import Mapping
 from dataclasses import dataclass
 

@@ -1,5 +1,7 @@
 """Logs of a motion: files of this project, CSV of any tool with a mapping of columns, and public data sets."""
 
+from __future__ import annotations
+
 import os
 from collections.abc import Mapping
 from pathlib import Path

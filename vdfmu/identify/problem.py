@@ -1,5 +1,7 @@
 """The equations of an identification: residuals of torques and deformations, and their derivatives."""
 
+from __future__ import annotations
+
 from collections.abc import Callable
 from dataclasses import dataclass, field
 

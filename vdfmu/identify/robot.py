@@ -1,5 +1,7 @@
 """A robot file of what was identified."""
 
+from __future__ import annotations
+
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from typing import Any

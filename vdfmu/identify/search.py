@@ -1,5 +1,7 @@
 """The least squares of an identification: weights, what is not known from the log, covariance."""
 
+from __future__ import annotations
+
 from typing import Any
 
 import numpy as np

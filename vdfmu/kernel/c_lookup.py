@@ -1,5 +1,7 @@
 """C text of tables in which traced functions look rows up, see :func:`vdfmu.scalar.symbol.lookup_function`."""
 
+from __future__ import annotations
+
 from collections.abc import Iterable
 
 import casadi as ca

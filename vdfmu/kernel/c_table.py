@@ -4,6 +4,8 @@ It compiles in a hundredth of the time that the text of :func:`~vdfmu.kernel.c_c
 operation, and takes some 4 ns an operation, ten times as long. The values are the same bits.
 """
 
+from __future__ import annotations
+
 import casadi as ca
 
 from vdfmu.errors import KernelError

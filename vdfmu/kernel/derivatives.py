@@ -1,5 +1,7 @@
 """Derivatives of traced functions along directions, by automatic differentiation of the trace."""
 
+from __future__ import annotations
+
 from collections.abc import Callable
 from itertools import accumulate
 

@@ -4,6 +4,8 @@ The same conditions as those of :mod:`vdfmu.model.check`, written without eigenv
 evaluate them.
 """
 
+from __future__ import annotations
+
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any

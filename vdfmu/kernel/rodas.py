@@ -4,6 +4,8 @@ Hairer and Wanner, Solving Ordinary Differential Equations II, 2nd ed. 1996, sec
 like the equations: its matrix with the elimination, and what a stage calculates once for all six.
 """
 
+from __future__ import annotations
+
 from collections.abc import Callable, Sequence
 from itertools import chain
 from typing import Any, NamedTuple

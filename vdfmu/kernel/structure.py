@@ -5,6 +5,8 @@ it. What is folded cannot be changed later, so :func:`parameters` is the one lis
 :mod:`vdfmu.model.parameters` says of each entry whether it can.
 """
 
+from __future__ import annotations
+
 import dataclasses
 import json
 from collections.abc import Sequence

@@ -1,5 +1,7 @@
 """The functions that are traced: name, inputs, outputs and the equation behind each."""
 
+from __future__ import annotations
+
 from collections.abc import Callable
 from typing import Any
 

@@ -1,5 +1,7 @@
 """Physical checks of robots; each notes what it finds in a `Problems`."""
 
+from __future__ import annotations
+
 import numpy as np
 
 from vdfmu.model.read import FloatArray, Problems, shown

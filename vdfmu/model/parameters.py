@@ -4,6 +4,8 @@
 docs read it. A new parameter is a field of `Parameters`, and an equation that uses it.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass, field, fields
 from typing import Any, Literal
 

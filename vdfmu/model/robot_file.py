@@ -1,5 +1,7 @@
 """The layout of a robot file: from its tables to a `Robot`, with every problem reported at once."""
 
+from __future__ import annotations
+
 from collections.abc import Mapping
 from typing import Any, cast
 

@@ -1,5 +1,7 @@
 """Finding and reading of the TOML files of robots, scenarios and systems."""
 
+from __future__ import annotations
+
 import os
 import stat
 import tomllib

@@ -1,5 +1,7 @@
 """What a link looks like: shapes and meshes that a robot file names for a 3D view, and that nothing calculates with."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 from typing import Any
 

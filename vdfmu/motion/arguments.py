@@ -1,5 +1,7 @@
 """What the arguments of motions must be, in the same words from Python and from files."""
 
+from __future__ import annotations
+
 from collections.abc import Callable
 from functools import wraps
 from inspect import signature

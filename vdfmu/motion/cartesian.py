@@ -1,5 +1,7 @@
 """Straight lines and circles of the end effector: paths of its pose, followed by inverse kinematics before the run."""
 
+from __future__ import annotations
+
 from collections.abc import Callable
 
 import numpy as np

@@ -1,5 +1,7 @@
 """Inverse kinematics along a path of the end effector: Newton's method from point to point, by least norms."""
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 
 import numpy as np

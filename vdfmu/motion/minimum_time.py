@@ -1,5 +1,7 @@
 """The shortest motion along a path through waypoints, by toppra, smoothed until its fourth derivative does not jump."""
 
+from __future__ import annotations
+
 import logging
 from importlib import import_module
 from typing import Any

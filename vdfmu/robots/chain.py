@@ -1,5 +1,7 @@
 """The arm in a tree: its joints from base to tip, and the links that each of them moves as one body."""
 
+from __future__ import annotations
+
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 

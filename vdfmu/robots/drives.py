@@ -1,5 +1,7 @@
 """Numbers of drives, friction and limits: from a file of drives, the robot's own file, or assumed by one rule."""
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple

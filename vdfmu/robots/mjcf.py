@@ -1,5 +1,7 @@
 """Reading of MJCF, by MuJoCo itself: its compiler knows defaults, includes, and inertia from shapes."""
 
+from __future__ import annotations
+
 from importlib import import_module
 from pathlib import Path
 from typing import Any

@@ -4,6 +4,8 @@ The elements of an arm are read here and no library for URDF is used: those at h
 without its line, follow entities of XML to other files, and bring readers of meshes.
 """
 
+from __future__ import annotations
+
 import math
 from collections.abc import Iterator, Mapping
 from pathlib import Path

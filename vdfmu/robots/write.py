@@ -1,5 +1,7 @@
 """The text of a robot file that was made from another file."""
 
+from __future__ import annotations
+
 import json
 import os
 from collections.abc import Collection, Iterator, Sequence

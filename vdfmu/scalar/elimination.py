@@ -7,6 +7,8 @@ in the step's own error estimate). Structural zeros are skipped, so that a trace
 sparse elimination.
 """
 
+from __future__ import annotations
+
 from typing import Any
 
 import numpy as np

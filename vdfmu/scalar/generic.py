@@ -5,6 +5,8 @@ no such method dispatch in numpy (they compare, which a symbol must refuse), so 
 method by name and fall back to numpy on floats.
 """
 
+from __future__ import annotations
+
 from typing import Any
 
 import numpy as np

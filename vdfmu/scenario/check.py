@@ -1,5 +1,7 @@
 """Checks of a scenario: its steps, and what looks like a wrong sign or unit of measurement."""
 
+from __future__ import annotations
+
 import numpy as np
 
 from vdfmu.engine.algorithms import count_steps

@@ -1,5 +1,7 @@
 """FMUs of any tool as components of a system file: their variables, in place of a unit's."""
 
+from __future__ import annotations
+
 import re
 from collections.abc import Iterator
 from functools import cached_property
@@ -18,6 +20,10 @@ _TYPES = ("Real", "Integer", "Boolean")
 
 class ForeignInterface:
     """Variables of an FMU of FMI 2.0 or 3.0; names ``q[1]``, and elements of arrays, are elements of the group ``q``.
+
+    Parameters
+    ----------
+    path : Path
 
     Raises
     ------

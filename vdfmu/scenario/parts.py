@@ -1,5 +1,7 @@
 """The components of a scenario's system: their variables, and their FMUs."""
 
+from __future__ import annotations
+
 import os
 from collections.abc import Collection, Mapping, Sequence
 from contextlib import suppress

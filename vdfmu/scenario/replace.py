@@ -1,5 +1,7 @@
 """Other units for some components of a scenario's system."""
 
+from __future__ import annotations
+
 import dataclasses
 import os
 from collections.abc import Iterable, Mapping

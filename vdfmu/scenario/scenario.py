@@ -1,5 +1,7 @@
 """A scenario: a robot, the motion asked of it, its controller and how the run is stepped."""
 
+from __future__ import annotations
+
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any

@@ -1,5 +1,7 @@
 """The layout of a scenario file: from its tables to a `Scenario`, with every problem noted."""
 
+from __future__ import annotations
+
 import dataclasses
 from pathlib import Path
 from typing import Any, cast

@@ -1,5 +1,7 @@
 """System files: which components a system has, and what is connected to what."""
 
+from __future__ import annotations
+
 import dataclasses
 from collections.abc import Mapping
 from dataclasses import dataclass

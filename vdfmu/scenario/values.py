@@ -1,5 +1,7 @@
 """Values of the components from robot, scenario and settings: what the parameter sets of the SSP hold."""
 
+from __future__ import annotations
+
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any

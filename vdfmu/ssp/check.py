@@ -1,5 +1,7 @@
 """Check of what users write for the arm: robot, scenario and system files, and units of their own."""
 
+from __future__ import annotations
+
 from collections.abc import Callable
 from pathlib import Path
 

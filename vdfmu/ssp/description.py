@@ -1,5 +1,7 @@
 """The system of a scenario as all formats write it: signals, connections and parameter sets of its units."""
 
+from __future__ import annotations
+
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property

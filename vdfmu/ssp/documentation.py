@@ -1,5 +1,7 @@
 """documentation/index.html of a system package: one page that needs no other file and no network."""
 
+from __future__ import annotations
+
 from collections.abc import Iterable, Mapping, Sequence
 from html import escape
 from typing import Any

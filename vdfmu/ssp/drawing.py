@@ -1,5 +1,7 @@
 """The diagram of a system as SVG, from the geometry that its SSD holds."""
 
+from __future__ import annotations
+
 import base64
 from collections.abc import Mapping
 from html import escape

@@ -1,5 +1,7 @@
 """Paths of the connections in the diagram of a system: horizontal and vertical lines in lanes between the boxes."""
 
+from __future__ import annotations
+
 from collections.abc import Mapping
 
 from vdfmu.ssp.description import SystemDescription

@@ -1,5 +1,7 @@
 """Writing of the system as a folder with an OspSystemStructure.xml, the configuration of libcosim."""
 
+from __future__ import annotations
+
 import os
 from collections.abc import Mapping
 from pathlib import Path

@@ -1,5 +1,7 @@
 """Parameter sets (SSV) and parameter mappings (SSM) of a system package."""
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 from typing import Any
 

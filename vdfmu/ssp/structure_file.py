@@ -1,5 +1,7 @@
 """SystemStructure.ssd: components with connectors and parameter bindings, connections, diagram, experiment."""
 
+from __future__ import annotations
+
 from typing import Any
 
 from vdfmu.engine.ssp.experiment import EXPERIMENT_TYPE, FOREIGN, OSP_TYPE

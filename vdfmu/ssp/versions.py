@@ -1,5 +1,7 @@
 """Which FMUs a format of the system can hold."""
 
+from __future__ import annotations
+
 import os
 import re
 from collections.abc import Mapping, Sequence

@@ -1,5 +1,7 @@
 """Writing of the system as a package (SSP 1.0 or 2.0): wiring from ``ssp/``, values from the scenario."""
 
+from __future__ import annotations
+
 import os
 from collections.abc import Mapping
 from pathlib import Path

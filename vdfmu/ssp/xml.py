@@ -1,5 +1,7 @@
 """Elements of the XML files of a system package."""
 
+from __future__ import annotations
+
 from collections.abc import Iterable, Mapping
 from typing import Any
 

@@ -1,5 +1,7 @@
 """Actions of a system as compiled functions, from the C of the traced functions that native FMUs are made of."""
 
+from __future__ import annotations
+
 from collections.abc import Iterator, Mapping, Sequence
 from ctypes import PyDLL, c_double, c_void_p
 from functools import partial

@@ -1,5 +1,7 @@
 """The contrast study, section IV-A: joint torques along the motion by virtual decomposition and by Newton-Euler."""
 
+from __future__ import annotations
+
 import numpy as np
 
 from vdfmu.arrays import Floats

@@ -12,6 +12,8 @@ compiled where the compiler is installed, which the tests hold against plain num
 be traced. The solvers are scipy's, not ours. A solution is kept in the cache by all that decides it.
 """
 
+from __future__ import annotations
+
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from hashlib import sha256

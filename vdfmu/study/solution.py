@@ -6,6 +6,8 @@ order 8. Over seconds the elastic modes and the friction near standstill make th
 changes between methods.
 """
 
+from __future__ import annotations
+
 import warnings
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
@@ -178,6 +180,10 @@ class Sampled:
 
 class Continuous:
     """The reference without sampling; sampled states change at their own samples.
+
+    Parameters
+    ----------
+    system : System
 
     Attributes
     ----------

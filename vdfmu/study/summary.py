@@ -1,5 +1,7 @@
 """Numbers of a run: tracking and compensation errors, differences to the references, warnings."""
 
+from __future__ import annotations
+
 import platform
 from collections.abc import Iterable, Mapping
 from importlib.metadata import version

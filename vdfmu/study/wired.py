@@ -3,6 +3,8 @@
 What is calculated together is a list of actions, which run one by one, or as one compiled function.
 """
 
+from __future__ import annotations
+
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from graphlib import CycleError, TopologicalSorter
 from typing import NamedTuple
@@ -49,6 +51,10 @@ Action = Carry | Clock | Evaluate
 
 class System:
     """The units of a system in one memory, joined by links.
+
+    Parameters
+    ----------
+    description : SystemDescription
 
     Attributes
     ----------

@@ -1,5 +1,7 @@
 """What a parameter study varies: ``controller.K_p[2]=lin(500, 5000, 20)``."""
 
+from __future__ import annotations
+
 import math
 import re
 from collections.abc import Mapping, Sequence

@@ -1,5 +1,7 @@
 """The figures of a parameter study that have a line for each axis: from low to high, and indices of sensitivity."""
 
+from __future__ import annotations
+
 from typing import Any
 
 import numpy as np

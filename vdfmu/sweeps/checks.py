@@ -1,5 +1,7 @@
 """Whether what is asked of a study fits its systems: signals, measures, axes that act."""
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 from pathlib import Path
 

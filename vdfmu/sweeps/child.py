@@ -1,5 +1,7 @@
 """The process of a worker of a parameter study; see `vdfmu.sweeps.worker`."""
 
+from __future__ import annotations
+
 import logging
 import os
 import pickle

@@ -1,5 +1,7 @@
 """Which points of a parameter study are run together."""
 
+from __future__ import annotations
+
 import threading
 from collections.abc import Callable
 

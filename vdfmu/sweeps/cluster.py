@@ -1,5 +1,7 @@
 """Chunks of a parameter study on the workers of a Dask scheduler."""
 
+from __future__ import annotations
+
 import asyncio
 import threading
 import time

@@ -1,5 +1,7 @@
 """Chunks of a parameter study on the processors of this machine."""
 
+from __future__ import annotations
+
 import os
 import queue
 import threading

@@ -1,5 +1,7 @@
 """What the figures of a parameter study share: captions, colours, scales, and how failed points look."""
 
+from __future__ import annotations
+
 from pathlib import Path
 from typing import Any
 

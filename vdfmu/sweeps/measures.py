@@ -3,6 +3,8 @@
 They are read as Python is, but hold nothing but signals, numbers, the functions below, ``+ - * / **`` and comparisons.
 """
 
+from __future__ import annotations
+
 import ast
 import hashlib
 import operator

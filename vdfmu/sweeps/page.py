@@ -1,5 +1,7 @@
 """The page of a parameter study: one HTML file with its figures inside."""
 
+from __future__ import annotations
+
 import base64
 import shlex
 from collections.abc import Iterable

@@ -1,5 +1,7 @@
 """The figures of a parameter study, in the style of those of a run."""
 
+from __future__ import annotations
+
 import math
 from collections.abc import Callable
 from pathlib import Path

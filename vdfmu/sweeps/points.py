@@ -1,5 +1,7 @@
 """The points of a parameter study: which values the axes have together."""
 
+from __future__ import annotations
+
 import csv
 import math
 from collections.abc import Sequence

@@ -1,5 +1,7 @@
 """What the figures of a parameter study show: the numbers of its axes and of a measure, and their names."""
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path

@@ -1,5 +1,7 @@
 """The table of a parameter study: a row a point, on disk."""
 
+from __future__ import annotations
+
 import json
 import os
 from collections.abc import Sequence

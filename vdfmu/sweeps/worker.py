@@ -1,5 +1,7 @@
 """A worker of a parameter study: a process that runs points, and is replaced when one of them kills it or hangs."""
 
+from __future__ import annotations
+
 import pickle
 import queue
 import signal

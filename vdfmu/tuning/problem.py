@@ -1,5 +1,7 @@
 """What is tuned: the numbers that vary, the cost, limits, the spread of robots, and the required margin."""
 
+from __future__ import annotations
+
 import dataclasses
 import math
 import os

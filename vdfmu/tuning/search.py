@@ -1,5 +1,7 @@
 """Searches: over the whole range by differential evolution, from the best by a trust region (COBYQA)."""
 
+from __future__ import annotations
+
 import math
 from collections.abc import Callable
 from contextlib import suppress

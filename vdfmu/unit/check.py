@@ -1,5 +1,7 @@
 """What is wrong with the declaration of a unit, all at once, each with file and line."""
 
+from __future__ import annotations
+
 import re
 from collections.abc import Iterator, Sequence
 from typing import Any, cast

@@ -1,5 +1,7 @@
 """A unit's methods on its memory, as traced functions or in plain numpy."""
 
+from __future__ import annotations
+
 from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any

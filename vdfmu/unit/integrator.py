@@ -1,5 +1,7 @@
 """Integration of a unit with continuous states between communication points: Rodas4 steps under error control."""
 
+from __future__ import annotations
+
 import math
 
 import numpy as np
@@ -26,6 +28,10 @@ class Integrator(Solver):
     The local error of every internal step is kept below `tolerance` times (1 SI unit + the state's
     magnitude), in the root mean square over all states. Everything that decides the next step is in the memory and
     `h`: a copy of the two restores the solver to the bit.
+
+    Parameters
+    ----------
+    unit : Evaluation
 
     Attributes
     ----------

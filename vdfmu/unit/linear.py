@@ -1,5 +1,7 @@
 """The linear model of a unit, by differentiation of its traced functions."""
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 
 import numpy as np

@@ -1,5 +1,7 @@
 """Units from files of users."""
 
+from __future__ import annotations
+
 import os
 import sys
 import traceback

@@ -1,5 +1,7 @@
 """The states of a unit over time: a solver between the samples, and sampled states that change at each."""
 
+from __future__ import annotations
+
 import math
 from collections.abc import Iterator
 

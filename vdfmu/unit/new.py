@@ -1,5 +1,7 @@
 """The first file of a unit of one's own, and its test."""
 
+from __future__ import annotations
+
 import keyword
 import re
 import sys

@@ -1,5 +1,7 @@
 """Where in its file a unit is declared."""
 
+from __future__ import annotations
+
 import ast
 import inspect
 from collections.abc import Iterator

@@ -3,6 +3,8 @@
 from collections.abc import Mapping
 from typing import Any
 
+from __future__ import annotations
+
 import casadi as ca
 
 from vdfmu.kernel.requirements import STRICT, Requirement, margins, requirements

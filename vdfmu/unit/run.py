@@ -1,5 +1,7 @@
 """A unit by itself, as a Python object: its motion under given inputs, and its linear model."""
 
+from __future__ import annotations
+
 import math
 from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple

@@ -3,6 +3,8 @@
 FMI names are structured and count from 1. Python indices count from 0; `Variable.name` is where the two meet.
 """
 
+from __future__ import annotations
+
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass

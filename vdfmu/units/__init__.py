@@ -1,5 +1,7 @@
 """The units of the package, one file each. Users write theirs the same way."""
 
+from __future__ import annotations
+
 import os
 from functools import lru_cache
 from importlib import import_module

@@ -1,5 +1,7 @@
 """Units that play a motion which was worked out before the run: what :meth:`vdfmu.motion.Motion.unit` makes."""
 
+from __future__ import annotations
+
 from typing import Any, ClassVar
 
 import numpy as np

@@ -1,5 +1,7 @@
 """Variables that several units have: the motion of the joints, and the wrench of the end effector."""
 
+from __future__ import annotations
+
 from typing import Any
 
 import numpy as np

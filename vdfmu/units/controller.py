@@ -1,5 +1,7 @@
 """The unit PDController: feedback, and the torque that the motors are asked for."""
 
+from __future__ import annotations
+
 import numpy as np
 
 from vdfmu.equations.pd import pd_control

@@ -1,5 +1,7 @@
 """The unit TorqueEstimator: spring torques from what a robot measures."""
 
+from __future__ import annotations
+
 import numpy as np
 
 from vdfmu.equations.estimator import torque_estimates

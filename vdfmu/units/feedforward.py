@@ -1,5 +1,7 @@
 """The unit Feedforward: torques along the desired motion."""
 
+from __future__ import annotations
+
 import numpy as np
 
 from vdfmu.equations.feedforward import Gains, feedforward_inverse, feedforward_vdc

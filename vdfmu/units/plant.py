@@ -1,5 +1,7 @@
 """The unit Plant: the arm with its drives."""
 
+from __future__ import annotations
+
 from typing import Any
 
 import numpy as np

@@ -1,5 +1,7 @@
 """The unit Screw: what the end effector feels while it drives a screw."""
 
+from __future__ import annotations
+
 import numpy as np
 
 from vdfmu.equations.contact import normal_force, screw_torque

@@ -1,5 +1,7 @@
 """The unit Trajectory: the desired motion."""
 
+from __future__ import annotations
+
 from vdfmu.equations.trajectory import desired_motion
 from vdfmu.unit import JOINTS, Output, Parameter, Terminal, Unit
 from vdfmu.units._signals import DESIRED

@@ -1,5 +1,7 @@
 """The unit Wall: a plane that the end effector touches."""
 
+from __future__ import annotations
+
 import numpy as np
 
 from vdfmu.equations.contact import friction_force, normal_force

@@ -1,5 +1,7 @@
 """Check of the shared libraries of an FMU by their first bytes: nothing of them is run."""
 
+from __future__ import annotations
+
 import posixpath
 import struct
 

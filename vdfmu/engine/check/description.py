@@ -1,5 +1,7 @@
 """Check of a model description: the schema, references inside it, and the rules that fmpy knows."""
 
+from __future__ import annotations
+
 import io
 import re
 import zipfile

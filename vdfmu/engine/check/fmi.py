@@ -1,5 +1,7 @@
 """Rules of FMI that fmpy does not know: ranges, aliases, source files, terminals."""
 
+from __future__ import annotations
+
 import posixpath
 from collections.abc import Collection, Mapping
 from typing import Any

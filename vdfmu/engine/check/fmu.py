@@ -1,5 +1,7 @@
 """Check of one FMU."""
 
+from __future__ import annotations
+
 import math
 import re
 from collections.abc import Mapping

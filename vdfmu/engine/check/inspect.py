@@ -1,5 +1,7 @@
 """Check of an FMU or a system: schema, rules of the standard, binaries, a short run, reference results."""
 
+from __future__ import annotations
+
 import html
 import os
 import posixpath

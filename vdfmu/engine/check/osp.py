@@ -1,5 +1,7 @@
 """Check of an OspSystemStructure.xml, the system description of libcosim."""
 
+from __future__ import annotations
+
 import math
 from pathlib import Path
 from typing import Any

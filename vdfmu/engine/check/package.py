@@ -1,5 +1,7 @@
 """Check of a system of SSP 1.0 or 2.0: the package, its files, the wiring, and every FMU."""
 
+from __future__ import annotations
+
 import posixpath
 from collections.abc import Mapping
 from pathlib import Path

@@ -1,5 +1,7 @@
 """Comparison of an FMU with the reference results that it carries (layered standard FMI-LS-REF)."""
 
+from __future__ import annotations
+
 import csv
 import io
 import posixpath

@@ -1,5 +1,7 @@
 """The part of a check that runs foreign code: ten steps and the reference results, in a process of their own."""
 
+from __future__ import annotations
+
 import errno
 import json
 import signal

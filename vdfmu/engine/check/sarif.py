@@ -1,5 +1,7 @@
 """The findings of a check in the format of code scanners: SARIF 2.1.0."""
 
+from __future__ import annotations
+
 from pathlib import PurePath
 from typing import Any
 

@@ -1,5 +1,7 @@
 """What the algorithms for continuous coupling need of the units."""
 
+from __future__ import annotations
+
 from collections.abc import Mapping, Sequence
 
 from vdfmu.engine.algorithms import CONTINUOUS

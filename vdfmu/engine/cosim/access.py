@@ -1,5 +1,7 @@
 """Values between the memory of the master and the calls of FMUs, which may have other types and whole arrays."""
 
+from __future__ import annotations
+
 from collections.abc import Callable, Sequence
 from ctypes import addressof, byref, c_char, c_size_t, c_uint, create_string_buffer, string_at
 from typing import Any

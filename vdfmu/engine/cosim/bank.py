@@ -1,5 +1,7 @@
 """The memory that units and master share: values of all connected variables of a type, in place."""
 
+from __future__ import annotations
+
 from collections.abc import Callable
 from typing import Any
 

@@ -1,5 +1,7 @@
 """Broyden's method: repeat until a guess comes out as it went in."""
 
+from __future__ import annotations
+
 from collections.abc import Callable
 from dataclasses import dataclass
 

@@ -1,5 +1,7 @@
 """Everything that can be said about a system before it runs: all problems at once."""
 
+from __future__ import annotations
+
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 

@@ -1,5 +1,7 @@
 """A system that can be run."""
 
+from __future__ import annotations
+
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 

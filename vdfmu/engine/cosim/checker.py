@@ -1,5 +1,7 @@
 """What is wrong with a system beside its FMUs: connectors, connections, parameters."""
 
+from __future__ import annotations
+
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from typing import Any

@@ -1,5 +1,7 @@
 """Clocks of FMI 3.0."""
 
+from __future__ import annotations
+
 import math
 from dataclasses import dataclass
 from typing import Any

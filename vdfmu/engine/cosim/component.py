@@ -1,5 +1,7 @@
 """One FMU of a run: its library, its calls and its messages, whatever its version of FMI."""
 
+from __future__ import annotations
+
 import itertools
 import math
 import threading

@@ -1,5 +1,7 @@
 """A component of FMI 2.0."""
 
+from __future__ import annotations
+
 import math
 from collections.abc import Sequence
 from ctypes import byref, c_double, c_int, c_size_t, c_uint, c_void_p

@@ -1,5 +1,7 @@
 """A component of FMI 3.0."""
 
+from __future__ import annotations
+
 import math
 import os
 from collections.abc import Sequence

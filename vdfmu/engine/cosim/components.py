@@ -1,5 +1,7 @@
 """The components of one run in this process: loading, initialization, coupling, freeing."""
 
+from __future__ import annotations
+
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 

@@ -4,6 +4,8 @@ FMPy's container is an FMU 2.0 that carries the units inside it and steps them i
 the outputs at the start of the step (Jacobi), at one fixed step. Its variables are ``component.variable``.
 """
 
+from __future__ import annotations
+
 import math
 import os
 import uuid

@@ -3,6 +3,8 @@
 The algorithms `extrapolated` and `iterative`, with or without error control; `docs/cosimulation.md` derives them.
 """
 
+from __future__ import annotations
+
 import math
 from collections.abc import Callable
 from ctypes import byref, c_void_p

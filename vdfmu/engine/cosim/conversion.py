@@ -1,5 +1,7 @@
 """Transformations, unit conversions and types of connections and parameters."""
 
+from __future__ import annotations
+
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

@@ -1,5 +1,7 @@
 """The plan of a continuous coupling: units with inputs that run on lines, in blocks that depend on themselves."""
 
+from __future__ import annotations
+
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any

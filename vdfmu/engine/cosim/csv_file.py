@@ -1,5 +1,7 @@
 """Results in CSV: a line of names, a line of units, then a line a communication point."""
 
+from __future__ import annotations
+
 import csv
 import io
 import json

@@ -1,5 +1,7 @@
 """What the master needs to know of an FMU, read from its model description."""
 
+from __future__ import annotations
+
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field

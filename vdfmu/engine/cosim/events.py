@@ -7,6 +7,8 @@ themselves (triggered) tick those that they are connected to, at the same time; 
 on until nothing changes any more.
 """
 
+from __future__ import annotations
+
 import math
 from collections.abc import Callable
 from typing import Any

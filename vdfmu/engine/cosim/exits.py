@@ -1,5 +1,7 @@
 """A component that calls C's ``exit`` in this process: it is named and its rows are kept before the process is gone."""
 
+from __future__ import annotations
+
 import ctypes
 import inspect
 import os

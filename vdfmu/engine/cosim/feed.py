@@ -1,5 +1,7 @@
 """Inputs that signals from outside feed, checked: the signals are outputs of a source beside the components."""
 
+from __future__ import annotations
+
 import dataclasses
 from collections.abc import Callable, Mapping, Sequence
 from typing import NamedTuple

@@ -1,5 +1,7 @@
 """Signals from outside for inputs that nothing is connected to: read from CSV files or given as arrays."""
 
+from __future__ import annotations
+
 import csv
 import io
 import math

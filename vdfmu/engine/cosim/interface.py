@@ -1,5 +1,7 @@
 """The interface Jacobian of a loop, from the directional derivatives of its components."""
 
+from __future__ import annotations
+
 from collections.abc import Callable, Sequence
 from typing import Any
 

@@ -1,5 +1,7 @@
 """The process of isolated components; see `vdfmu.engine.cosim.isolated`."""
 
+from __future__ import annotations
+
 import json
 import logging
 import math

@@ -1,5 +1,7 @@
 """A connection between two variables of FMUs."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 
 from vdfmu.engine.cosim.conversion import Conversion

@@ -1,5 +1,7 @@
 """Messages of the units of one run."""
 
+from __future__ import annotations
+
 import logging
 import re
 from collections import deque

@@ -1,5 +1,7 @@
 """Components with steps of their own: whole multiples of the communication step."""
 
+from __future__ import annotations
+
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 

@@ -1,5 +1,7 @@
 """Values that the user gives: what they are for, checked."""
 
+from __future__ import annotations
+
 from collections.abc import Mapping
 
 from vdfmu.engine.cosim.conversion import Value, as_type

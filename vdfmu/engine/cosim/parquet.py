@@ -5,6 +5,8 @@ have ``vdfmu``: the summary as JSON, whose ``copies`` names the signals that are
 bytes of reals taken apart before (BYTE_STREAM_SPLIT). The package pyarrow is imported when it is needed.
 """
 
+from __future__ import annotations
+
 import json
 from pathlib import Path
 from types import ModuleType

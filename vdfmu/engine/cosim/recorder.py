@@ -1,5 +1,7 @@
 """Rows of a run on their way to disk: as CSV, which a crash leaves, and as numbers that are read back in place."""
 
+from __future__ import annotations
+
 import tempfile
 import time as clock
 from collections.abc import Callable, Mapping, Sequence

@@ -1,5 +1,7 @@
 """The order of initialization and of the steps, from the declared dependencies of the units."""
 
+from __future__ import annotations
+
 import heapq
 from collections import deque
 from collections.abc import Hashable, Iterable, Mapping, Sequence

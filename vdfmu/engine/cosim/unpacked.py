@@ -1,5 +1,7 @@
 """The FMUs of a system, unpacked for a run."""
 
+from __future__ import annotations
+
 from pathlib import Path
 
 import fmpy

@@ -1,5 +1,7 @@
 """The variables of an FMU, from its model description."""
 
+from __future__ import annotations
+
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

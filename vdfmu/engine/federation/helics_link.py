@@ -1,5 +1,7 @@
 """A federate of HELICS: at each exchange it sends its values to all others and waits for theirs."""
 
+from __future__ import annotations
+
 import json
 import os
 import socket

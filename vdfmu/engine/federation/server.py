@@ -1,5 +1,7 @@
 """The process of a federate; see `vdfmu.engine.federation.federated`."""
 
+from __future__ import annotations
+
 import os
 import sys
 from collections.abc import Callable, Collection, Generator, Mapping, Sequence

@@ -1,5 +1,7 @@
 """Parameter bindings of SSP: parameter sets (SSV), mappings (SSM), prefixes and precedence."""
 
+from __future__ import annotations
+
 import math
 from dataclasses import dataclass, replace
 from typing import Any

@@ -1,5 +1,7 @@
 """The default experiment of a system, and the annotations that say how it is run."""
 
+from __future__ import annotations
+
 import math
 from dataclasses import dataclass
 from typing import Any

@@ -1,5 +1,7 @@
 """Limits of what a package may cost, with all that is inside it."""
 
+from __future__ import annotations
+
 from collections.abc import Generator
 from contextlib import contextmanager
 from contextvars import ContextVar

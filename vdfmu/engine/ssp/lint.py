@@ -1,5 +1,7 @@
 """Rules for the files of a system that do not keep it from being run."""
 
+from __future__ import annotations
+
 from collections.abc import Iterable, Iterator
 from typing import Any
 

@@ -1,5 +1,7 @@
 """Safe reading of XML, and of that of SSP 1.0 and 2.0 against its schemas."""
 
+from __future__ import annotations
+
 import importlib.util
 from functools import lru_cache
 from pathlib import Path

@@ -1,5 +1,7 @@
 """`load_ssp` and `read_system`: from the file to a flattened `System`."""
 
+from __future__ import annotations
+
 from dataclasses import replace
 from pathlib import Path
 from typing import Any

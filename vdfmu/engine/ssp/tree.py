@@ -1,5 +1,7 @@
 """The elements of an SSD as a tree of `Node`, with the systems that other files describe in their places."""
 
+from __future__ import annotations
+
 import posixpath
 from collections.abc import Callable, Generator
 from contextlib import contextmanager

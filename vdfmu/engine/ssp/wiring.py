@@ -1,5 +1,7 @@
 """The connections of an SSD as a graph of connectors, and their flattening."""
 
+from __future__ import annotations
+
 from collections.abc import Iterator, Sequence
 from itertools import count
 from typing import Any

@@ -4,6 +4,8 @@
 :class:`~vdfmu.unit.interface.Interface`.
 """
 
+from __future__ import annotations
+
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import partial
 

@@ -1,5 +1,7 @@
 """The generated C files of traced functions."""
 
+from __future__ import annotations
+
 import re
 from collections.abc import Collection, Mapping
 

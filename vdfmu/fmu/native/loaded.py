@@ -1,5 +1,7 @@
 """Compiled functions in this process: what is fast enough for a solver or a loop of Python."""
 
+from __future__ import annotations
+
 from collections.abc import Mapping
 from ctypes import CDLL
 from pathlib import Path

@@ -5,6 +5,8 @@ tolerance of 1e-12, all else by the unit's methods in numpy. The inputs are cons
 that co-simulation and model exchange have the same solution.
 """
 
+from __future__ import annotations
+
 import json
 from collections.abc import Iterator, Mapping, Sequence
 from hashlib import sha256

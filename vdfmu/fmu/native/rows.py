@@ -1,5 +1,7 @@
 """A traced function for the rows of arrays, compiled."""
 
+from __future__ import annotations
+
 from collections.abc import Callable, Sequence
 from ctypes import POINTER, c_size_t, c_void_p
 

@@ -1,5 +1,7 @@
 """Pieces of C text."""
 
+from __future__ import annotations
+
 import textwrap
 from collections.abc import Iterable, Sequence
 

@@ -1,5 +1,7 @@
 """Reading and writing of values by reference, a whole call at once."""
 
+from __future__ import annotations
+
 from collections.abc import Callable
 from functools import partial
 from struct import Struct

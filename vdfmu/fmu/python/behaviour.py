@@ -1,5 +1,7 @@
 """What a unit computes over time: its methods on its memory and its solver, with no FMI in sight."""
 
+from __future__ import annotations
+
 from typing import Any
 
 import numpy as np

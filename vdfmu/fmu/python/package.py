@@ -1,5 +1,7 @@
 """Build of a Python FMU with pythonfmu: it runs in a Python that has vdfmu."""
 
+from __future__ import annotations
+
 import sys
 import zipfile
 from pathlib import Path

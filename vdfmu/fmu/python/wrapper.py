@@ -14,6 +14,8 @@ So this module holds further references to all that the wrapper releases, and ma
 before the exit. Of a slave that is free, as far as that can be known, an empty shell stays.
 """
 
+from __future__ import annotations
+
 import _ctypes
 import atexit
 import contextlib
