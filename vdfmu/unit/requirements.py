@@ -1,9 +1,9 @@
 """What the parameters of a unit must meet together, those of its robot and its own, on floats and as a function."""
 
+from __future__ import annotations
+
 from collections.abc import Mapping
 from typing import Any
-
-from __future__ import annotations
 
 import casadi as ca
 
