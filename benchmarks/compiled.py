@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from vdfmu.fmu.native.compile import compile_library
+from vdfmu.fmu.native.kernels import kernel_source
 from vdfmu.fmu.native.platforms import PLATFORMS, this_platform
-from vdfmu.kernel.c_code import c_function
 from vdfmu.kernel.functions import Functions
 
 
@@ -30,10 +30,7 @@ def write_library(
     FmuError
         If the compiler is not installed.
     """
-    sources = {
-        f"kernel_{name}.c": f"#include <math.h>\n\n{c_function(functions.casadi_function(name))}".encode()
-        for name in names
-    }
+    sources = {f"kernel_{name}.c": kernel_source(functions.casadi_function(name)).encode() for name in names}
     platform = this_platform()
     library = compile_library(sources, platform, name="kernel", flags=("-fvisibility=default", *flags))
     path = folder / f"kernel{PLATFORMS[platform].suffix}"

@@ -66,6 +66,8 @@ _QUANTITIES = {
     "rotor inertia": ("kg.m2", "kg.m"),
     "damping_m": ("N.m.s/rad", "N.m.s/m"),
 }
+WIDE_ANGLE = 4.0 * math.pi
+"""Two turns [rad]: more than the joints of common arms make, less than 13 degrees."""
 _FACTOR = re.compile(r"([A-Za-z]+)(-?\d*)")
 
 

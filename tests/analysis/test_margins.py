@@ -8,12 +8,11 @@ import numpy as np
 import pytest
 
 import vdfmu
-from vdfmu.analysis.linear import Linear, held, linearize
 from vdfmu.analysis.margins import ArmLoops, Loop
+from vdfmu.engine.space import Linear, held
 from vdfmu.equations.harmonic_drive import deformation_derivative
 from vdfmu.errors import UsageError
-from vdfmu.ssp.description import SystemDescription
-from vdfmu.study.wired import System
+from vdfmu.unit import Output, Unit
 
 STEP = 1e-3
 AT_REST = {  # the planar arm held where it starts, without dry friction
@@ -147,8 +146,16 @@ def _rows(scenario, settings, master, folder):
     return np.hstack([found[group] for group in groups])
 
 
-def test_what_has_no_states_cannot_be_linearised():
-    scenario = vdfmu.load_scenario("planar_tracking")
-    controller = System(SystemDescription(scenario)).units["controller"]
-    with pytest.raises(UsageError, match="PDController: expected a traced unit with states"):
-        linearize(controller, ("q",))
+class _Plain(Unit):
+    """A unit that cannot be traced."""
+
+    backend = "python"
+    y = Output("1", text="signal")
+
+    def outputs(self):
+        self.y = 1.0
+
+
+def test_what_cannot_be_traced_cannot_be_linearised():
+    with pytest.raises(UsageError, match="_Plain: what cannot be traced has no derivatives"):
+        _Plain().linearize()

@@ -17,7 +17,7 @@ import pytest
 from vdfmu.engine.check import run as check_run
 from vdfmu.engine.check.inspect import inspect_file
 from vdfmu.engine.check.sarif import to_sarif
-from vdfmu.engine.rules import RULES, rules_table
+from vdfmu.engine.rules import RULES
 from vdfmu.engine.ssp import limits, parse
 
 SPACES = " ".join(
@@ -402,5 +402,8 @@ def test_json_and_sarif_name_rule_file_and_line(tmp_path):
 
 def test_the_page_of_the_rules_is_that_of_the_list():
     page = (Path(__file__).parents[2] / "docs" / "rules.md").read_text(encoding="utf-8")
-    assert rules_table() in page
+    rows = [f"| {r.number} | {r.severity} | {r.title} | {r.way} |" for r in RULES.values()]
+    assert (
+        "\n".join(["| rule | severity | what holds | way out |", "| --- | --- | --- | --- |", *rows]) in page
+    )
     assert re.findall(r"^\| ((?:PKG|SSP|FMI|OSP|RUN)\d+) ", page, re.MULTILINE) == list(RULES)

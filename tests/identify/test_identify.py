@@ -225,6 +225,12 @@ def test_wrong_logs_are_named(tmp_path, robot, clean):
     nan = [np.where(t > 0.1, np.nan, y[0]), *y[1:]]
     for given, columns, heads, message in (
         (t[:100], [c[:100] for c in y], names, "100 rows: expected at least 500"),
+        (
+            t,
+            [100.0 * c for c in y],
+            names,
+            r"kappa\[2\]: expected a unit in its heading, .* over 56.38, which looks",
+        ),
         (gap, y, names, "from 0.299 s to 0.35 s there is a gap, and 0 more"),
         (t, nan, names, r"kappa\[1\]: expected a finite number, got nan"),
         (

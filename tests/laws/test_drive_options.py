@@ -25,7 +25,7 @@ from vdfmu.equations.trajectory import desired_motion
 from vdfmu.equations.winding import current_rate, winding_voltage
 from vdfmu.errors import ModelError, UsageError
 from vdfmu.kernel import parameters
-from vdfmu.kernel.c_code import c_function
+from vdfmu.kernel.c_code import c_texts
 from vdfmu.model import robot_from_dict
 from vdfmu.model.parameters import section
 from vdfmu.scalar.jet import derivative, jets
@@ -280,7 +280,7 @@ def test_without_an_option_nothing_is_traced_of_it(planar, with_options, functio
     more = [name for name, when in OPTION_STATES.items() if when == option]
     assert state_names(robot) == [*state_names(planar), *more]
     bare, longer = (functions_of("plant", one).made("plant_derivatives") for one in (planar, robot))
-    assert len(c_function(bare)) < len(c_function(longer))
+    assert len("".join(c_texts(bare))) < len("".join(c_texts(longer)))
 
 
 def test_an_option_of_some_joints_alone_is_refused(with_options):

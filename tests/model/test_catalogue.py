@@ -134,6 +134,14 @@ def test_a_joint_takes_from_the_catalogue_what_it_does_not_say():
     assert robot_from_dict(robot.to_dict()).to_dict() == robot.to_dict()
 
 
+def test_a_ratio_of_ones_own_leaves_the_spring_at_the_link_as_printed():
+    printed, own = (robot_from_dict(of_catalogue(**tables)) for tables in ({}, {"drive": {"ell": 101.0}}))
+    assert own.ell[0] == 101.0
+    torque = np.linspace(-90.0, 90.0, 7)[:, None]
+    # four roundings of K_w0, c_w and what they are multiplied by
+    np.testing.assert_allclose(deformation(own, torque), deformation(printed, torque), rtol=1e-14)
+
+
 def test_limits_of_a_motor_are_those_at_the_joint():
     stops = {"q_min": -1.0, "q_max": 1.0, "stop_stiffness": 1e4, "stop_damping": 0.5}
     robot = robot_from_dict(of_catalogue(limits=stops))

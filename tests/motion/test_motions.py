@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+import re
 
 import numpy as np
 import pytest
@@ -407,3 +408,50 @@ def test_a_circle_that_does_not_fit_is_named(planar):
             motions.circle(
                 planar, [0.3, 0.8], **({"centre": [0.6, 0.0, 0.5], "axis": [0, 1, 0], "duration": 1.0} | keys)
             )
+
+
+@pytest.mark.parametrize(
+    ("make", "words"),
+    [
+        (
+            lambda arm: motions.waypoints([[0.0, 0.0], [1.0]], duration=1.0),
+            ["points: expected a number, or a list"],
+        ),
+        (
+            lambda arm: motions.samples([0.0, "x"], None),
+            ["times: expected a number, or a list or rows of them"],
+        ),
+        (
+            lambda arm: motions.fastest([[0, 0], [1, "far"]], True, 1.0, smoothing=[1.0]),
+            [
+                "points: expected a number",
+                "velocity: expected a number",
+                "smoothing: expected one number, got [1.0]",
+            ],
+        ),
+        (lambda arm: motions.line(arm, "home", [0.5, 0, 0.6]), ['start: expected a number, .* got "home"']),
+        (
+            lambda arm: motions.circle(arm, [0.3, 0.8], [0.6, 0, 0.5], angle="90"),
+            ["angle: expected one number"],
+        ),
+        (lambda arm: motions.multisine([0, 0], "large", [1], 2.0), ["amplitude: expected a number"]),
+        (
+            lambda arm: motions.sweep([0, 0], 0.1, [[1.0], [2.0, 3.0]], 4.0),
+            ["frequencies: expected a number"],
+        ),
+    ],
+)
+def test_what_is_no_number_is_named_all_at_once(planar, make, words):
+    with pytest.raises(UsageError) as caught:
+        make(planar)
+    lines = str(caught.value).splitlines()
+    assert len(lines) == len(words)
+    for line, text in zip(lines, words, strict=True):
+        assert re.match(text.replace("[", r"\["), line)
+
+
+def test_a_circle_of_degrees_is_refused_before_it_is_worked_out(planar):
+    with pytest.raises(
+        UsageError, match=r"angle: expected at most 10 turns, 62.83 rad, got 720 rad. As degrees .* 12.57"
+    ):
+        motions.circle(planar, [0.3, 0.8], [0.6, 0, 0.5], [0, -1, 0], angle=720.0, duration=2.0)

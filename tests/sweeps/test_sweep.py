@@ -524,6 +524,10 @@ def test_a_row_of_a_scenario_that_was_changed_is_run_with_a_note(tmp_path):
     assert done.exit_code == 0 and "not those of the study any more" in done.output
     alone = CliRunner().invoke(app, ["run", "planar_tracking", "--row", "3"])
     assert isinstance(alone.exception, UsageError) and "expected --from" in str(alone.exception)
+    both = CliRunner().invoke(app, ["run", "two_joint", "--from", str(found.folder)])
+    assert isinstance(both.exception, UsageError) and "two_joint: expected no scenario beside" in str(
+        both.exception
+    )
 
 
 def test_a_row_of_a_package_is_named(wild, tmp_path):

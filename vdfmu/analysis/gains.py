@@ -17,10 +17,10 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from vdfmu.analysis.linear import Linear
 from vdfmu.analysis.margins import Loop
 from vdfmu.arrays import Floats
 from vdfmu.dynamics import mass_matrix
+from vdfmu.engine.space import Linear
 from vdfmu.equations.harmonic_drive import deformation_derivative
 from vdfmu.model import Robot
 

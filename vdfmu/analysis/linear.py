@@ -1,13 +1,11 @@
-"""Linearisation of units by the derivatives of their traced functions, and of feedback around a plant."""
+"""What a linear model of an arm leaves out, and how its torques depend on its states through feedback."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from scipy.linalg import expm
 
 from vdfmu.arrays import Floats
 from vdfmu.equations.friction import dry_friction
@@ -15,36 +13,6 @@ from vdfmu.errors import UsageError
 from vdfmu.model.parameters import PARAMETERS
 from vdfmu.study.wired import System
 from vdfmu.unit.evaluate import Evaluation
-from vdfmu.unit.linear import state_space
-
-
-class Linear(NamedTuple):
-    """``x_dot = A x + B u`` of deviations, or ``x[k+1] = A x[k] + B u[k]``: A (n, n), B (n, m)."""
-
-    A: Floats
-    B: Floats
-
-
-def linearize(unit: Evaluation, inputs: Sequence[str]) -> Linear:
-    """Linearise the derivatives of a unit's states where its memory is, exactly: by differentiation of the trace.
-
-    Parameters
-    ----------
-    unit : Evaluation
-    inputs : sequence of str
-        Groups of inputs, whose columns B has one after the other.
-
-    Raises
-    ------
-    UsageError
-        If the unit has no states, or is not traced.
-    """
-    if not unit.x.size:
-        raise UsageError(
-            f"{unit.interface.unit.__name__}: expected a traced unit with states, to linearise it."
-        )
-    found = state_space(unit, inputs)
-    return Linear(found.A, found.B)
 
 
 def without_dry_friction(unit: Evaluation) -> None:
@@ -58,15 +26,6 @@ def lively(states: Iterable[str], dry: bool) -> npt.NDArray[np.intp]:
     """Return indices of states of the plant but temperatures, which take minutes, and bristles that are not `dry`."""
     still = {"T_j"} if dry else {"T_j", "tau_z"}
     return np.array([i for i, name in enumerate(states) if name.split("[")[0] not in still], dtype=np.intp)
-
-
-def held(continuous: Linear, step: float) -> Linear:
-    """Discretise exactly: the states after a step through which the inputs are held."""
-    n, m = continuous.B.shape
-    whole: Floats = np.asarray(
-        expm(step * np.block([[continuous.A, continuous.B], [np.zeros((m, n + m))]])), dtype=float
-    )
-    return Linear(whole[:n, :n], whole[:n, n:])
 
 
 def feedback(system: System, plant: str, inputs: Sequence[str], t: float) -> Floats:

@@ -16,15 +16,17 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from vdfmu.analysis.linear import Linear, feedback, held, linearize, lively, without_dry_friction
+from vdfmu.analysis.linear import feedback, lively, without_dry_friction
 from vdfmu.arrays import Floats
 from vdfmu.engine.algorithms import CONTINUOUS
 from vdfmu.engine.linear import LinearSystem
+from vdfmu.engine.space import Linear, held
 from vdfmu.errors import UsageError
 from vdfmu.scenario import Scenario
 from vdfmu.scenario.values import system_values
 from vdfmu.ssp.description import SystemDescription
 from vdfmu.study.wired import System
+from vdfmu.unit.linear import state_space
 
 Complex = npt.NDArray[np.complex128]
 
@@ -157,6 +159,9 @@ class Loop:
 class ArmLoops:
     """The loop of a scenario with trajectory, feedforward, controller and plant along its desired motion.
 
+    Without Coulomb and Stribeck friction of the plant, whose slope damps by far more than all else near standstill, and
+    takes damping away at slow motion; viscous friction stays.
+
     Parameters
     ----------
     scenario : Scenario
@@ -164,9 +169,6 @@ class ArmLoops:
         Changed parameters.
     times : sequence of float, optional
         Default eleven, evenly spread from the start to the end.
-    dry : bool
-        Whether the plant keeps its Coulomb and Stribeck friction. Its slope damps by far more than all else near
-        standstill, and takes damping away at slow motion; viscous friction stays in any case.
     growth : float [1/s]
         Rate up to which what grows counts as stable. A weakly damped mode of the arm may grow slowly at some places of
         a motion that soon passes them.
@@ -188,7 +190,6 @@ class ArmLoops:
         settings: Mapping[str, Any] | None = None,
         *,
         times: Sequence[float] | Floats | None = None,
-        dry: bool = False,
         growth: float = 0.0,
     ) -> None:
         system = self._system = System(SystemDescription(scenario, system_values(scenario, settings)))
@@ -202,10 +203,9 @@ class ArmLoops:
         system.start()
         system.memory[system.solver_x] = system.memory[system.x]
         plant = units["plant"]
-        if not dry:
-            without_dry_friction(plant)
+        without_dry_friction(plant)
         table = plant.interface
-        self._lively = lively((v.name for v in table.variables[table.states]), dry)
+        self._lively = lively((v.name for v in table.variables[table.states]), dry=False)
         self._x: list[Floats] = []
         self.loops: list[Loop] = []
         for t in np.linspace(0.0, scenario.stop, _TIMES) if times is None else times:
@@ -217,8 +217,8 @@ class ArmLoops:
                 )
             run(t)
             self._x.append(system.memory[system.solver_x])
-            A, B = linearize(plant, ("tau",))
-            moving = Linear(A[np.ix_(self._lively, self._lively)], B[self._lively])
+            found = state_space(plant, ("tau",))
+            moving = Linear(found.A[np.ix_(self._lively, self._lively)], found.B[self._lively])
             self.loops.append(Loop(float(t), moving, self._feedback(t), scenario.step, growth))
 
     def _feedback(self, t: float) -> Floats:

@@ -15,7 +15,7 @@ from vdfmu.analysis.space import linearize
 from vdfmu.arrays import Floats
 from vdfmu.engine.space import StateSpace
 from vdfmu.errors import UsageError
-from vdfmu.model import Robot
+from vdfmu.model.robot import Robot, robot_argument
 from vdfmu.scenario import Scenario
 from vdfmu.scenario.values import system_values
 from vdfmu.ssp.description import SystemDescription
@@ -88,7 +88,7 @@ def natural_modes(robot: Robot, q: npt.ArrayLike, *, motors: str = "free", dry: 
     """
     if motors not in MOTORS:
         raise UsageError(f"motors: expected {' or '.join(MOTORS)}, got {motors!r}.")
-    return _modes(linearize(robot, q, dry=dry), motors, dry)
+    return _modes(linearize(robot_argument(robot), q, dry=dry), motors, dry)
 
 
 def _modes(system: StateSpace, motors: str, dry: bool) -> Modes:

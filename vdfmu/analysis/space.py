@@ -99,7 +99,14 @@ def linearize(
         raise UsageError(
             f"linearize: {', '.join(['sampled', 'opened', *options])}: these are for systems at a time."
         )
-    plant = _at_rest(robot_argument(system), at)
+    try:
+        plant = _at_rest(robot_argument(system), at)
+    except UsageError as error:
+        if isinstance(system, Robot):
+            raise
+        raise UsageError(
+            f"{error} A scenario or a package takes a time in s in place of positions."
+        ) from None
     if not dry:
         without_dry_friction(plant)
     return state_space(plant, _INPUTS, (*state_names(plant.interface.robot), *_OUTPUTS))

@@ -98,6 +98,7 @@ UnmatchedOption = Annotated[
 
 
 def run(
+    context: typer.Context,
     scenario: ScenarioArgument = "tracking",
     robot: RobotOption = None,
     step: StepOption = None,
@@ -154,6 +155,11 @@ def run(
     else:
         from vdfmu.sweeps.table import Sweep
 
+        source = context.get_parameter_source("scenario")
+        if source is not None and source.name == "COMMANDLINE":
+            raise UsageError(
+                f"{scenario}: expected no scenario beside --from: {study} has that of its study."
+            )
         found = Sweep(study)
         point = found.options(row or "worst", by)
         say_notes(found.notes)

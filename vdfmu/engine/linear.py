@@ -18,13 +18,13 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from scipy.linalg import block_diag, expm
+from scipy.linalg import block_diag
 
 from vdfmu.arrays import Floats
 from vdfmu.engine.cosim.component import Slave
 from vdfmu.engine.cosim.interface import derivatives
 from vdfmu.engine.cosim.simulator import Simulator
-from vdfmu.engine.space import Signal, StateSpace
+from vdfmu.engine.space import Linear, Signal, StateSpace, held
 from vdfmu.engine.ssp.structure import System
 from vdfmu.errors import UsageError
 
@@ -100,8 +100,7 @@ class LinearSystem:
         """
         A, B, C, D = (getattr(self.parts, name) for name in "ABCD")
         (n, m), cut = B.shape, self.places(opened)
-        whole: Any = expm(self.step * np.block([[A, B], [np.zeros((m, n + m))]]))
-        Phi, Gamma = whole[:n, :n], whole[:n, n:]
+        Phi, Gamma = held(Linear(A, B), self.step)
         ends = np.hstack([self.links @ C @ Phi, np.zeros((m, m))])  # L y at the end of the step, by (x, w)
         by_u = self.links @ (C @ Gamma + D)
         fresh = np.diag(self.fresh.astype(float))

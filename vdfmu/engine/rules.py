@@ -75,13 +75,6 @@ _FMPY = (
 )  # fmt: skip
 """Rules, and words by which fmpy's messages show which they are about."""
 
-
-def rules_table() -> str:
-    """Return the rules as a table of Markdown."""
-    rows = [f"| {r.number} | {r.severity} | {r.title} | {r.way} |" for r in RULES.values()]
-    return "\n".join(["| rule | severity | what holds | way out |", "| --- | --- | --- | --- |", *rows])
-
-
 _TABLE = """
 PKG001 | The file is a zip file that can be read, and all of its entries unpack | export or copy it again
 PKG002 | Entries lie inside the package | pack them by relative paths with `/` between folders

@@ -5,15 +5,30 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib import import_module
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
+from scipy.linalg import expm
 
 from vdfmu.arrays import Floats
 from vdfmu.errors import UsageError
 
 Signal = tuple[str, str, float]
 """Name, unit and value."""
+
+
+class Linear(NamedTuple):
+    """``x_dot = A x + B u`` of deviations, or ``x[k+1] = A x[k] + B u[k]``: A (n, n), B (n, m)."""
+
+    A: Floats
+    B: Floats
+
+
+def held(continuous: Linear, step: float) -> Linear:
+    """Discretise exactly: the states after a step [s] through which the inputs are held."""
+    n, m = continuous.B.shape
+    whole: Any = expm(step * np.block([[continuous.A, continuous.B], [np.zeros((m, n + m))]]))
+    return Linear(whole[:n, :n], whole[:n, n:])
 
 
 @dataclass(frozen=True)

@@ -12,10 +12,10 @@ from vdfmu.files import regular_target, storing
 from vdfmu.fmu.built import is_built, keep_record
 from vdfmu.fmu.content import BACKENDS, FMI_VERSIONS, Content
 from vdfmu.fmu.native import native_available
-from vdfmu.fmu.python.behaviour import robot_problems
 from vdfmu.model import Robot, check_robot
 from vdfmu.once import one_job
 from vdfmu.unit.base import Unit, unit_name
+from vdfmu.unit.requirements import unmet
 from vdfmu.units import find_unit, shipped_units
 
 _MOST_JOINTS = 64
@@ -179,6 +179,6 @@ def _check_names(
 def _check(content: Content) -> None:
     """Raise for start values with which the unit could not start."""
     interface = content.interface
-    problems = robot_problems(interface, interface.start_values())
+    problems = unmet(interface, interface.memory_of({}))
     if problems:
         raise UsageError(f"start values of {interface.name}: {' '.join(problems)}")

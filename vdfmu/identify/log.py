@@ -13,6 +13,7 @@ from vdfmu.arrays import Floats
 from vdfmu.engine.cosim.inputs import read_inputs
 from vdfmu.engine.cosim.results import Results
 from vdfmu.errors import UsageError
+from vdfmu.measure import WIDE_ANGLE
 from vdfmu.model import Robot
 
 _KNOWN = {
@@ -59,8 +60,8 @@ def read_log(path: str | os.PathLike[str], robot: Robot, columns: Mapping[str, s
     ----------
     path : path
         ``results.csv`` or ``results.parquet`` of a run; a CSV of any tool, with a column ``time`` in s and units in
-        brackets, ``q[1] [deg]``; or a ``.mat`` of the KUKA KR300 R2500 data set (Weigand et al. 2022), a recording or
-        the file for forward identification.
+        brackets, ``q[1] [deg]``, without which angles must go over less than 4 pi; or a ``.mat`` of the KUKA KR300
+        R2500 data set (Weigand et al. 2022), a recording or the file for forward identification.
     robot : Robot
         Whose number of joints and ratios count.
     columns : mapping, optional
@@ -125,6 +126,12 @@ def _table(path: Path, robot: Robot, columns: Mapping[str, str]) -> tuple[Floats
             if unit not in _FACTORS or (unit and _KIND.get(unit, "torque") != wanted):
                 fitting = [u for u in _FACTORS if u and _KIND.get(u, "torque") == wanted]
                 problems.append(f"{name}: expected the unit {' or '.join(fitting)}, got {unit!r}")
+            span = float(np.ptp(values[name])) if len(t) else 0.0
+            if not unit and kind == "revolute" and what in ("kappa", "q") and span > WIDE_ANGLE:
+                problems.append(
+                    f"{name}: expected a unit in its heading, {name} [deg] or [rad], for values that go over "
+                    f"{span:.4g}, which looks like degrees; got none"
+                )
             factors.append(_FACTORS.get(unit, 1.0))
         found[what] = np.column_stack([values[name] for name in own]) * factors
     for group in (("kappa", "theta"), ("tau", "tau_link")):

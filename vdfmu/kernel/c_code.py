@@ -65,15 +65,10 @@ EXPRESSIONS = {
 
 
 def c_prototype(function: ca.Function) -> str:
-    """Return the declaration of :func:`c_function`, without semicolon."""
+    """Return the declaration of :func:`c_texts`, without semicolon."""
     arguments = [f"const double *restrict {name}" for name in function.name_in()]
     results = [f"double *restrict {name}_out" for name in function.name_out()]
     return f"void {function.name()}({', '.join([*arguments, *results])})"
-
-
-def c_function(function: ca.Function, whole: int | None = None) -> str:
-    """Return a C11 function of a trace, see :func:`c_texts`, in one text."""
-    return "\n".join(c_texts(function, whole))
 
 
 def c_texts(function: ca.Function, whole: int | None = None, apart: Collection[str] = ()) -> list[str]:

@@ -1,6 +1,6 @@
 """C text of long traced functions as a table of operations and a loop that runs it.
 
-It compiles in a hundredth of the time that the text of :func:`~vdfmu.kernel.c_code.c_function` takes, has 8 bytes an
+It compiles in a hundredth of the time that the text of :func:`~vdfmu.kernel.c_code.c_texts` takes, has 8 bytes an
 operation, and takes some 4 ns an operation, ten times as long. The values are the same bits.
 """
 
@@ -16,7 +16,7 @@ _FIELD = 19
 
 
 def c_table(function: ca.Function) -> str:
-    """Return a C11 function of a trace, with the interface of :func:`~vdfmu.kernel.c_code.c_function`.
+    """Return a C11 function of a trace, with the interface of :func:`~vdfmu.kernel.c_code.c_texts`.
 
     It needs ``<math.h>`` and ``<stdint.h>``.
 

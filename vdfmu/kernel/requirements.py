@@ -17,8 +17,8 @@ from vdfmu.model import Robot
 from vdfmu.model.check import CONTRACTION_LIMIT, INERTIA_TOLERANCE
 from vdfmu.scalar.generic import minimum
 
-# A margin holds from 0 on. Where equality must fail this is taken off: it changes no number but zero.
-_STRICT = 1e-300
+STRICT = 1e-300
+"""A margin holds from 0 on. Where equality must fail this is taken off: it changes no number but zero."""
 
 
 @dataclass(frozen=True)
@@ -29,8 +29,8 @@ class Requirement:
     """The condition as text."""
     parameters: tuple[Parameter, ...]
     """What it is about."""
-    margin: Callable[[Any, Parameter], Any]
-    """Returns the margin of a robot, given the first of the parameters."""
+    margin: Callable[[Any, Parameter], Any] | None = None
+    """Returns the margin of a robot, given the first of the parameters; None where it is no robot's."""
 
 
 def requirements(robot: Robot) -> list[Requirement]:
@@ -63,7 +63,7 @@ def _of_inertia(inertia: tuple[Parameter, ...]) -> list[Requirement]:
 
 def margins(robot: Any, found: list[Requirement]) -> list[Any]:
     """Return the margin of each condition, of floats or symbols; a condition holds where its margin is >= 0."""
-    return [requirement.margin(robot, requirement.parameters[0]) for requirement in found]
+    return [each.margin(robot, each.parameters[0]) for each in found if each.margin is not None]
 
 
 def _friction(robot: Any, first: Parameter) -> Any:
@@ -73,12 +73,12 @@ def _friction(robot: Any, first: Parameter) -> Any:
 
 def _stops(robot: Any, first: Parameter) -> Any:
     (i,) = first.index
-    return robot.q_max[i] - robot.q_min[i] - _STRICT
+    return robot.q_max[i] - robot.q_min[i] - STRICT
 
 
 def _kinematic_error(robot: Any, first: Parameter) -> Any:
     (i,) = first.index
-    return CONTRACTION_LIMIT - 2.0 * robot.ell[i] * robot.theta_err_amplitude[i] - _STRICT
+    return CONTRACTION_LIMIT - 2.0 * robot.ell[i] * robot.theta_err_amplitude[i] - STRICT
 
 
 def _definite(robot: Any, first: Parameter) -> Any:
@@ -98,4 +98,4 @@ def _smallest_minor(A: Any) -> Any:
     a, b, c, d, e, f = A[0, 0], A[0, 1], A[0, 2], A[1, 1], A[1, 2], A[2, 2]
     minor_2 = a * d - b * b
     minor_3 = a * (d * f - e * e) - b * (b * f - c * e) + c * (b * e - c * d)
-    return minimum(minimum(a, minor_2), minor_3) - _STRICT
+    return minimum(minimum(a, minor_2), minor_3) - STRICT

@@ -1,7 +1,5 @@
 """Gears and motors by name: the tables of a joint that the catalogue has for them."""
 
-from __future__ import annotations
-
 from functools import cache
 from typing import Any
 
@@ -27,6 +25,10 @@ Tables = dict[str, dict[str, tuple[float, str]]]
 def catalogue() -> dict[str, dict[str, Any]]:
     """Return ``gears`` and ``motors`` by name, and ``sources``, texts by key."""
     return read_toml(data_path("models") / "drives" / "catalogue.toml")
+
+
+_OF_RATIO = {"N.m/rad": 2, "1/(N.m)": -1}
+"""Units of motor-side numbers of springs, to the power of the ratio that makes them of those of the link side."""
 
 
 def assumed(entry: dict[str, Any], part: str = "hysteresis") -> list[str]:
@@ -75,6 +77,9 @@ def tables_of(problems: Problems, path: str, named: dict[str, Any], kind: str, e
                     if not ratio:
                         continue
                     value = value / ratio
+                power = _OF_RATIO.get(PARAMETERS[key].quantity)
+                if (what, part) == ("gear", "drive") and power:  # the link side stays as printed
+                    value = value * (gear["ratio"] / ratio) ** power
                 found.setdefault(part, {})[key] = value, source
     if gear:
         found["drive"]["ell"] = gear["ratio"], f"{_FILE}: gear {named['gear']}"

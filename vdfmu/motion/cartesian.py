@@ -12,6 +12,7 @@ from vdfmu.arrays import Floats
 from vdfmu.dynamics import forward_kinematics
 from vdfmu.errors import UsageError
 from vdfmu.model import Robot
+from vdfmu.motion.arguments import of_numbers
 from vdfmu.motion.inverse_kinematics import follow, twist
 from vdfmu.motion.joint_space import limit
 from vdfmu.motion.polynomial import Motion, joined, spline
@@ -24,10 +25,13 @@ _FIRST, _MOST = 64, 2048
 """Knots that are tried first, and the most."""
 _SAME = 1e-9
 """Difference of two solutions of one pose that is rounding, at the worst Jacobian that is not singular."""
+_TURNS = 10
+"""Turns of a circle at most."""
 _BETWEEN = 4
 """Points between two knots at which inverse kinematics is solved and the path checked, too."""
 
 
+@of_numbers
 def line(
     robot: Robot,
     start: npt.ArrayLike,
@@ -84,6 +88,7 @@ def line(
     return joined(parts)
 
 
+@of_numbers
 def circle(
     robot: Robot,
     start: npt.ArrayLike,
@@ -106,7 +111,7 @@ def circle(
     centre, axis : (3,) [m, 1], in {I}
         A point of the axis and its direction, about which `angle` counts by the right hand.
     angle : float [rad]
-        How far; several turns are more than 2 pi, backward below 0.
+        How far; several turns, at most ten, are more than 2 pi, backward below 0.
     orientation : "keep", "turn" or "free", optional
         The rotation of {O} stays, turns along, or follows from the position.
     robot, start, velocity, acceleration, speed, duration, dwell, tolerance
@@ -120,6 +125,11 @@ def circle(
         )
     if not np.isfinite(angle) or angle == 0.0:
         raise UsageError(f"angle: expected a finite number other than 0, in rad, got {angle}.")
+    if abs(angle) > _TURNS * 2.0 * np.pi:
+        raise UsageError(
+            f"angle: expected at most {_TURNS} turns, {_TURNS * 2.0 * np.pi:.4g} rad, got {angle:g} rad. As degrees it "
+            f"is {np.radians(angle):.4g} rad; join several circles for more turns."
+        )
     turning = isinstance(orientation, str) and orientation == "turn"
     kind, fixed = ("turn", None) if turning else _orientation(robot, orientation)
     if fixed is not None:

@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from vdfmu.arrays import Floats
 from vdfmu.errors import UsageError
+from vdfmu.motion.arguments import of_numbers
 from vdfmu.motion.joint_space import limit
 from vdfmu.motion.polynomial import MOST_NUMBERS, Motion, spline
 
@@ -17,6 +18,7 @@ _KNOTS = 24
 """Knots in the shortest period: the spline then has the sine to 1e-7 of its amplitude."""
 
 
+@of_numbers
 def multisine(
     start: npt.ArrayLike,
     amplitude: npt.ArrayLike,
@@ -87,6 +89,7 @@ def multisine(
     return _about(q, amplitude, wave, peak, *times, velocity, acceleration)
 
 
+@of_numbers
 def sweep(
     start: npt.ArrayLike,
     amplitude: npt.ArrayLike,

@@ -9,6 +9,7 @@ import numpy.typing as npt
 
 from vdfmu.arrays import Floats
 from vdfmu.errors import UsageError
+from vdfmu.motion.arguments import of_numbers
 from vdfmu.motion.polynomial import Motion, joined, rest, spline
 
 _ROUNDS = 20
@@ -17,6 +18,7 @@ _TOWARDS = 0.5
 """Power of what an interval takes of its limits by which its time changes in a round."""
 
 
+@of_numbers
 def waypoints(
     points: npt.ArrayLike,
     times: npt.ArrayLike | None = None,
@@ -77,6 +79,7 @@ def waypoints(
     return joined([*parts, *rests[-1]])
 
 
+@of_numbers
 def samples(times: npt.ArrayLike, points: npt.ArrayLike) -> Motion:
     """Return the motion through dense samples, at rest at both ends.
 

@@ -15,6 +15,7 @@ from vdfmu.arrays import Floats
 from vdfmu.dynamics import inverse_dynamics
 from vdfmu.errors import UsageError
 from vdfmu.model import Robot
+from vdfmu.motion.arguments import of_numbers
 from vdfmu.motion.joint_space import check_points, limit
 from vdfmu.motion.polynomial import DEGREE, Motion, spline
 
@@ -34,6 +35,7 @@ _STRETCH = 1.01
 """Factor of the time until torques hold."""
 
 
+@of_numbers
 def fastest(
     points: npt.ArrayLike,
     velocity: npt.ArrayLike,

@@ -7,6 +7,7 @@ import math
 import os
 import re
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -17,9 +18,11 @@ from vdfmu.dynamics import inverse_dynamics
 from vdfmu.engine.cosim.inputs import csv_columns
 from vdfmu.equations.limits import motor_torque
 from vdfmu.errors import ModelError, UsageError
+from vdfmu.measure import WIDE_ANGLE
 from vdfmu.model import Robot
 from vdfmu.model.read import Problems, Table, shape_of, shown
 from vdfmu.model.toml_file import read_toml
+from vdfmu.motion.arguments import NUMBERS, ONE, SINGLE, TEXTS, WHOLE
 from vdfmu.motion.cartesian import circle, line
 from vdfmu.motion.excitation import multisine, sweep
 from vdfmu.motion.joint_space import samples, waypoints
@@ -35,9 +38,6 @@ KINDS: dict[str, tuple[Callable[..., Motion], dict[str, inspect.Parameter]]] = {
 OF_FILE = ("waypoints", "samples", "fastest")
 """Kinds whose points may be in a CSV file."""
 _OF_ROBOT = ("fastest", "line", "circle")
-_TEXTS = ("orientation", "law", "phases")
-_WHOLE = ("periods", "seed", "lines")
-_SINGLE = ("angle", "duration", "period", "periods", "seed", "smoothing", "speed", "tolerance")
 _FACTORS = {"revolute": {"rad": 1.0, "deg": math.pi / 180.0}, "prismatic": {"m": 1.0, "mm": 1e-3}}
 _LOOKS = 1001
 """Times at which torques are looked at."""
@@ -109,10 +109,21 @@ def read_motion(problems: Problems, data: object, robot: Robot, folder: Path) ->
     try:
         motion = make(**values, **({"robot": robot} if kind in _OF_ROBOT else {}))
         check_motion(motion, robot)
+        notes = _wide_angles(motion, robot)
     except UsageError as error:
         problems.lines.extend(f"{problems.where}: motion: {one}" for one in str(error).splitlines())
         return None
-    return motion
+    return replace(motion, notes=(*motion.notes, *notes))
+
+
+def _wide_angles(motion: Motion, robot: Robot) -> list[str]:
+    """Return notes on joints whose positions look like degrees."""
+    widest = np.abs(motion.coefficients[:, 0]).max(axis=0)  # at the knots
+    return [
+        f"joint {j + 1}: positions up to {widest[j]:.4g} rad look like degrees: {math.radians(widest[j]):.4g} rad."
+        for j, kind in enumerate(robot.joint_types)
+        if kind == "revolute" and widest[j] > WIDE_ANGLE
+    ]
 
 
 def check_motion(motion: Motion, robot: Robot) -> None:
@@ -146,17 +157,17 @@ def check_motion(motion: Motion, robot: Robot) -> None:
 def _value(table: Table, key: str) -> Any:
     """Return the value of a key: a text, or a number or an array."""
     value = table.data[key]
-    if key in _TEXTS and isinstance(value, str):
+    if key in TEXTS and isinstance(value, str):
         return table.text(key)
     shape, numbers = shape_of(value), np.array(value, dtype=object).ravel()
-    if shape and key in _SINGLE:
-        table.problems.add(table.key(key), "one number", shown(value), "Correct it.")
+    if shape and key in SINGLE:
+        table.problems.add(table.key(key), ONE, shown(value), "Correct it.")
     elif shape is None or len(shape) > 2 or 0 in shape:
-        table.problems.add(table.key(key), "a number, or a list or rows of them", shown(value), "Correct it.")
-    elif key in _WHOLE and any(type(one) is not int for one in numbers):
+        table.problems.add(table.key(key), NUMBERS, shown(value), "Correct it.")
+    elif key in WHOLE and any(type(one) is not int for one in numbers):
         table.problems.add(table.key(key), "whole numbers", shown(value), "Correct it.")
     elif not shape:
-        return int(value) if key in _WHOLE else table.number(key, "")
+        return int(value) if key in WHOLE else table.number(key, "")
     else:
         return table.numbers(key, shape, "")
     return None

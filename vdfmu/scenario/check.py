@@ -6,6 +6,7 @@ import numpy as np
 
 from vdfmu.engine.algorithms import count_steps
 from vdfmu.errors import UsageError
+from vdfmu.measure import WIDE_ANGLE
 from vdfmu.model.read import Problems
 from vdfmu.scenario.parts import tables_of, units_of
 from vdfmu.scenario.scenario import Scenario
@@ -42,7 +43,7 @@ def model_notes(scenario: Scenario) -> list[str]:
             pairs = enumerate(zip(robot.joint_types, getattr(robot, name), strict=True), start=1)
             angles |= {f"{name}[{i}]": q for i, (joint, q) in pairs if joint == "revolute"}
     wide = (f"{name} = {q:g} rad looks like degrees: {np.radians(q):.4g} rad." for name, q in angles.items()
-            if abs(q) > _WIDE_ANGLE)  # fmt: skip
+            if abs(q) > WIDE_ANGLE)  # fmt: skip
     notes += [
         f"motion: {note}"
         for unit in units_of(scenario.system).values()
@@ -55,8 +56,6 @@ _STRONG_GRAVITY = 30.0
 """Above that of every planet [m/s2], below 980 cm/s2."""
 _HEAVY_LINK = 500.0
 """Links of the largest industrial robots have some hundred kg; a link of half a kilogram has 500 g."""
-_WIDE_ANGLE = 4.0 * np.pi
-"""Two turns [rad]: more than the joints of common arms make, less than 13 degrees."""
 
 
 def check_step(problems: Problems, stop: float, step: float) -> None:

@@ -19,6 +19,7 @@ from vdfmu.scenario.scenario import Scenario
 from vdfmu.scenario.system_file import SystemFile
 from vdfmu.unit.base import Unit
 from vdfmu.unit.interface import Interface
+from vdfmu.unit.requirements import unmet
 from vdfmu.unit.variable import NO_LIMIT, Variable
 
 Values = dict[str, Any]
@@ -46,7 +47,7 @@ def system_values(scenario: Scenario, settings: Mapping[str, Any] | None = None)
         | changed.get(name, {})
         for name, table in tables.items()
     }
-    _check_stops(tables, values, scenario.robot)
+    _check(tables, values, scenario.robot)
     return values
 
 
@@ -65,7 +66,7 @@ def section_values(
     tables = tables_of(system, robot)
     check_connections(system, tables)
     values = _set_all(system, tables, _sections(system, tables, sections))
-    _check_stops(tables, values, robot)
+    _check(tables, values, robot)
     return values
 
 
@@ -288,18 +289,22 @@ def _cast(variable: Variable, value: Any) -> Any:
     return number
 
 
-def _check_stops(tables: Mapping[str, Variables], values: Mapping[str, Values], robot: Robot) -> None:
-    """Raise UsageError for positions of joints beyond the end stops, out of which the link would be thrown."""
-    if not robot.limits:
-        return
+def _check(tables: Mapping[str, Variables], values: Mapping[str, Values], robot: Robot) -> None:
+    """Raise UsageError for what units require, and for joints beyond the end stops, out of which links would fly."""
     problems = [
+        f"{component}.{problem}"
+        for component, table in tables.items()
+        if isinstance(table, Interface) and table.unit.requirements is not Unit.requirements
+        for problem in unmet(table, table.memory_of(values.get(component, {})))
+    ]
+    problems += [
         f"{component}.{v.name}: expected a position of joint {i + 1} between its end stops, {low:g} and {high:g}, "
         f"got {q:g}."
         for component, table in tables.items()
         for v in _positions(table)
         for (i,), q in [(v.index, values.get(component, {}).get(v.name))]
         for low, high in [_stops(values.get(component, {}), robot, i)]
-        if q is not None and not low <= q <= high
+        if robot.limits and q is not None and not low <= q <= high
     ]
     if problems:
         raise UsageError("\n".join(problems))

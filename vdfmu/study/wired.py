@@ -92,9 +92,7 @@ class System:
         self.units: dict[str, Evaluation] = {}
         for (name, interface), begin in zip(interfaces.items(), begins, strict=False):
             memory = self.memory[begin : begin + interface.size]
-            memory[: len(interface)] = interface.start_values()
-            for variable, value in description.values[name].items():
-                memory[interface.reference[variable]] = float(value)
+            memory[:] = interface.memory_of(description.values[name])
             self.units[name] = evaluation(interface, memory)
         self._source = {(end, j): (start, i) for start, i, end, j in description.element_links()}
         self.outside: list[tuple[int, Course]] = []

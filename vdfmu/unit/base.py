@@ -184,6 +184,14 @@ class Unit:
         """
         raise NotImplementedError
 
+    def requirements(self) -> Mapping[str, tuple[str, Any]]:
+        """Return what parameters must meet that their limits cannot say.
+
+        A parameter's name to what is expected of it, and a number that is above 0 where that holds. It is calculated
+        from parameters alone, without choices. A scenario is refused before its run, an FMU at its initialization.
+        """
+        return {}
+
     def cut(self, joint: int, value: Any) -> Any:
         """Return `value`; in the linearisation of a long chain, symbols that stand for it.
 

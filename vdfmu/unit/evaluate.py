@@ -7,16 +7,14 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from vdfmu.arrays import Floats
 from vdfmu.kernel.structure import set_parameters
 from vdfmu.model.robot import Robot
 from vdfmu.unit.declaration import PHASES, Choice, Declared, Derivative, Switch
 from vdfmu.unit.interface import Interface
 from vdfmu.unit.program import Call
 from vdfmu.unit.trace import argument_name, run
-
-Floats = npt.NDArray[np.float64]
 
 
 class Evaluation:
@@ -41,10 +39,7 @@ class Evaluation:
 
     def __init__(self, interface: Interface, memory: Floats | None = None) -> None:
         self.interface = interface
-        if memory is None:
-            memory = np.zeros(interface.size)
-            memory[: len(interface)] = interface.start_values()
-        self.memory = memory
+        self.memory = memory = interface.memory_of({}) if memory is None else memory
         self.x, self.x_dot = memory[interface.states], memory[interface.derivatives]
 
     def group(self, name: str) -> Floats:
@@ -121,6 +116,8 @@ class Plain(Evaluation):
         )
         self.experiment = partial(run, unit, "experiment", self)
         """Set the inputs of the reference experiment."""
+        self.requirements = partial(run, unit, "requirements", self)
+        """Return what the unit requires of its parameters."""
 
     # what the unit sees: a `Watch`
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-import numpy.typing as npt
 
+from vdfmu.arrays import Floats
 from vdfmu.errors import KernelError
 from vdfmu.kernel.functions import KernelFunction
 from vdfmu.kernel.rodas import ORDER
@@ -50,7 +50,7 @@ class Integrator(Solver):
         shared = {
             "h": self._h, "tolerance": self._tolerance, "x_new": self._x_new, "norm": self._norm, "ratio": self._ratio
         }  # fmt: skip
-        self._steps: list[tuple[list[tuple[npt.NDArray[np.float64], float]], KernelFunction]] = []
+        self._steps: list[tuple[list[tuple[Floats, float]], KernelFunction]] = []
         for call in interface.program.step:
             names = functions.casadi_function(call.function).name_in()
             own = {name: unit.argument(name) for name in names if name not in shared and name[:5] != "rate_"}

@@ -238,6 +238,14 @@ class Interface:
         """Start values in the order of the value references; outputs are 0 until they are calculated."""
         return np.array([0.0 if v.start is None else float(v.start) for v in self])
 
+    def memory_of(self, values: Mapping[str, Any]) -> np.ndarray:
+        """Memory with the start values, and in place of them some by variable."""
+        memory = np.zeros(self.size)
+        memory[: len(self)] = self.start_values()
+        for name, value in values.items():
+            memory[self.reference[name]] = float(value)
+        return memory
+
     # ---------------------------------------------------------------- dependencies
 
     def step_dependencies(self, position: int) -> list[int]:

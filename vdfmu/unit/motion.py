@@ -6,11 +6,9 @@ import math
 from collections.abc import Iterator
 
 import numpy as np
-import numpy.typing as npt
 
+from vdfmu.arrays import Floats
 from vdfmu.unit.evaluate import Evaluation
-
-Floats = npt.NDArray[np.float64]
 
 TOLERANCE = 1e-12
 _MOST_CALLS = 1_000_000

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from vdfmu.arrays import Floats
 from vdfmu.engine.space import StateSpace
 from vdfmu.errors import UsageError
 from vdfmu.unit.base import Unit
@@ -16,8 +17,8 @@ from vdfmu.unit.evaluate import Evaluation, evaluation
 from vdfmu.unit.interface import Interface
 from vdfmu.unit.linear import state_space
 from vdfmu.unit.motion import Motion
+from vdfmu.unit.requirements import unmet
 
-Floats = npt.NDArray[np.float64]
 Signal = Callable[[float], npt.ArrayLike] | npt.ArrayLike
 
 
@@ -118,7 +119,7 @@ def _bound(unit: Unit) -> Evaluation:
     wrong = [
         f"{v.name}: {problem}." for v, x in values if v.causality != "output" and (problem := v.problem(x))
     ]
-    if wrong:
+    if wrong := wrong or unmet(interface, run.memory):
         raise UsageError(f"{interface.name}: {' '.join(wrong)}")
     return run
 

@@ -26,6 +26,7 @@ _MAY_SET: dict[str, tuple[type[Declared], ...]] = {
     "derivatives": (Derivative,),
     "update": (Sampled,),
     "balance": (),
+    "requirements": (),
 }
 
 
@@ -79,7 +80,10 @@ class _Watch:
         self.sets: dict[str, Any] = {}
 
     def read(self, declared: Declared) -> Any:
-        if isinstance(declared, (Choice, Switch)):
+        choice = isinstance(declared, (Choice, Switch))
+        if self.phase == "requirements" and (choice or declared.causality != "parameter"):
+            raise UnitError(f"{declared.name} is no parameter with numbers")
+        if choice:
             if declared.name not in self.fixed:
                 raise _ForkError(declared)
             value = self.fixed[declared.name]

@@ -57,6 +57,10 @@ class Screw(Unit):
         Terminal("end_effector", "left", ("p_O", "R_O", "V_O", "F_e"), "Motion and wrench of the tool"),
     )
 
+    def requirements(self) -> dict[str, tuple[str, float]]:
+        """There is an axis."""
+        return {"axis": ("a direction", self.axis @ self.axis)}
+
     def _contact(self) -> tuple[np.ndarray, float, float]:
         """Return the axis in {O}, the axial force and the speed of the tool about the axis."""
         a = self.axis / np.sqrt(self.axis @ self.axis)

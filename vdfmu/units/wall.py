@@ -40,6 +40,10 @@ class Wall(Unit):
         Terminal("end_effector", "left", ("p_O", "R_O", "V_O", "F_e"), "Motion and wrench of the tool"),
     )
 
+    def requirements(self) -> dict[str, tuple[str, float]]:
+        """There is a normal."""
+        return {"normal": ("a direction", self.normal @ self.normal)}
+
     def outputs(self) -> None:
         """Force of the plane, and its friction."""
         n = self.normal / np.sqrt(self.normal @ self.normal)

@@ -17,6 +17,8 @@ lot: 1e3 is too little for 8 unknowns whose loop has a gain of 40."""
 _KEPT = 1e-3
 """Bound below which Broyden's formula divides by what is mostly rounding errors."""
 
+_Map = Callable[[Floats], Floats]
+
 
 @dataclass
 class Broyden:
@@ -26,13 +28,7 @@ class Broyden:
     """(n, n): Inverse of the derivative of the residual by the guess, as far as the method knows it. None: minus the
     identity, which is right without coupling."""
 
-    def solve(
-        self,
-        guess: Floats,
-        repeat: Callable[[Floats], Floats],
-        size: Callable[[Floats], Floats],
-        tolerance: float,
-    ) -> tuple[Floats, int]:
+    def solve(self, guess: Floats, repeat: _Map, size: _Map, tolerance: float) -> tuple[Floats, int]:
         """Repeat with better guesses until every residual is within the tolerance, or there is no hope.
 
         Parameters
@@ -51,43 +47,36 @@ class Broyden:
         int
             Number of repetitions.
         """
-        kept = self.inverse is not None
         with np.errstate(invalid="ignore", over="ignore"):  # the caller is told by the sizes
+            kept = self.inverse is not None
             sizes, count = self._try(guess, repeat, size, tolerance)
-            if kept and not np.all(sizes <= tolerance):  # what was learnt may be of another regime
-                self.inverse = None
+            if kept and self.inverse is None:  # what was learnt may be of another regime
                 sizes, more = self._try(guess, repeat, size, tolerance)
                 count += more
-        if not np.all(sizes <= tolerance):
-            self.inverse = None
         return sizes, count
 
-    def _try(
-        self,
-        guess: Floats,
-        repeat: Callable[[Floats], Floats],
-        size: Callable[[Floats], Floats],
-        tolerance: float,
-    ) -> tuple[Floats, int]:
+    def _try(self, guess: Floats, repeat: _Map, size: _Map, tolerance: float) -> tuple[Floats, int]:
+        """Repeat from what was learnt; forget that without a solution."""
         most = max(_LEAST, _EACH * guess.size)
         change = last = np.zeros(guess.size)
-        first = 0.0
-        for count in range(1, most + 1):
+        first, count = 0.0, 0
+        while True:
+            count += 1
             residual = repeat(guess) - guess
             sizes = size(residual)
             largest = float(np.max(sizes, initial=0.0))
-            if largest <= tolerance or count == most:
+            if largest <= tolerance:
                 return sizes, count
             if count > 1:
                 self._learn(change, residual - last)
             else:
                 first = largest
-            if not largest < _HOPELESS * first and count > 2:
+            if count == most or (not largest < _HOPELESS * first and count > 2):
+                self.inverse = None
                 return sizes, count
             last = residual
             change = residual if self.inverse is None else -self.inverse @ residual
             guess = guess + change
-        raise AssertionError("the last repetition returns")
 
     def _learn(self, change: Floats, difference: Floats) -> None:
         """Improve the inverse by Broyden's first formula in its inverse form."""

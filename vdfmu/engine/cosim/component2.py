@@ -11,8 +11,9 @@ import fmpy
 import numpy as np
 from fmpy import fmi2
 
+from vdfmu.arrays import Floats
 from vdfmu.engine.cosim.access import Call, Transfer
-from vdfmu.engine.cosim.component import Floats, Slave, Starts
+from vdfmu.engine.cosim.component import Slave, Starts
 from vdfmu.engine.cosim.messages import on_message
 from vdfmu.engine.cosim.variables import Variable
 from vdfmu.errors import CosimError

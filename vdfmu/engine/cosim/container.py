@@ -35,8 +35,6 @@ from vdfmu.errors import UsageError
 from vdfmu.files import pack_zip, storing
 from vdfmu.temporary import temporary_folder
 
-_NAME = "container"
-
 
 def write_container(
     system: System | str | os.PathLike[str], path: str | os.PathLike[str], *, step: float

@@ -9,6 +9,8 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import partial
 
+import casadi as ca
+
 from vdfmu import __version__
 from vdfmu.fmu.description import number
 from vdfmu.fmu.native.kernels import avx2_copies, kernel_files
@@ -19,6 +21,7 @@ from vdfmu.kernel.requirements import requirements
 from vdfmu.progress import counted
 from vdfmu.unit.interface import Interface
 from vdfmu.unit.program import Call
+from vdfmu.unit.requirements import traced_requirements
 from vdfmu.unit.trace import argument_name
 from vdfmu.unit.variable import Variable
 
@@ -58,8 +61,13 @@ class _Unit:
         }
         robot = interface.robot if interface.has_robot else None
         self.requirements = requirements(robot) if robot is not None else []
+        self.margins: list[ca.Function] = []
         if robot is not None and self.requirements:
-            self.functions["margins"] = Kernel(robot).casadi_function("margins")
+            self.margins.append(Kernel(robot).casadi_function("margins"))
+        own, function = traced_requirements(interface)
+        self.requirements += own
+        self.margins += [function] if function is not None else []
+        self.functions |= {function.name(): function for function in self.margins}
 
     # ---------------------------------------------------------------- files
 
@@ -175,9 +183,12 @@ class _Unit:
             rows.append(cell(string(requirement.expected), f"required + {begin}", len(listed)))
             begin += len(listed)
         yield array("Requirement", "requirements", rows, one_a_line=True)
-        (argument,) = self.functions["margins"].name_in()
-        call = f"    margins({self._place('m', argument)}, margin);\n"
-        yield f"static void unit_margins(const double *m, double *margin)\n{{\n{call}}}\n"
+        calls, begin = "", 0
+        for function in self.margins:
+            places = [self._place("m", argument) for argument in function.name_in()]
+            calls += f"    {function.name()}({', '.join([*places, f'margin + {begin}' if begin else 'margin'])});\n"
+            begin += function.numel_out(0)
+        yield f"static void unit_margins(const double *m, double *margin)\n{{\n{calls}}}\n"
 
     # ---------------------------------------------------------------- programs
 

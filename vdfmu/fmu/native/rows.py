@@ -7,15 +7,13 @@ from ctypes import POINTER, c_size_t, c_void_p
 
 import casadi as ca
 import numpy as np
-import numpy.typing as npt
 
+from vdfmu.arrays import Floats
 from vdfmu.errors import FmuError, KernelError
 from vdfmu.fmu.native.compile import native_available
 from vdfmu.fmu.native.kernels import kernel_source
 from vdfmu.fmu.native.loaded import SHOWN, loaded
 from vdfmu.kernel.c_code import c_prototype
-
-Floats = npt.NDArray[np.float64]
 
 
 def compiled_rows(function: ca.Function) -> Callable[[Sequence[Floats], Floats], None] | None:

@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-import re
 from typing import Any
 
 import numpy as np
 
 from vdfmu.arrays import Floats
-from vdfmu.errors import FmuError, KernelError, ModelError, UnitError
-from vdfmu.kernel.structure import set_parameters
-from vdfmu.model import check_robot
+from vdfmu.errors import FmuError, KernelError, UnitError
 from vdfmu.unit.evaluate import Traced, evaluation
 from vdfmu.unit.integrator import Integrator
 from vdfmu.unit.interface import Interface
 from vdfmu.unit.motion import Motion
+from vdfmu.unit.requirements import unmet
 
 
 class Behaviour:
@@ -37,7 +35,7 @@ class Behaviour:
 
     def check(self) -> list[str]:
         """Problems of the parameter values together; those of each alone are checked when they are set."""
-        return robot_problems(self.interface, self.memory)
+        return unmet(self.interface, self.memory)
 
     def start(self, t: float, tolerance: float | None) -> None:
         """Take the parameters as they are and set the states to those of the start time `t` [s].
@@ -81,26 +79,3 @@ class Behaviour:
         """Take a state of :meth:`state` back; raise and change nothing if it is none."""
         for name, value in {name: float(state[name]) for name in self._saved}.items():
             setattr(self._solver, name, value)
-
-
-def robot_problems(interface: Interface, memory: Floats) -> list[str]:
-    """Return what is not physical in the robot parameters of a unit's memory, with FMI names."""
-    if interface.robot is None or not interface.has_robot:
-        return []
-    robot = set_parameters(interface.robot, memory[interface.slice("p")])
-    try:
-        check_robot(robot, _ROBOT)
-    except ModelError as error:
-        return [_FILE_KEY.sub(_fmi_name, problem) for problem in error.problems]
-    return []
-
-
-_ROBOT = "robot"
-_FILE_KEY = re.compile(rf"^{_ROBOT}: (?:joints\[(\d+)\]\.)?(?:(payload)\.|\w+\.)?(\w+)")
-
-
-def _fmi_name(key: re.Match[str]) -> str:
-    """Turn ``robot: joints[2].friction.f_s`` into ``f_s[2]``."""
-    joint, payload, field = key.groups()
-    field = f"{payload}_{field}" if payload else field
-    return f"{field}[{joint}]" if joint else field

@@ -109,9 +109,8 @@ class UnitSlave(Fmi2Slave):
         self.modelName = content.model_name
         self._interface = interface = content.interface
         self._variables = interface.variables
-        self._memory = np.zeros(interface.size)
+        self._memory = interface.memory_of({})
         self._behaviour = Behaviour(interface, self._memory)
-        self._memory[: len(interface)] = interface.start_values()
         self._start_time = 0.0
         self._tolerance: float | None = None
         self._stale = True  # outputs and state are not those of the values set
