@@ -1,6 +1,6 @@
 // The numbers of the page, and how numbers are written.
 
-export const runs = JSON.parse(document.getElementById("data").textContent).runs;
+export const { runs, binaries } = JSON.parse(document.getElementById("data").textContent);
 
 export const reducedMotion = matchMedia("(prefers-reduced-motion: reduce)");
 export const darkScheme = matchMedia("(prefers-color-scheme: dark)");

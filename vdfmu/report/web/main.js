@@ -1,10 +1,11 @@
 // Put the page together.
 
-import { runs, unpack, view } from "./data.js";
+import { binaries, runs, unpack, view } from "./data.js";
 import { Chain, Motion, toolErrors } from "./arm.js";
 import { showFigures } from "./figures.js";
 import { Player } from "./player.js";
 import { showSystem } from "./system.js";
+import { SimulationWorker, difference } from "./worker.js";
 
 const section = (id) => document.getElementById(id);
 view.time = view.full()[0];
@@ -20,4 +21,4 @@ const charts = showFigures(section("figures"), more);
 showSystem(section("system"));
 
 /** For the console and for tests. */
-globalThis.report = { charts, player, runs, view, Chain, Motion, toolErrors };
+globalThis.report = { binaries, charts, difference, player, runs, view, Chain, Motion, SimulationWorker, toolErrors };
