@@ -22,19 +22,22 @@ from vdfmu.fmu.page import page, table
 from vdfmu.report.checks import checks
 from vdfmu.report.content import content_of
 from vdfmu.report.sheets import Sheet, comparison_sheet, facts, sheets
+from vdfmu.report.simulation import NOT_MADE, simulation_of
 from vdfmu.ssp.drawing import system_diagram
 
 NAME = "report.html"
 _WEB = Path(__file__).parent / "web"
-MODULES = ("data.js", "chart.js", "figures.js", "arm.js", "player.js", "system.js", "main.js")
+MODULES = ("data.js", "chart.js", "figures.js", "arm.js", "player.js", "system.js", "worker.js", "main.js")
 """In an order in which each comes after those that it imports."""
+_WORKER = ("fmu.js", "master.js")
+"""Modules of the worker that simulates, which stand in the page as text."""
 _VENDOR = ("three_uplot.min.js", "uplot.min.css")
 
 _POLICY = (
-    "<meta http-equiv=\"Content-Security-Policy\" content=\"default-src 'none'; script-src 'unsafe-inline'; "
-    "style-src 'unsafe-inline'; img-src data:\">"
+    "<meta http-equiv=\"Content-Security-Policy\" content=\"default-src 'none'; script-src 'unsafe-inline' "
+    "'wasm-unsafe-eval'; worker-src blob:; style-src 'unsafe-inline'; img-src data:\">"
 )
-"""With which a browser refuses every request to a network."""
+"""With which a browser refuses every request to a network; it runs WebAssembly, and workers made by the page."""
 
 
 class Run(NamedTuple):
@@ -87,25 +90,41 @@ def read_run(folder: Path) -> Run:
     )
 
 
-def write_report(runs: Sequence[Run], path: Path) -> Path:
+def write_report(runs: Sequence[Run], path: Path, *, simulate: bool = True) -> Path:
     """Write the page of one run or of several.
+
+    Parameters
+    ----------
+    runs : sequence of Run
+    path : Path
+    simulate : bool, optional
+        Whether the page can run them again by itself, for which their units are compiled.
 
     Raises
     ------
     UsageError, VdfmuError
         The file cannot be written.
     """
-    write_whole(path, [report_page(runs)])
+    write_whole(path, [report_page(runs, simulate=simulate)])
     return path
 
 
-def report_page(runs: Sequence[Run]) -> bytes:
-    """Return the page of one run or of several."""
+def report_page(runs: Sequence[Run], *, simulate: bool = True) -> bytes:
+    """Return the page of one run or of several; `simulate` as of :func:`write_report`."""
     first = runs[0].summary
     names = _names(runs)
+    binaries: dict[str, str] = {}
     parts = [
-        {"name": name, **content_of(run.results, run.summary)} for name, run in zip(names, runs, strict=True)
+        {
+            "name": name,
+            **content_of(run.results, run.summary),
+            "simulation": simulation_of(run.results, run.summary, run.package, binaries)
+            if simulate
+            else {"reason": NOT_MADE},
+        }
+        for name, run in zip(names, runs, strict=True)
     ]
+    data = {"runs": parts} | ({"binaries": binaries} if binaries else {})
     diagram = next(filter(None, (system_diagram(run.package) for run in runs)), "")
     facts = (run.summary for run in runs)
     each = [f"robot {s['robot']}" if "robot" in s else f"system {s.get('system', '')}" for s in facts]
@@ -120,7 +139,8 @@ def report_page(runs: Sequence[Run]) -> bytes:
             *_tables(names, runs),
             *_facts(names, runs),
             "<noscript><p>Figures and the arm are drawn by a script, which this browser does not run.</p></noscript>",
-            f'<script id="data" type="application/json">{_inert(to_json({"runs": parts}, indent=None))}</script>',
+            f'<script id="data" type="application/json">{_inert(to_json(data, indent=None))}</script>',
+            *([f'<script type="text/plain" id="worker">{script(_WORKER)}</script>'] if binaries else []),
             f"<script>{_text(_VENDOR[0])}</script>",
             f'<script type="module">\n{script()}\n</script>',
         ]
@@ -137,9 +157,9 @@ def look() -> str:
     return f"{_POLICY}<style>{_text('report.css')}</style>"
 
 
-def script() -> str:
-    """Return the modules of the page as one script."""
-    lines = (line for name in MODULES for line in _text(name).splitlines() if not line.startswith("import "))
+def script(modules: Sequence[str] = MODULES) -> str:
+    """Return modules of the page as one script."""
+    lines = (line for name in modules for line in _text(name).splitlines() if not line.startswith("import "))
     return "\n".join(re.sub("^export ", "", line) for line in lines)
 
 

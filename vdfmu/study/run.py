@@ -313,7 +313,8 @@ def _run_contrast(
 
 def _write(results: Results, scenario: Scenario, folder: Path) -> None:
     """Write the page and the summary of a complete run."""
-    write_report([Run(scenario.name, results, results.summary, folder / "system.ssp")], folder / NAME)
+    page = [Run(scenario.name, results, results.summary, folder / "system.ssp")]
+    write_report(page, folder / NAME, simulate=False)
     write_summary(results.summary, folder)
 
 

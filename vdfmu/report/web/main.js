@@ -1,11 +1,12 @@
 // Put the page together.
 
-import { recorded, runs, view } from "./data.js";
+import { binaries, recorded, runs, view } from "./data.js";
 import { Chain, Motion, toolErrors } from "./arm.js";
 import { showFigures } from "./figures.js";
 import { Player } from "./player.js";
 import { showSimulation } from "./simulation.js";
 import { showSystem } from "./system.js";
+import { SimulationWorker, difference } from "./worker.js";
 
 const section = (id) => document.getElementById(id);
 view.time = view.full()[0];
@@ -22,4 +23,4 @@ const simulation = showSimulation(section("simulate"));
 showSystem(section("system"));
 
 /** For the console and for tests. */
-globalThis.report = { charts, player, runs, simulation, view, Chain, Motion, toolErrors };
+globalThis.report = { binaries, charts, difference, player, runs, simulation, view, Chain, Motion, SimulationWorker, toolErrors };
