@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import base64
 import itertools
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
 from functools import reduce
 from typing import Any, NamedTuple
 
@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vdfmu.arrays import Floats
-from vdfmu.engine.cosim.results import Results
+from vdfmu.engine.cosim.results import Results, Signal
 from vdfmu.equations.kinematics import frames
 from vdfmu.model import Robot
 from vdfmu.report.joints import UNITS
@@ -31,6 +31,10 @@ _BLOCK = 20_000
 """Rows that are in memory at a time."""
 
 
+Terms = Sequence[tuple[float, str]]
+"""Factors, and names of signals."""
+
+
 class Curve(NamedTuple):
     """A curve of a figure: `scale` times the sum of signals, each times its factor.
 
@@ -40,8 +44,8 @@ class Curve(NamedTuple):
     label: str
     joint: int
     """From 1; 0 for none."""
-    terms: Sequence[tuple[float, str]]
-    """Factors and names of signals; at least one."""
+    terms: Terms
+    """At least one."""
     scale: float = 1.0
     dashed: bool = False
 
@@ -61,7 +65,7 @@ class Figure(NamedTuple):
     """What its largest absolute value is called; empty for none of interest."""
 
 
-_SUMS: Mapping[str, Sequence[tuple[float, str]]] = {
+_SUMS: Mapping[str, Terms] = {
     "q": [(1.0, "plant.q")],
     "q_d": [(1.0, "trajectory.q_d")],
     "error": [(1.0, "trajectory.q_d"), (-1.0, "plant.q")],
@@ -134,10 +138,11 @@ def content_of(results: Results, summary: Mapping[str, Any]) -> dict[str, Any]:
         if shown and name in sums
     }
     drawn = _contrast_figures if summary.get("kind") == "contrast" else _figures
+    copies = {signal.name: signal for signal in results.signals if signal.of}
     frames = _Table()
     tables = {
         "figures": [_Table(figure) for figure in drawn(results, summary, sums if shown else {})],
-        "signals": [_Table(figure) for figure in _groups(results, n)],
+        "signals": [_Table(figure) for figure in _groups(results, n, copies)],
     }
     for k, part in enumerate(results.blocks(_BLOCK)):
         even = np.arange(-k * _BLOCK % stride, len(part), stride)  # every k-th row of the whole
@@ -151,9 +156,13 @@ def content_of(results: Results, summary: Mapping[str, Any]) -> dict[str, Any]:
             table.add(part.time, [values], np.unique(np.concatenate(rows)))
     return {
         "arm": shown,
-        "frames": frames.packed(list(motion)) | {"recipes": {k: _recipes(c) for k, c in motion.items()}},
-        **{kind: [table.packed(["values"]) for table in found] for kind, found in tables.items()},
-        "copies": {signal.name: signal.of for signal in results.signals if signal.of},
+        "frames": frames.packed(list(motion))
+        | {"recipes": {k: _recipes(c, copies) for k, c in motion.items()}},
+        **{
+            kind: [table.packed(["values"]) | {"recipes": _recipes(table.curves, copies)} for table in found]
+            for kind, found in tables.items()
+        },
+        "copies": {name: signal.of for name, signal in copies.items()},
     }
 
 
@@ -170,7 +179,6 @@ class _Table:
                 "unit": figure.unit,
                 "peak": figure.peak,
                 "curves": [[curve.label, curve.joint, int(curve.dashed)] for curve in figure.curves],
-                "recipes": _recipes(figure.curves),
             }
         self._time: list[Floats] = []
         self._parts: list[list[Floats]] = []
@@ -195,9 +203,18 @@ def _values(curves: Iterable[Curve], results: Results) -> Floats:
     return np.array([curve.values(results) for curve in curves])
 
 
-def _recipes(curves: Iterable[Curve]) -> list[Any]:
-    """Return how curves come from signals, for the page: scale, and pairs of factor and signal."""
-    return [[curve.scale, curve.terms] for curve in curves]
+def _recipes(curves: Iterable[Curve], copies: Mapping[str, Signal]) -> list[Any]:
+    """Return how curves come from outputs, for the page: scale; factor, signal and rows by which that comes later."""
+    return [
+        [
+            curve.scale,
+            [
+                [f, copies[name].of, copies[name].late] if name in copies else [f, name, 0]
+                for f, name in curve.terms
+            ],
+        ]
+        for curve in curves
+    ]
 
 
 def _joints(results: Results, name: str, n: int) -> list[str]:
@@ -206,7 +223,7 @@ def _joints(results: Results, name: str, n: int) -> list[str]:
     return [group[index] for index in sorted(group)] if group and results.shape_of(name) == (n,) else []
 
 
-def _sums(results: Results, ell: Sequence[float]) -> dict[str, list[list[tuple[float, str]]]]:
+def _sums(results: Results, ell: Sequence[float]) -> dict[str, list[Terms]]:
     """Return the sums of `_SUMS` whose signals were recorded, joint by joint."""
     signals = {name: _joints(results, name, len(ell)) for terms in _SUMS.values() for _, name in terms}
     return {
@@ -220,7 +237,7 @@ def _sums(results: Results, ell: Sequence[float]) -> dict[str, list[list[tuple[f
 
 
 def _figures(
-    results: Results, summary: Mapping[str, Any], sums: Mapping[str, Sequence[Sequence[tuple[float, str]]]]
+    results: Results, summary: Mapping[str, Any], sums: Mapping[str, Sequence[Terms]]
 ) -> Iterator[Figure]:
     """Yield positions, torques, their errors and torsion; joints of other units in figures of their own."""
     types: Sequence[str] = summary["arm"]["types"] if sums else ()
@@ -281,9 +298,8 @@ def _contrast_figures(results: Results, summary: Mapping[str, Any], _: Any) -> I
         yield Figure(f"gravity.{unit}", title, unit, curves("", (1.0, vd), (-1.0, low)))
 
 
-def _groups(results: Results, n: int) -> Iterator[Figure]:
+def _groups(results: Results, n: int, copies: Container[str]) -> Iterator[Figure]:
     """Yield the recorded variables, an array as the curves of one figure; none that copies another. Of n: of joints."""
-    copies = {signal.name for signal in results.signals if signal.of}
     for group, members in results.groups.items():
         listed = [(k, name) for k, (_, name) in enumerate(sorted(members.items())) if name not in copies]
         units = dict.fromkeys(results.units[name] for _, name in listed)

@@ -27,7 +27,17 @@ from vdfmu.ssp.drawing import system_diagram
 
 NAME = "report.html"
 _WEB = Path(__file__).parent / "web"
-MODULES = ("data.js", "chart.js", "figures.js", "arm.js", "player.js", "system.js", "worker.js", "main.js")
+MODULES = (
+    "data.js",
+    "chart.js",
+    "figures.js",
+    "arm.js",
+    "player.js",
+    "system.js",
+    "worker.js",
+    "simulation.js",
+    "main.js",
+)
 """In an order in which each comes after those that it imports."""
 _WORKER = ("fmu.js", "master.js")
 """Modules of the worker that simulates, which stand in the page as text."""
@@ -134,6 +144,7 @@ def report_page(runs: Sequence[Run], *, simulate: bool = True) -> bytes:
         [
             *_checks(names, runs),
             '<section id="arm" class="card" hidden aria-label="The arm in 3D"></section>',
+            '<section id="simulate" class="card" hidden aria-label="Simulate"></section>',
             '<section id="figures" class="card" hidden aria-label="Figures"></section>',
             f'<section id="system" class="card" hidden><h2>System</h2><div class="wide">{diagram}</div></section>',
             *_tables(names, runs),

@@ -2,11 +2,14 @@
 
 export const { runs, binaries } = JSON.parse(document.getElementById("data").textContent);
 
+/** The result of no simulation. */
+export const NOTHING = { time: new Float64Array(), signals: new Map() };
+
 /** What the page simulates: one more run, which shows what the recorded one that it is `of` shows, from its `result`. */
 export const simulated = {
   name: "simulated",
   of: runs.find((run) => run.simulation?.units),
-  result: null,
+  result: NOTHING,
   get arm() { return this.of.arm; },
   get figures() { return this.of.figures; },
   get signals() { return this.of.signals; },
@@ -61,40 +64,38 @@ export function merged(kind) {
 /** Curves of a figure of all runs. */
 export function curvesOf(kind, key) {
   return merged(kind).get(key).parts.flatMap(({ run, figure }) => {
-    const { time, values } = rowsOf(runs[run], figure);
+    const { time, values } = rowsOf(figure, runs[run].result);
     return figure.curves.map(([label, joint, dashed], k) => ({ label, joint, colour: joint || k + 1, dashed: !!dashed, run, time, values: values[k] }));
   });
 }
 
-const NOTHING = { time: new Float64Array(), signals: new Map() };
-
-/** Times and values of the curves of a figure: unpacked, or evaluated from what was simulated. */
-export function rowsOf(run, figure) {
-  if (run !== simulated) return { time: unpack(figure.time, Float64Array), values: split(unpack(figure.values), figure.curves.length) };
-  const { time, signals } = run.result ?? NOTHING;
+/** Times and values of the curves of a figure: as recorded, or of the result of a simulation. */
+export function rowsOf(figure, result) {
+  if (!result) return { time: unpack(figure.time, Float64Array), values: split(unpack(figure.values), figure.curves.length) };
+  const { time, signals } = result;
   return { time, values: figure.recipes.map((recipe) => summed(recipe, signals, time.length)) };
 }
 
 /** Times of the frames of a run, and by name the values of each joint: every k-th row of what was simulated, as of what was recorded. */
 export function framesOf(run) {
   const { time: times, recipes, ...packed } = run.frames, found = {};
-  if (run !== simulated) {
+  if (!run.result) {
     for (const [name, values] of Object.entries(packed)) found[name] = split(unpack(values), recipes[name].length);
     return { time: unpack(times, Float64Array), ...found };
   }
-  const { time, signals } = run.result ?? NOTHING, last = time.length - 1;
+  const { time, signals } = run.result, last = time.length - 1;
   const stride = Math.max(1, Math.ceil(last / FRAMES)), count = time.length ? Math.ceil(last / stride) + 1 : 0;
   const thinned = (values) => Float64Array.from({ length: count }, (_, k) => values[Math.min(k * stride, last)]);
   for (const [name, sums] of Object.entries(recipes)) found[name] = sums.map((recipe) => thinned(summed(recipe, signals, time.length)));
   return { time: thinned(time), ...found };
 }
 
-/** A recipe is a scale, and factors of signals whose sum it scales. */
+/** A recipe is a scale, and the terms whose sum it scales: a factor, a signal, and by how many rows that comes later. */
 function summed([scale, terms], signals, rows) {
   const sum = new Float64Array(rows);
-  for (const [factor, name] of terms) {
-    const values = signals.get(name);
-    for (let k = 0; k < rows; k += 1) sum[k] += factor * values[k];
+  for (const [factor, name, late] of terms) {
+    const values = signals.get(name) ?? [];
+    for (let k = 0; k < rows; k += 1) sum[k] += factor * (values[Math.max(k - late, 0)] ?? NaN);
   }
   return sum.map((value) => scale * value);
 }

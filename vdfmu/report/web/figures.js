@@ -30,7 +30,7 @@ function runChips() {
   const chips = runs.map((run, k) => toggle(run.name, true, (on) => view.show("hiddenRuns", k, on), { class: `chip run${k % 4}` }));
   const group = make("div", { class: "chips", role: "group", "aria-label": "Runs shown" }, make("span", {}, "Runs"), ...chips);
   const offer = () => {
-    chips.forEach((chip, k) => { chip.hidden = runs[k] === simulated && !simulated.result; });
+    chips.forEach((chip, k) => { chip.hidden = runs[k] === simulated && !simulated.result.time.length; });
     group.hidden = chips.filter((chip) => !chip.hidden).length < 2;
   };
   view.addEventListener("simulated", offer);

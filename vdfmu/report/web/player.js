@@ -61,7 +61,7 @@ export class Player {
 
   setRun(run) {
     if (this.scene.run !== run) this.scene.load(run);
-    this.scene.beside(simulated.of === run && simulated.result?.time.length ? simulated : null);
+    this.scene.beside(simulated.of === run && simulated.result.time.length ? simulated : null);
     this.slider.max = this.motion.time.length - 1;
     this.rows = run.arm.types.map((type, i) => {
       const cells = this.scene.puppets.map((_, k) => ({ fill: make("i", { class: k ? "second" : "" }), value: make("output", { class: k ? "second" : "" }) }));

@@ -56,5 +56,5 @@ export function difference(simulation, { signals }) {
     return { name, difference: Math.max(...rows.map((row, j) => Math.abs(own[row] - recorded[j * names.length + i]))) };
   });
   const positions = all.filter(({ name }) => /^plant\.q\[\d+\]$/.test(name));
-  return { position: Math.max(...positions.map((one) => one.difference)), all };
+  return { limit: simulation.recorded.limit ?? 1e-9, position: Math.max(...positions.map((one) => one.difference)), all };
 }
