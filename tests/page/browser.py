@@ -128,6 +128,10 @@ class Browser:
         self.run(
             "new Promise(d => document.readyState === 'complete' ? d() : addEventListener('load', () => d()))"
         )
+        self.run(  # a page of a run unpacks its libraries first
+            "new Promise(d => { const look = n => n && document.getElementById('vendor') && !globalThis.report"
+            " ? setTimeout(look, 20, n - 1) : d(); look(500); })"
+        )
         self.settle()
 
     def key(self, key: str, code: int) -> None:

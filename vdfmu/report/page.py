@@ -10,6 +10,7 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from functools import lru_cache
 from html import escape
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -22,12 +23,14 @@ from vdfmu.fmu.page import page, table
 from vdfmu.report.checks import checks
 from vdfmu.report.content import content_of
 from vdfmu.report.sheets import Sheet, comparison_sheet, facts, sheets
-from vdfmu.report.simulation import NOT_MADE, simulation_of
+from vdfmu.report.simulation import NOT_MADE, compressed, simulation_of
 from vdfmu.ssp.drawing import system_diagram
 
 NAME = "report.html"
 _WEB = Path(__file__).parent / "web"
 MODULES = (
+    "packed.js",
+    "vendor.js",
     "data.js",
     "chart.js",
     "figures.js",
@@ -39,7 +42,7 @@ MODULES = (
     "main.js",
 )
 """In an order in which each comes after those that it imports."""
-_WORKER = ("fmu.js", "master.js")
+_WORKER = ("packed.js", "fmu.js", "master.js")
 """Modules of the worker that simulates, which stand in the page as text."""
 _VENDOR = ("three_uplot.min.js", "uplot.min.css")
 
@@ -100,7 +103,7 @@ def read_run(folder: Path) -> Run:
     )
 
 
-def write_report(runs: Sequence[Run], path: Path, *, simulate: bool = True) -> Path:
+def write_report(runs: Sequence[Run], path: Path, *, simulate: bool = False) -> Path:
     """Write the page of one run or of several.
 
     Parameters
@@ -119,7 +122,7 @@ def write_report(runs: Sequence[Run], path: Path, *, simulate: bool = True) -> P
     return path
 
 
-def report_page(runs: Sequence[Run], *, simulate: bool = True) -> bytes:
+def report_page(runs: Sequence[Run], *, simulate: bool = False) -> bytes:
     """Return the page of one run or of several; `simulate` as of :func:`write_report`."""
     first = runs[0].summary
     names = _names(runs)
@@ -152,7 +155,7 @@ def report_page(runs: Sequence[Run], *, simulate: bool = True) -> bytes:
             "<noscript><p>Figures and the arm are drawn by a script, which this browser does not run.</p></noscript>",
             f'<script id="data" type="application/json">{_inert(to_json(data, indent=None))}</script>',
             *([f'<script type="text/plain" id="worker">{script(_WORKER)}</script>'] if binaries else []),
-            f"<script>{_text(_VENDOR[0])}</script>",
+            _libraries(),
             f'<script type="module">\n{script()}\n</script>',
         ]
     )
@@ -166,6 +169,16 @@ def report_page(runs: Sequence[Run], *, simulate: bool = True) -> bytes:
 def look() -> str:
     """Return what a page's head has: its style, light or dark, and the policy with which it asks no network."""
     return f"{_POLICY}<style>{_text('report.css')}</style>"
+
+
+@lru_cache
+def _libraries() -> str:
+    """Return the libraries, compressed, below their licences."""
+    text = _text(_VENDOR[0])
+    licences = "\n".join(re.findall(r"/\*!(.*?)\*/", text, re.DOTALL))
+    return (
+        f'<!--\n{licences}\n-->\n<script type="text/plain" id="vendor">{compressed(text.encode())}</script>'
+    )
 
 
 def script(modules: Sequence[str] = MODULES) -> str:

@@ -150,8 +150,13 @@ def _modules(checked: Checked, binaries: dict[str, str]) -> dict[str, str]:
     for source, module in zip(sources, compile_libraries(jobs), strict=True):
         digest = found[source] = sha256(module).hexdigest()[:16]
         if digest not in binaries:
-            binaries[digest] = base64.b64encode(gzip.compress(module, 9, mtime=0)).decode()
+            binaries[digest] = compressed(module)
     return found
+
+
+def compressed(content: bytes) -> str:
+    """Return what ``unzip`` of ``web/packed.js`` reads."""
+    return base64.b64encode(gzip.compress(content, mtime=0)).decode()
 
 
 def _sources(unit: Archive, source: str) -> dict[str, bytes]:

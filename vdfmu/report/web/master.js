@@ -1,6 +1,7 @@
 // The run again, in a worker: the exchange of values is that of `SampledStepper` in vdfmu/engine/cosim/exchange.py.
 
 import { Fmu } from "./fmu.js";
+import { unzip } from "./packed.js";
 
 const PARTS = 50;
 const compiled = new Map();
@@ -8,9 +9,7 @@ const compiled = new Map();
 /** The module of a digest: decompressed and compiled once. */
 function moduleOf(digest, binaries) {
   if (!compiled.has(digest)) {
-    const bytes = Uint8Array.from(atob(binaries[digest]), (c) => c.charCodeAt(0));
-    const stream = new Blob([bytes]).stream().pipeThrough(new DecompressionStream("gzip"));
-    compiled.set(digest, new Response(stream).arrayBuffer().then((module) => WebAssembly.compile(module)));
+    compiled.set(digest, unzip(binaries[digest]).arrayBuffer().then((module) => WebAssembly.compile(module)));
   }
   return compiled.get(digest);
 }
