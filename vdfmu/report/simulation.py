@@ -71,7 +71,7 @@ class Knob(NamedTuple):
 KNOBS = (
     Knob("Proportional gains", "PDController", ("K_p",)),
     Knob("Derivative gains", "PDController", ("K_v",)),
-    Knob("Masses of the links, with their inertia", "Plant", ("mass", "inertia"), 0.5, 2.0, True),
+    Knob("Masses and inertias of the links", "Plant", ("mass", "inertia"), 0.5, 2.0, True),
     Knob("Mass of the payload", "Plant", ("payload_mass",), 0.0, 3.0, True),
     Knob("Stiffness of the drives", "Plant", ("K_f0", "K_w0"), 0.2, 5.0, True),
     Knob("Friction", "Plant", ("f_c", "f_s", "f_v"), 0.0, 3.0, True),

@@ -250,7 +250,7 @@ export class Scene3D {
     Object.assign(camera, { left: -half, right: half, top: half, bottom: -half }).updateProjectionMatrix();
     const from = this.controls ? this.camera.position.clone().sub(this.controls.target) : new T.Vector3(0.95, -1.25, 0.62).applyQuaternion(this.turn);
     this.camera.up.copy(this.up);
-    this.camera.position.copy(from.normalize().multiplyScalar(3 * size).add(centre));
+    this.camera.position.copy(from.normalize().multiplyScalar((this.second ? 2.4 : 3) * size).add(centre));
     Object.assign(this.camera, { near: 0.02 * size, far: 60 * size });
     this.controls?.dispose();
     this.controls = new T.OrbitControls(this.camera, this.renderer.domElement);
@@ -313,7 +313,7 @@ function ghost() {
 
 /** A tube that leads along the points that it is given. */
 function tube(radius, color, opacity) {
-  const mesh = new T.Mesh(new T.BufferGeometry(), new T.MeshBasicMaterial({ color, transparent: opacity < 1, opacity }));
+  const mesh = new T.Mesh(undefined, new T.MeshBasicMaterial({ color, transparent: opacity < 1, opacity }));
   mesh.along = (points) => {
     mesh.geometry.dispose();
     const path = new T.CatmullRomCurve3(points.length > 1 ? points : [points[0], points[0].clone().addScalar(1e-6)]);

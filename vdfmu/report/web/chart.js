@@ -1,10 +1,11 @@
 // A figure: curves over time that zoom together, show their values under the pointer, and have a logarithmic scale.
 
-import { colourOf, darkScheme, make, raised, runs, text, toggle, view } from "./data.js";
+import { colourOf, darkScheme, make, raised, runs, simulated, text, toggle, view } from "./data.js";
 
 const { uPlot } = vendor;
 const DASHES = [[], [9, 4], [2, 3], [9, 3, 2, 3]];
 const HEIGHT = 240;
+const PALE = 0.4;
 
 export class Chart {
   /** `curves` is a function that gives them: it is called when the chart first comes into sight, and when the simulated ones have changed. */
@@ -43,6 +44,7 @@ export class Chart {
       return;
     }
     const { min, max } = this.plot.scales.x;
+    this.unpacked.forEach((curve, k) => { this.plot.series[k + 1].alpha = this.alpha(curve); });
     this.plot.setData(this.table(), false);
     this.plot.setScale("x", { min, max });
   }
@@ -67,6 +69,11 @@ export class Chart {
 
   shows(curve) {
     return !view.hiddenJoints.has(curve.joint) && !view.hiddenRuns.has(curve.run);
+  }
+
+  /** What was recorded is pale beside what was simulated. */
+  alpha({ run }) {
+    return runs[run] !== simulated && simulated.result.time.length ? PALE : 1;
   }
 
   /** Columns of one table: time, and a column a curve with nulls where it has no number. */
@@ -104,7 +111,8 @@ export class Chart {
         label: curve.label,
         stroke: curve.dashed ? style.getPropertyValue("--ink").trim() : colourOf(curve.colour),
         width: curve.dashed ? 1 : this.unpacked.some((one) => one.dashed) ? 2.6 : 1.4,
-        dash: curve.dashed ? [5, 4] : DASHES[curve.run % DASHES.length],
+        dash: curve.dashed ? [5, 4] : DASHES[runs[curve.run] === simulated ? 0 : curve.run % DASHES.length],
+        alpha: this.alpha(curve),
         points: { show: false },
         spanGaps: true,
         show: this.shows(curve),

@@ -129,7 +129,7 @@ export function make(tag, attributes = {}, ...children) {
 export function choice(label, pairs, change) {
   const select = make("select", { change: () => change(select.value) });
   select.append(...pairs.map(([value, words]) => make("option", { value }, words)));
-  return make("label", { class: "choice" }, make("span", {}, label), select);
+  return make("label", { class: "choice" }, ...(label ? [make("span", {}, label)] : []), select);
 }
 
 /** A button that stays down. */

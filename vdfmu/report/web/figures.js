@@ -27,10 +27,12 @@ function jointChips() {
 
 function runChips() {
   if (runs.length < 2) return [];
-  const chips = runs.map((run, k) => toggle(run.name, true, (on) => view.show("hiddenRuns", k, on), { class: `chip run${k % 4}` }));
-  const group = make("div", { class: "chips", role: "group", "aria-label": "Runs shown" }, make("span", {}, "Runs"), ...chips);
+  const chips = runs.map((run, k) => toggle(run.name, true, (on) => view.show("hiddenRuns", k, on), { class: `chip run${run === simulated ? " second" : k % 4}` }));
+  const words = make("span"), group = make("div", { class: "chips", role: "group", "aria-label": "Runs shown" }, words, ...chips);
   const offer = () => {
-    chips.forEach((chip, k) => { chip.hidden = runs[k] === simulated && !simulated.result.time.length; });
+    const pale = simulated.result.time.length > 0;
+    words.textContent = pale ? "Runs, recorded pale" : "Runs";
+    chips.forEach((chip, k) => { chip.hidden = runs[k] === simulated && !pale; });
     group.hidden = chips.filter((chip) => !chip.hidden).length < 2;
   };
   view.addEventListener("simulated", offer);

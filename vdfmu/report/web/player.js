@@ -28,6 +28,7 @@ export class Player {
     }
     section.append(...this.controls(shown));
     this.setRun(shown[0]);
+    this.play(false);
     view.addEventListener("time", () => this.show());
     view.addEventListener("simulated", () => this.setRun(this.scene.run));
     document.addEventListener("keydown", (event) => this.key(event));

@@ -60,12 +60,12 @@ class Simulation {
     this.verdict = make("ul");
     this.failure = make("p", { class: "failure", role: "alert", hidden: true });
     this.knobs = make("div", { class: "knobs" });
-    this.results = make("div", { class: "wide" });
+    this.results = make("table");
     this.button = make("button", { type: "button", click: () => this.reset() }, "Reset");
     section.append(
       make("div", { class: "bar" }, make("h2", {}, "Simulate"), ...(able.length > 1 ? [choice("Run", able.map((run, k) => [k, run.name]), (k) => this.choose(able[k]))] : []), this.button, this.status, this.bar),
       make("p", { class: "note" }, "Move a slider: this browser runs the C of the FMUs again, and draws the simulated run over the recorded one. A double click puts a slider back."),
-      this.knobs, this.failure, this.results, make("div", { class: "checks" }, this.verdict),
+      this.knobs, this.failure, make("div", { class: "found" }, this.results, make("div", { class: "checks" }, this.verdict)),
     );
     this.choose(able[0], false);
     const seen = new IntersectionObserver(([entry]) => {
@@ -140,9 +140,9 @@ class Simulation {
 
   tabulate(found) {
     const [before, after] = [this.of, { ...this.of, result: found }].map(peaksOf);
-    const cell = ({ value, unit, joint }) => make("td", {}, `${text(value, 3)} ${unit}`, ...(joint ? [make("small", {}, ` joint ${joint}`)] : []));
-    this.results.replaceChildren(make("table", {}, make("thead", {}, make("tr", {}, ...["Largest", "recorded", "simulated", "change"].map((head) => make("th", { scope: "col" }, head)))),
-      make("tbody", {}, ...before.map((was, k) => make("tr", {}, make("th", { scope: "row" }, was.words), cell(was), cell(after[k]), make("td", {}, changeOf(was.value, after[k].value)))))));
+    const cell = ({ value, joint }) => make("td", {}, text(value, 3), ...(joint ? [make("small", {}, ` joint ${joint}`)] : []));
+    this.results.replaceChildren(make("thead", {}, make("tr", {}, ...["Largest", "recorded", "simulated", "change"].map((head) => make("th", { scope: "col" }, head)))),
+      make("tbody", {}, ...before.map((was, k) => make("tr", {}, make("th", { scope: "row" }, was.words, make("small", {}, ` ${was.unit}`)), cell(was), cell(after[k]), make("td", {}, changeOf(was.value, after[k].value))))));
   }
 }
 
