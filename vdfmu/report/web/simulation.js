@@ -78,6 +78,7 @@ class Simulation {
 
   choose(run, start = true) {
     this.of = simulated.of = run;
+    this.before = null;
     this.sliders = run.simulation.knobs.map((knob) => new Knob(knob, () => this.rerun()));
     this.knobs.replaceChildren(...this.sliders.map(({ element }) => element));
     this.show(NOTHING);
@@ -139,7 +140,8 @@ class Simulation {
   }
 
   tabulate(found) {
-    const [before, after] = [this.of, { ...this.of, result: found }].map(peaksOf);
+    this.before ??= peaksOf(this.of);
+    const { before } = this, after = found.time.length ? peaksOf({ ...this.of, result: found }) : before.map(() => ({ value: NaN }));
     const cell = ({ value, joint }) => make("td", {}, text(value, 3), ...(joint ? [make("small", {}, ` joint ${joint}`)] : []));
     this.results.replaceChildren(make("thead", {}, make("tr", {}, ...["Largest", "recorded", "simulated", "change"].map((head) => make("th", { scope: "col" }, head)))),
       make("tbody", {}, ...before.map((was, k) => make("tr", {}, make("th", { scope: "row" }, was.words, make("small", {}, ` ${was.unit}`)), cell(was), cell(after[k]), make("td", {}, changeOf(was.value, after[k].value))))));
