@@ -266,7 +266,7 @@ def _figures(
                     f"{title}{suffix}".format(noun),
                     measure,
                     curves,
-                    f"{peak}{suffix}".format(noun),
+                    f"{peak}{suffix}".format(noun) if peak else "",
                 )
 
 

@@ -273,12 +273,12 @@ def _knobs(checked: Checked) -> Iterator[dict[str, Any]]:
             if not names:
                 continue
             knowing = [name for name, other in models.items() if knob.known and other == "Feedforward"]
-            measure = next(v.unit for v in _parameters(checked, unit) if v.name.startswith(names[0]))
+            units = [v.unit for v in _parameters(checked, unit) if v.name.partition("[")[0] == names[0]]
             yield {
                 "key": f"{unit}.{names[0]}",
                 "words": knob.words,
                 "symbol": names[0],
-                "unit": measure.name if measure else "",
+                "units": [measure.name if measure else "" for measure in units],
                 "values": groups[names[0]],
                 "targets": [{"unit": unit, "name": name} for name in names],
                 "known": [{"unit": other, "name": name} for other in knowing for name in names],

@@ -45,11 +45,13 @@ export class Player {
     const quantities = Object.keys(UNITS).filter((name) => this.motion[name]);
     this.scene.quantity = quantities[0];
     const powers = [0, 1, 2, 3, 4, 5].map((p) => [10 ** p, p ? `× 10${raised(p)}` : "as it is"]);
+    const picker = choice("Run", shown.map((run, k) => [k, run.name]), (k) => { this.play(false); this.setRun(shown[k]); });
+    view.addEventListener("run", () => { picker.querySelector("select").value = shown.indexOf(view.run); this.setRun(view.run); });
     const layer = (words, name) => toggle(words, true, (on) => this.scene.layer({ [name]: on }), { class: "chip" });
     return [
       make("div", { class: "transport" }, this.button, this.slider, this.clock),
       make("div", { class: "bar" },
-        ...(shown.length > 1 ? [choice("Run", shown.map((run, k) => [k, run.name]), (k) => { this.play(false); this.setRun(shown[k]); })] : []),
+        ...(shown.length > 1 ? [picker] : []),
         ...(quantities.length ? [choice("Colour", quantities.map((name) => [name, UNITS[name].words]), (name) => { this.scene.quantity = name; this.show(); })] : []),
         choice("Speed", [[1, "1"], [0.1, "0.1"], [0.3, "0.3"], [3, "3"], [10, "10"]], (speed) => { this.speed = Number(speed); }),
         ...(this.motion.error ? [choice("Errors drawn", powers, (factor) => { this.scene.magnify = Number(factor); this.show(); })] : []),

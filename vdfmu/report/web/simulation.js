@@ -29,10 +29,10 @@ class Knob {
   }
 
   show() {
-    const [all, ...own] = this.places.map((place) => this.factor(place)), { values, unit } = this.knob, joint = this.chosen - 1;
-    const found = values.map((value, i) => all * own[i] * value), one = joint >= 0 ? found[joint] : found.every((value) => value === found[0]) ? found[0] : null;
+    const [all, ...own] = this.places.map((place) => this.factor(place)), { values, units } = this.knob, joint = this.chosen - 1;
+    const found = values.map((value, i) => all * own[i] * value), one = joint >= 0 ? found[joint] : found.every((value, i) => value === found[0] && units[i] === units[0]) ? found[0] : null;
     this.slider.value = this.places[this.chosen];
-    this.output.textContent = `× ${text(joint < 0 ? all : all * own[joint], 3)}${one === null ? "" : ` = ${text(one, 4)} ${Array.isArray(unit) ? unit[Math.max(joint, 0)] : unit}`}`;
+    this.output.textContent = `× ${text(joint < 0 ? all : all * own[joint], 3)}${one === null ? "" : ` = ${text(one, 4)} ${units[Math.max(joint, 0)]}`}`;
     this.slider.setAttribute("aria-valuetext", this.output.textContent.replace("×", "times"));
     this.element.querySelectorAll("option").forEach((option, k) => { option.textContent = `${k ? `joint ${k}` : "all joints"}${this.places[k] ? ` × ${text(this.factor(this.places[k]), 3)}` : ""}`; });
   }
@@ -79,6 +79,7 @@ class Simulation {
   choose(run, start = true) {
     this.of = simulated.of = run;
     this.before = null;
+    view.change("run", run);
     this.sliders = run.simulation.knobs.map((knob) => new Knob(knob, () => this.rerun()));
     this.knobs.replaceChildren(...this.sliders.map(({ element }) => element));
     this.show(NOTHING);

@@ -29,8 +29,8 @@ export class SimulationWorker {
         action(value);
       };
       this.worker.onmessage = ({ data }) => {
-        if (data.found) end(done, data.found);
-        else if (data.error) end(failed, new Error(data.error));
+        if (data.error) end(failed, Object.assign(new Error(data.error), { found: data.found }));
+        else if (data.found) end(done, data.found);
         else progress(data.part);
       };
       this.worker.onerror = (event) => end(failed, new Error(event.message));
