@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import fcntl
+import io
 import json
 import os
 import shutil
@@ -11,6 +12,9 @@ import subprocess
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
+
+import numpy as np
+from PIL import Image
 
 FLAGS = (
     "--headless=new", "--no-sandbox", "--disable-gpu", "--use-gl=angle", "--use-angle=swiftshader",
@@ -159,3 +163,19 @@ class Browser:
             "Page.captureScreenshot", format="png", clip=box | {"scale": 1}, captureBeyondViewport=True
         )
         return base64.b64decode(found["data"])
+
+
+def show(browser: Browser, path: Path, *size: int, **more: str) -> None:
+    browser.asked = [path.as_uri()]
+    browser.open(path, *size, **more)
+
+
+def pixels(browser: Browser, selector: str) -> np.ndarray:
+    return np.asarray(Image.open(io.BytesIO(browser.picture(selector))).convert("L"), dtype=int)
+
+
+def centre(browser: Browser, selector: str) -> tuple[float, float]:
+    browser.run(f"document.querySelector({selector!r}).scrollIntoView({{block: 'center'}})")
+    browser.settle()
+    box = browser.run(f"document.querySelector({selector!r}).getBoundingClientRect().toJSON()")
+    return box["x"] + box["width"] / 2, box["y"] + box["height"] / 2

@@ -130,6 +130,39 @@ def test_tracking_errors_keep_their_digits(planar):
     assert folder.joinpath("report.html").exists()
 
 
+@pytest.mark.parametrize("master", ["gauss-seidel", "jacobi"])
+def test_figures_and_frames_are_sums_of_outputs(planar, master):
+    """The page evaluates the recipes for what it simulates, whose signals are the outputs."""
+    results = planar[1]
+    if master == "jacobi":  # whose inputs come one row later than the outputs
+        results = vdfmu.run(
+            "planar_tracking", stop=0.05, reference=False, master=master, out=planar[0] / master
+        )
+    found = content_of(results, results.summary)
+    outputs = {signal.name for signal in results.signals if not signal.of}
+    lags = set()
+
+    def evaluated(recipe, rows):
+        scale, terms = recipe
+        lags.update(late for *_, late in terms)
+        assert {name for _, name, _ in terms} <= outputs
+        parts = [factor * results[name][np.maximum(rows - late, 0)] for factor, name, late in terms]
+        return scale * np.sum(parts, axis=0)
+
+    for figure in found["figures"] + found["signals"]:
+        t, values = curves(figure)
+        rows = np.rint(1e3 * t).astype(int)
+        again = np.array([evaluated(recipe, rows) for recipe in figure["recipes"]])
+        np.testing.assert_array_equal(again.astype("<f4"), values)
+    frames = found["frames"]
+    rows = np.rint(1e3 * numbers(frames["time"], "<f8")).astype(int)
+    assert list(frames["recipes"]) == ["q", "error", "torque", "torsion"]
+    for name, recipes in frames["recipes"].items():
+        again = np.concatenate([evaluated(recipe, rows) for recipe in recipes])
+        np.testing.assert_array_equal(again.astype("<f4"), numbers(frames[name]))
+    assert lags == ({0, 1} if master == "jacobi" else {0})
+
+
 def test_the_arm_has_the_values_of_the_run(planar):
     _, results = planar
     assert results.summary["arm"]["offset"] == [[0.0, 0.0, 0.0], [0.6, 0.0, 0.0]]
