@@ -41,7 +41,7 @@ MODULES = (
     "main.js",
 )
 """In an order in which each comes after those that it imports."""
-_WORKER = ("packed.js", "fmu.js", "master.js")
+WORKER = ("packed.js", "fmu.js", "master.js")
 """Modules of the worker that simulates, which stand in the page as text."""
 _VENDOR = ("three_uplot.min.js", "uplot.min.css")
 
@@ -152,7 +152,7 @@ def report_page(runs: Sequence[Run], *, simulate: bool = False) -> bytes:
             *_facts(names, runs),
             "<noscript><p>Figures and the arm are drawn by a script, which this browser does not run.</p></noscript>",
             f'<script id="data" type="application/json">{_inert(to_json(data, indent=None))}</script>',
-            *([f'<script type="text/plain" id="worker">{script(_WORKER)}</script>'] if binaries else []),
+            *([f'<script type="text/plain" id="worker">{script(WORKER)}</script>'] if binaries else []),
             _libraries(),
             f'<script type="module">\n{script()}\n</script>',
         ]

@@ -1,6 +1,9 @@
 // The numbers of the page, and how numbers are written.
 
-export const { runs, binaries } = JSON.parse(document.getElementById("data").textContent);
+const content = JSON.parse(document.getElementById("data").textContent);
+export const runs = content.runs;
+/** Digest to module, of the units of all runs that can be simulated. */
+export const binaries = content.binaries;
 
 export const reducedMotion = matchMedia("(prefers-reduced-motion: reduce)");
 export const darkScheme = matchMedia("(prefers-color-scheme: dark)");
