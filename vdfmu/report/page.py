@@ -38,6 +38,7 @@ MODULES = (
     "player.js",
     "system.js",
     "worker.js",
+    "simulation.js",
     "main.js",
 )
 """In an order in which each comes after those that it imports."""
@@ -146,6 +147,7 @@ def report_page(runs: Sequence[Run], *, simulate: bool = False) -> bytes:
         [
             *_checks(names, runs),
             '<section id="arm" class="card" hidden aria-label="The arm in 3D"></section>',
+            '<section id="simulate" class="card" hidden aria-label="Simulate"></section>',
             '<section id="figures" class="card" hidden aria-label="Figures"></section>',
             f'<section id="system" class="card" hidden><h2>System</h2><div class="wide">{diagram}</div></section>',
             *_tables(names, runs),

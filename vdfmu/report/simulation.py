@@ -71,7 +71,7 @@ class Knob(NamedTuple):
 KNOBS = (
     Knob("Proportional gains", "PDController", ("K_p",)),
     Knob("Derivative gains", "PDController", ("K_v",)),
-    Knob("Masses of the links, with their inertia", "Plant", ("mass", "inertia"), 0.5, 2.0, True),
+    Knob("Masses and inertias of the links", "Plant", ("mass", "inertia"), 0.5, 2.0, True),
     Knob("Mass of the payload", "Plant", ("payload_mass",), 0.0, 3.0, True),
     Knob("Stiffness of the drives", "Plant", ("K_f0", "K_w0"), 0.2, 5.0, True),
     Knob("Friction", "Plant", ("f_c", "f_s", "f_v"), 0.0, 3.0, True),
@@ -273,12 +273,12 @@ def _knobs(checked: Checked) -> Iterator[dict[str, Any]]:
             if not names:
                 continue
             knowing = [name for name, other in models.items() if knob.known and other == "Feedforward"]
-            measure = next(v.unit for v in _parameters(checked, unit) if v.name.startswith(names[0]))
+            units = [v.unit for v in _parameters(checked, unit) if v.name.partition("[")[0] == names[0]]
             yield {
                 "key": f"{unit}.{names[0]}",
                 "words": knob.words,
                 "symbol": names[0],
-                "unit": measure.name if measure else "",
+                "units": [measure.name if measure else "" for measure in units],
                 "values": groups[names[0]],
                 "targets": [{"unit": unit, "name": name} for name in names],
                 "known": [{"unit": other, "name": name} for other in knowing for name in names],

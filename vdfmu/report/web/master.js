@@ -44,7 +44,8 @@ function initialized(simulation, modules, changes) {
 
 /**
  * Run a system; `changes` of its parameters are {unit, name, factor} or {unit, name, value}, where a name without an
- * index means all elements. Gives time, signals by their names, and the wall time of the steps in seconds.
+ * index means all elements. Gives time, signals by their names, and the wall time of the steps in seconds; so does
+ * `found` of the Error of a run that fails on its way, up to there.
  */
 export async function simulate(simulation, binaries, changes = [], { progress = () => {}, cancel = () => false } = {}) {
   const { units, order, start, step, steps, last } = simulation;
@@ -53,7 +54,7 @@ export async function simulate(simulation, binaries, changes = [], { progress = 
   const fmus = initialized(simulation, modules, changes);
   const names = units.flatMap((unit) => unit.names), width = names.length;
   const now = new Float64Array(width), rows = new Float64Array(width * (steps + 1));
-  let first = 0;
+  let first = 0, kept = 0;
   const stages = units.map((unit, k) => {
     const stage = {
       sources: Int32Array.from(unit.sources), fresh: unit.fresh, conversions: unit.conversions, first,
@@ -77,11 +78,17 @@ export async function simulate(simulation, binaries, changes = [], { progress = 
     for (let i = 0; i < width; i += 1) sum += 0 * now[i];
     if (sum !== 0) throw new Error(`${names[now.findIndex((value) => !Number.isFinite(value))]} is not finite at t = ${start + k * step} s.`);
     rows.set(now, k * width);
+    kept = k + 1;
   };
+  const found = () => ({
+    time: Float64Array.from({ length: kept }, (_, k) => (k < steps ? start + k * step : simulation.stop)),
+    signals: new Map(names.map((name, i) => [name, Float64Array.from({ length: kept }, (_, k) => rows[k * width + i])])),
+    seconds: (performance.now() - began) / 1e3,
+  });
   stages.forEach(read);
   keep(0);
   const stages_in_order = order.map((k) => stages[k]), stride = Math.ceil(steps / PARTS);
-  for (let k = 0; k < steps; k += 1) {
+  const advance = (k) => {
     const time = start + k * step, size = k < steps - 1 ? step : last;
     for (const stage of stages) bring(stage, stage.fresh, stage.sources.length); // held: as they were at the start of the step
     for (const stage of stages_in_order) {
@@ -91,15 +98,19 @@ export async function simulate(simulation, binaries, changes = [], { progress = 
       read(stage);
     }
     keep(k + 1);
+  };
+  for (let k = 0; k < steps; k += 1) {
+    try {
+      advance(k);
+    } catch (error) {
+      throw Object.assign(error, { found: found() });
+    }
     if (k % stride === 0) {
       progress(k / steps);
       if (cancel()) throw new DOMException("The run was stopped.", "AbortError");
     }
   }
-  const seconds = (performance.now() - began) / 1e3;
-  const time = Float64Array.from({ length: steps + 1 }, (_, k) => (k < steps ? start + k * step : simulation.stop));
-  const signals = new Map(names.map((name, i) => [name, Float64Array.from({ length: steps + 1 }, (_, k) => rows[k * width + i])]));
-  return { time, signals, seconds };
+  return found();
 }
 
 /** In a worker: the first message brings the modules, every other one a run. */
@@ -108,11 +119,8 @@ if (typeof WorkerGlobalScope !== "undefined") {
   addEventListener("message", async ({ data }) => {
     binaries ??= data.binaries;
     if (!data.simulation) return;
-    try {
-      const { time, signals, seconds } = await simulate(data.simulation, binaries, data.changes, { progress: (part) => postMessage({ part }) });
-      postMessage({ found: { time, signals, seconds } }, [time.buffer, ...Array.from(signals.values(), ({ buffer }) => buffer)]);
-    } catch (error) {
-      postMessage({ error: error.message });
-    }
+    const run = simulate(data.simulation, binaries, data.changes, { progress: (part) => postMessage({ part }) });
+    const { found, error } = await run.then((one) => ({ found: one }), ({ message, found: one }) => ({ found: one, error: message }));
+    postMessage({ found, error }, found ? [found.time.buffer, ...Array.from(found.signals.values(), ({ buffer }) => buffer)] : []);
   });
 }

@@ -29,8 +29,8 @@ export class SimulationWorker {
         action(value);
       };
       this.worker.onmessage = ({ data }) => {
-        if (data.found) end(done, data.found);
-        else if (data.error) end(failed, new Error(data.error));
+        if (data.error) end(failed, Object.assign(new Error(data.error), { found: data.found }));
+        else if (data.found) end(done, data.found);
         else progress(data.part);
       };
       this.worker.onerror = (event) => end(failed, new Error(event.message));
@@ -56,5 +56,5 @@ export function difference(simulation, { signals }) {
     return { name, difference: Math.max(...rows.map((row, j) => Math.abs(own[row] - recorded[j * names.length + i]))) };
   });
   const positions = all.filter(({ name }) => /^plant\.q\[\d+\]$/.test(name));
-  return { position: Math.max(...positions.map((one) => one.difference)), all };
+  return { limit: simulation.recorded.limit ?? 1e-9, position: Math.max(...positions.map((one) => one.difference)), all };
 }
