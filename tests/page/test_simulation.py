@@ -88,6 +88,7 @@ def test_recorded_rows_are_those_of_the_run(planar, made):
     recorded = found_in(planar)[0]["recorded"]
     results = Results.read(planar / "results.csv")
     values = np.frombuffer(base64.b64decode(recorded["values"]), "<f8").reshape(len(recorded["rows"]), -1)
+    assert (recorded["judged"], recorded["unit"]) == (["plant.q[1]", "plant.q[2]"], "rad")
     assert len(recorded["rows"]) == ROWS + 1 and recorded["rows"][-1] == 200
     for name, column in zip(recorded["names"], values.T, strict=True):
         np.testing.assert_array_equal(column, results[name][recorded["rows"]])
@@ -104,10 +105,8 @@ def test_knobs_are_parameters_of_the_run(planar, made):
         "plant.f_c",
         "trajectory.T",
     ]
-    assert (knobs["controller.K_p"]["values"], knobs["controller.K_p"]["unit"]) == (
-        [1500.0, 1500.0],
-        "N.m/rad",
-    )
+    gains = knobs["controller.K_p"]
+    assert (gains["values"], gains["units"]) == ([1500.0, 1500.0], ["N.m/rad", "N.m/rad"])
     assert knobs["plant.mass"]["known"] == [
         {"unit": "feedforward", "name": "mass"}, {"unit": "feedforward", "name": "inertia"},
     ]  # fmt: skip

@@ -35,6 +35,8 @@ from vdfmu.fmu.native.platforms import WASM
 
 ROWS = 100
 """Intervals between the recorded rows to which the page's own run is compared."""
+LIMIT = 1e-9
+"""Difference of the page's own run [rad, m] below which it is the recorded one. Its sin, cos and tanh are others: 1e-15."""
 MOST_VALUES = 20_000_000
 """Values of a run that a page keeps, 160 MB."""
 NOT_MADE = (
@@ -288,10 +290,18 @@ def _knobs(checked: Checked) -> Iterator[dict[str, Any]]:
 
 
 def _recorded(results: Results, names: Sequence[str]) -> dict[str, Any]:
-    """Return some rows of what was recorded, in double precision."""
+    """Return some rows of what was recorded, in double precision, and by what the page's own run is judged."""
     known = set(results.names)
     kept = [name for name in names if name in known]
+    judged = [name for name in kept if name.startswith("plant.q[")] or kept
     rows = np.unique(np.linspace(0, len(results) - 1, ROWS + 1).round().astype(int))
     values = np.array([results[name][rows] for name in kept], "<f8").T
     packed = base64.b64encode(np.ascontiguousarray(values).tobytes()).decode()
-    return {"rows": rows.tolist(), "names": kept, "values": packed}
+    return {
+        "rows": rows.tolist(),
+        "names": kept,
+        "values": packed,
+        "judged": judged,
+        "unit": ", ".join(dict.fromkeys(results.units[name] for name in judged)),
+        "limit": LIMIT,
+    }
