@@ -19,11 +19,12 @@ from vdfmu.engine.cosim.results import Results
 from vdfmu.engine.json_text import to_json
 from vdfmu.errors import UsageError
 from vdfmu.files import write_whole
+from vdfmu.fmu.native.package import THIRD_PARTY
 from vdfmu.fmu.page import page, table
 from vdfmu.report.checks import checks
 from vdfmu.report.content import content_of
 from vdfmu.report.sheets import Sheet, comparison_sheet, facts, sheets
-from vdfmu.report.simulation import NOT_MADE, compressed, simulation_of
+from vdfmu.report.simulation import compressed, simulation_of
 from vdfmu.ssp.drawing import system_diagram
 
 NAME = "report.html"
@@ -131,9 +132,9 @@ def report_page(runs: Sequence[Run], *, simulate: bool = False) -> bytes:
         {
             "name": name,
             **content_of(run.results, run.summary),
-            "simulation": simulation_of(run.results, run.summary, run.package, binaries)
-            if simulate
-            else {"reason": NOT_MADE},
+            "simulation": simulation_of(
+                run.results, run.summary, run.package, binaries if simulate else None
+            ),
         }
         for name, run in zip(names, runs, strict=True)
     ]
