@@ -19,11 +19,12 @@ from vdfmu.engine.cosim.results import Results
 from vdfmu.engine.json_text import to_json
 from vdfmu.errors import UsageError
 from vdfmu.files import write_whole
+from vdfmu.fmu.native.package import THIRD_PARTY
 from vdfmu.fmu.page import page, table
 from vdfmu.report.checks import checks
 from vdfmu.report.content import content_of
 from vdfmu.report.sheets import Sheet, comparison_sheet, facts, sheets
-from vdfmu.report.simulation import NOT_MADE, compressed, simulation_of
+from vdfmu.report.simulation import compressed, simulation_of
 from vdfmu.ssp.drawing import system_diagram
 
 NAME = "report.html"
@@ -42,7 +43,7 @@ MODULES = (
     "main.js",
 )
 """In an order in which each comes after those that it imports."""
-_WORKER = ("packed.js", "fmu.js", "master.js")
+WORKER = ("packed.js", "fmu.js", "master.js")
 """Modules of the worker that simulates, which stand in the page as text."""
 _VENDOR = ("three_uplot.min.js", "uplot.min.css")
 
@@ -131,9 +132,9 @@ def report_page(runs: Sequence[Run], *, simulate: bool = False) -> bytes:
         {
             "name": name,
             **content_of(run.results, run.summary),
-            "simulation": simulation_of(run.results, run.summary, run.package, binaries)
-            if simulate
-            else {"reason": NOT_MADE},
+            "simulation": simulation_of(
+                run.results, run.summary, run.package, binaries if simulate else None
+            ),
         }
         for name, run in zip(names, runs, strict=True)
     ]
@@ -154,7 +155,7 @@ def report_page(runs: Sequence[Run], *, simulate: bool = False) -> bytes:
             *_facts(names, runs),
             "<noscript><p>Figures and the arm are drawn by a script, which this browser does not run.</p></noscript>",
             f'<script id="data" type="application/json">{_inert(to_json(data, indent=None))}</script>',
-            *([f'<script type="text/plain" id="worker">{script(_WORKER)}</script>'] if binaries else []),
+            *([f'<script type="text/plain" id="worker">{script(WORKER)}</script>'] if binaries else []),
             _libraries(),
             f'<script type="module">\n{script()}\n</script>',
         ]

@@ -35,6 +35,8 @@ from vdfmu.fmu.native.platforms import WASM
 
 ROWS = 100
 """Intervals between the recorded rows to which the page's own run is compared."""
+LIMIT = 1e-9
+"""Difference [rad, m] below which the page's own run is the recorded one. Its sin, cos and tanh are others: 1e-15."""
 MOST_VALUES = 20_000_000
 """Values of a run that a page keeps, 160 MB."""
 NOT_MADE = (
@@ -82,7 +84,7 @@ KNOBS = (
 
 
 def simulation_of(
-    results: Results, summary: Mapping[str, Any], package: Path, binaries: dict[str, str]
+    results: Results, summary: Mapping[str, Any], package: Path, binaries: dict[str, str] | None
 ) -> dict[str, Any]:
     """Return what the page runs, ready for JSON; ``{"reason": ..}`` where it cannot.
 
@@ -93,9 +95,12 @@ def simulation_of(
     package : Path
         The run's ``system.ssp``.
     binaries : dict of str to str
-        Digest to base64 of a compressed module; those of the run's units are added.
+        Digest to base64 of a compressed module; those of the run's units are added. None: the page is to have none.
     """
     try:
+        _refuse(summary, package)
+        if binaries is None:
+            return {"reason": NOT_MADE}
         checked = _checked(summary, package)
         steps = int(summary["steps"])
         outputs = sum(len(_outputs(checked, name)) for name in checked.descriptions)
@@ -108,8 +113,8 @@ def simulation_of(
         return {"reason": f"This run is not simulated here: {str(error).splitlines()[0]}"}
 
 
-def _checked(summary: Mapping[str, Any], package: Path) -> Checked:
-    """Return the run's system, if the page's master can run it."""
+def _refuse(summary: Mapping[str, Any], package: Path) -> None:
+    """Raise for a run that the page's master cannot make, as far as its summary tells."""
     master = summary.get("algorithm")
     if master is None:
         raise _CannotError("it has no units")
@@ -125,7 +130,11 @@ def _checked(summary: Mapping[str, Any], package: Path) -> Checked:
         raise _CannotError("its package, system.ssp, is not beside the results")
     if not native_available():
         raise _CannotError("the compiler was not there when the page was made; 'pip install vdfmu[native]'")
-    checked = check_system(load_ssp(package), algorithm=master)
+
+
+def _checked(summary: Mapping[str, Any], package: Path) -> Checked:
+    """Return the run's system, if the page's master can run it."""
+    checked = check_system(load_ssp(package), algorithm=summary["algorithm"])
     if checked.multiples or any(component.step is not None for component in checked.system.components):
         raise _CannotError("its units have steps of their own")
     if checked.schedule.initial.torn:
@@ -288,10 +297,18 @@ def _knobs(checked: Checked) -> Iterator[dict[str, Any]]:
 
 
 def _recorded(results: Results, names: Sequence[str]) -> dict[str, Any]:
-    """Return some rows of what was recorded, in double precision."""
+    """Return some rows of what was recorded, in double precision, and by what the page's own run is judged."""
     known = set(results.names)
     kept = [name for name in names if name in known]
+    judged = [name for name in kept if name.startswith("plant.q[")] or kept
     rows = np.unique(np.linspace(0, len(results) - 1, ROWS + 1).round().astype(int))
     values = np.array([results[name][rows] for name in kept], "<f8").T
     packed = base64.b64encode(np.ascontiguousarray(values).tobytes()).decode()
-    return {"rows": rows.tolist(), "names": kept, "values": packed}
+    return {
+        "rows": rows.tolist(),
+        "names": kept,
+        "values": packed,
+        "judged": judged,
+        "unit": ", ".join(dict.fromkeys(results.units[name] for name in judged)),
+        "limit": LIMIT,
+    }

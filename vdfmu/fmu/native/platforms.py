@@ -42,7 +42,7 @@ class Platform:
 
 _X86 = ("-march=x86_64_v2",)
 WASM = "wasm32"
-"""Name of the platform of WebAssembly, which is not among ``all``: no importer of native FMUs loads it."""
+"""Name of the platform of WebAssembly."""
 _MODULE = (
     "-mexec-model=reactor", "-Wl,--export=malloc", "-Wl,--export=free", "-Wl,--export-table", "-Wl,--growable-table",
 )  # fmt: skip
@@ -59,6 +59,8 @@ PLATFORMS = {
     )
 }
 """Name to platform."""
+ALL = tuple(name for name in PLATFORMS if name != WASM)
+"""What ``all`` means: those whose libraries importers of native FMUs load."""
 
 _SYSTEMS = {"linux": "linux", "win32": "windows", "darwin": "darwin"}
 _MACHINES = {"amd64": "x86_64", "x86_64": "x86_64", "arm64": "aarch64", "aarch64": "aarch64"}
@@ -87,7 +89,7 @@ def chosen_platforms(chosen: Sequence[str] | str | None) -> tuple[str, ...]:
     Parameters
     ----------
     chosen : sequence of str, str or None
-        Names; ``"all"`` for all but WebAssembly; None for this machine's.
+        Names; ``"all"`` for :data:`ALL`; None for this machine's.
 
     Raises
     ------
@@ -103,7 +105,7 @@ def chosen_platforms(chosen: Sequence[str] | str | None) -> tuple[str, ...]:
     if unknown or not names:
         what = f"There is no platform {unknown[0]!r}." if unknown else "No platform is chosen."
         raise UsageError(f"{what} There are: {', '.join(PLATFORMS)}; and all.")
-    return tuple(name for name in PLATFORMS if name in names or ("all" in names and name != WASM))
+    return tuple(name for name in PLATFORMS if name in names or ("all" in names and name in ALL))
 
 
 def binaries(model_name: str, libraries: Mapping[str, bytes], fmi_version: str) -> dict[str, bytes]:

@@ -1,6 +1,9 @@
 // The numbers of the page, and how numbers are written.
 
-export const { runs, binaries } = JSON.parse(document.getElementById("data").textContent);
+const content = JSON.parse(document.getElementById("data").textContent);
+export const runs = content.runs;
+/** Digest to module, of the units of all runs that can be simulated. */
+export const binaries = content.binaries;
 
 /** The result of no simulation. */
 export const NOTHING = { time: new Float64Array(), signals: new Map() };

@@ -48,13 +48,13 @@ export class SimulationWorker {
   }
 }
 
-/** Largest differences of signals from those that were recorded, at the rows which the page has of them. */
+/** Largest differences of signals from those that were recorded, at the rows which the page has of them; `position`: of all by which a run is judged. */
 export function difference(simulation, { signals }) {
-  const { rows, names, values } = simulation.recorded, recorded = unpack(values, Float64Array);
+  const { rows, names, values, judged, limit } = simulation.recorded, recorded = unpack(values, Float64Array);
   const all = names.map((name, i) => {
     const own = signals.get(name);
     return { name, difference: Math.max(...rows.map((row, j) => Math.abs(own[row] - recorded[j * names.length + i]))) };
   });
-  const positions = all.filter(({ name }) => /^plant\.q\[\d+\]$/.test(name));
-  return { limit: simulation.recorded.limit ?? 1e-9, position: Math.max(...positions.map((one) => one.difference)), all };
+  const positions = all.filter(({ name }) => judged.includes(name));
+  return { limit, position: Math.max(...positions.map((one) => one.difference)), all };
 }
