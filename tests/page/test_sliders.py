@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 import vdfmu
-from tests.page.browser import Browser, centre, pixels, show
+from tests.page.browser import Browser, centre, number, pixels, show
+from vdfmu.engine.cosim.results import Results
 from vdfmu.report.page import read_run, write_report
 
 pytestmark = [pytest.mark.heavy, pytest.mark.usefixtures("quiet")]
@@ -98,7 +99,7 @@ def test_a_slider_draws_the_run_of_the_fmus_with_that_value(run, browser):
     drawn = browser.run("report.charts[1].plot.data.slice(7).map(row => row.filter(v => v !== null).length)")
     assert drawn == 6 * [1001]
     assert (np.abs(pixels(browser, ".canvas") - arm) > 30).mean() > 0.01
-    assert words_of(browser, ".canvas").split() == ["tracking", "simulated"]
+    assert words_of(browser, ".canvas").split() == ["recorded", "simulated"]
     browser.run("report.view.change('time', 1)")
     recorded, second = words_of(browser, ".readout tr:nth-child(2) .number").split("\n")
     assert second == f"{torque[-1, 1]:.3g} N.m" != recorded
@@ -123,14 +124,15 @@ def test_pointing_shows_both_runs(run, browser):
         "[...document.querySelectorAll('.chart:nth-child(2) .tip b')].map(e => e.textContent)"
     )
     assert heads[1:] == ["tracking", "simulated"]
-    row = round(1e3 * float(heads[0].removesuffix(" s")))
+    row = round(1e3 * float(heads[0].removesuffix(" s [deg]")))
     cells = browser.run(
         "[...document.querySelectorAll('.chart:nth-child(2) .tip output')].map(e => e.textContent)"
     )
-    assert len(cells) == 12 and all(cell.endswith(" deg") for cell in cells)
-    value = simulated(browser, 1)[1, row]
-    assert cells[3] == f"{value:.6g} deg".replace("-", "−")
-    assert cells[2] != cells[3]
+    assert len(cells) == 12  # of one row: recorded and simulated
+    results = Results.read(run / "results.csv")
+    error = np.degrees(results["trajectory.q_d"] - results["plant.q"])[row]
+    expected = np.stack([error, simulated(browser, 1)[:, row]], axis=1).ravel()
+    np.testing.assert_allclose([number(cell) for cell in cells], expected, rtol=5e-6)  # six digits
 
 
 def test_a_mass_of_one_link_and_what_the_feedforward_knows(run, browser):
@@ -280,7 +282,7 @@ def test_a_run_of_a_comparison_is_chosen(run, browser, tmp_path):
     slide(browser, "Proportional", -60)
     assert simulated(browser, 1).shape == (2, 201)
     assert browser.run("report.player.scene.run.name") == "planar_tracking"  # the arm follows
-    assert words_of(browser, ".canvas").split() == ["planar_tracking", "simulated"]
+    assert words_of(browser, ".canvas").split() == ["recorded", "simulated"]
 
 
 def test_why_a_page_does_not_simulate_is_said(browser, tmp_path):

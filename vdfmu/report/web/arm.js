@@ -190,7 +190,7 @@ export class Scene3D {
       this.puppets.pop();
     }
     this.names?.forEach((name) => name.remove());
-    this.names = run ? this.puppets.map((_, k) => make("span", { class: "name" }, [this.run, run][k].name)) : [];
+    this.names = run ? ["recorded", run.name].map((words) => make("span", { class: "name" }, words)) : [];
     this.host.append(...this.names);
     if (change) this.aim();
     this.layer();

@@ -154,15 +154,15 @@ export class Chart {
     });
     this.tip.hidden = left < 0 || !found.length;
     if (this.tip.hidden) return;
-    const places = [...new Set(found.map(({ run }) => run))], rows = Map.groupBy(found, ({ label }) => label);
+    const places = [...new Set(found.map(({ run }) => run))], several = places.length > 1, rows = Map.groupBy(found, ({ label }) => label);
     this.tip.style.gridTemplateColumns = `repeat(${places.length + 1}, auto)`;
-    this.tip.replaceChildren(make("b", {}, `${text(found[0].time)} s`), ...places.map((place) => make("b", {}, places.length > 1 ? runs[place].name : "")),
+    this.tip.replaceChildren(make("b", {}, `${text(found[0].time)} s${several ? ` [${this.unit}]` : ""}`), ...places.map((place) => make("b", {}, several ? runs[place].name : "")),
       ...[...rows].flatMap(([label, [first, ...more]]) => [
         make("span", {}, make("i", { style: `background:${first.dashed ? "var(--ink)" : colourOf(first.colour)}` }), label),
-        ...places.map((place) => [first, ...more].find(({ run }) => run === place)).map((one) => make("output", {}, one ? `${text(one.value)} ${this.unit}` : "")),
+        ...places.map((place) => [first, ...more].find(({ run }) => run === place)).map((one) => make("output", {}, one ? `${text(one.value)}${several ? "" : ` ${this.unit}`}` : "")),
       ]));
-    const over = this.plot.over.clientWidth;
-    this.tip.style.left = `${Math.max(0, left > over / 2 ? left - this.tip.offsetWidth - 12 : Math.min(left + 12, over - this.tip.offsetWidth))}px`;
+    const free = this.plot.over.clientWidth - this.tip.offsetWidth; // a broad one reaches over the axis
+    this.tip.style.left = `${Math.max(Math.min(0, free), 2 * left > this.plot.over.clientWidth ? left - this.tip.offsetWidth - 12 : Math.min(left + 12, free))}px`;
   }
 
   moveMark() {
@@ -186,9 +186,13 @@ function decades(_, splits) {
   return splits.map((v) => (v !== null && Math.abs(Math.log10(v) - Math.round(Math.log10(v))) < 1e-6 ? v : null));
 }
 
-/** Row with a number that is nearest to the pointer: runs have rows of their own. */
+/** Row with a number that is nearest to that of the first curve near the pointer: runs have rows of their own. */
 function nearest(plot, series, row) {
-  const values = plot.data[series];
+  const first = plot.series.findIndex(({ show }, k) => k && show);
+  return nearestOf(plot.data[series], nearestOf(plot.data[Math.max(first, 1)], row));
+}
+
+function nearestOf(values, row) {
   for (let k = 0; k < values.length; k += 1) {
     for (const at of [row - k, row + k]) if (values[at] !== null && values[at] !== undefined) return at;
   }
