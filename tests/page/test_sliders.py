@@ -95,6 +95,9 @@ def test_a_slider_draws_the_run_of_the_fmus_with_that_value(run, browser):
     # a position off by 1e-9 rad is 2e-6 N.m off under K_p, and the rate of the loop, 1e2 /s, under K_v of 50 twice that
     np.testing.assert_allclose(simulated(browser, 2)[:6], torque.T, rtol=0, atol=1e-5)
     # what is drawn: six joints of each run, the recorded pale; a second arm; a second number; another table
+    browser.run("""(async () => {  // taking a picture moves the figures out of sight for a moment
+        for (let k = 0; k < 500 && report.charts[1].stale; k += 1) await new Promise((done) => setTimeout(done, 10));
+    })()""")
     assert browser.run("report.charts[1].plot.series.map(s => s.alpha ?? 1)") == [1] + 6 * [0.4] + 6 * [1]
     drawn = browser.run("report.charts[1].plot.data.slice(7).map(row => row.filter(v => v !== null).length)")
     assert drawn == 6 * [1001]
