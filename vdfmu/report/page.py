@@ -176,10 +176,10 @@ def look() -> str:
 def _libraries() -> str:
     """Return the libraries, compressed, below their licences."""
     text = _text(_VENDOR[0])
-    licences = "\n".join(re.findall(r"/\*!(.*?)\*/", text, re.DOTALL))
-    return (
-        f'<!--\n{licences}\n-->\n<script type="text/plain" id="vendor">{compressed(text.encode())}</script>'
-    )
+    units = THIRD_PARTY.replace("libraries in binaries/", "units that a page simulates")
+    licences = "\n".join([*re.findall(r"/\*!(.*?)\*/", text, re.DOTALL), units])
+    packed = compressed(text.encode())
+    return f'<!--\n{licences}-->\n<script type="text/plain" id="vendor">{packed}</script>'
 
 
 def script(modules: Sequence[str] = MODULES) -> str:
