@@ -94,6 +94,13 @@ def test_recorded_rows_are_those_of_the_run(planar, made):
         np.testing.assert_array_equal(column, results[name][recorded["rows"]])
 
 
+def test_a_loop_whose_solutions_separate_is_judged_by_how_far(planar, made):
+    assert found_in(planar)[0]["recorded"]["limit"] == simulation.LIMIT
+    apart = {"change": 1e-9, "max_position_difference_rad": 1e-3}
+    recorded = found_in(planar, separation=apart)[0]["recorded"]
+    assert recorded["limit"] == pytest.approx(3e-3, rel=1e-12) and "separate" in recorded["note"]
+
+
 def test_knobs_are_parameters_of_the_run(planar, made):
     found = found_in(planar)[0]
     knobs = {knob["key"]: knob for knob in found["knobs"]}

@@ -37,6 +37,9 @@ ROWS = 100
 """Intervals between the recorded rows to which the page's own run is compared."""
 LIMIT = 1e-9
 """Difference [rad, m] below which the page's own run is the recorded one. Its sin, cos and tanh are others: 1e-15."""
+_APART = 3.0
+"""Times what separates a run from itself with a small change: both are as far apart as they can get, at other times."""
+_SEPARATES = "Single solutions of this loop separate: two runs whose last digits differ are as far apart after a while."
 MOST_VALUES = 20_000_000
 """Values of a run that a page keeps, 160 MB."""
 NOT_MADE = (
@@ -213,7 +216,7 @@ def _simulation(
         "steps": steps,
         "last": step if time + step == stop else largest_step(time, stop),
         "knobs": list(_knobs(checked)),
-        "recorded": _recorded(results, [".".join(port) for port in places]),
+        "recorded": _recorded(results, summary, [".".join(port) for port in places]),
     }
 
 
@@ -296,13 +299,14 @@ def _knobs(checked: Checked) -> Iterator[dict[str, Any]]:
             }
 
 
-def _recorded(results: Results, names: Sequence[str]) -> dict[str, Any]:
+def _recorded(results: Results, summary: Mapping[str, Any], names: Sequence[str]) -> dict[str, Any]:
     """Return some rows of what was recorded, in double precision, and by what the page's own run is judged."""
     known = set(results.names)
     kept = [name for name in names if name in known]
     judged = [name for name in kept if name.startswith("plant.q[")] or kept
     rows = np.unique(np.linspace(0, len(results) - 1, ROWS + 1).round().astype(int))
     values = np.array([results[name][rows] for name in kept], "<f8").T
+    separation = (summary.get("separation") or {}).get("max_position_difference_rad", 0.0)
     packed = base64.b64encode(np.ascontiguousarray(values).tobytes()).decode()
     return {
         "rows": rows.tolist(),
@@ -310,5 +314,6 @@ def _recorded(results: Results, names: Sequence[str]) -> dict[str, Any]:
         "values": packed,
         "judged": judged,
         "unit": ", ".join(dict.fromkeys(results.units[name] for name in judged)),
-        "limit": LIMIT,
+        "limit": max(LIMIT, _APART * separation),
+        "note": _SEPARATES if separation else "",
     }
