@@ -275,6 +275,8 @@ def test_a_run_of_a_comparison_is_chosen(run, browser, tmp_path):
     assert words_of(browser, "#simulate > p:last-child").startswith(
         "contrast: This run is not simulated here: "
     )
+    slide(browser, "Proportional", -60)
+    assert browser.run("report.player.scene.puppets.length") == 2
     browser.run(f"""(async () => {{
         const select = document.querySelector("#simulate .bar select");
         select.value = 1;

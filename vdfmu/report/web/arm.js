@@ -174,6 +174,8 @@ export class Scene3D {
     this.scene.add(...this.lights(), ...this.ground());
     if (this.second) this.beside(this.second);
     else this.aim();
+    this.layer();
+    if (this.time !== undefined) this.show(this.time);
   }
 
   /** Show the arm of a second run beside that of the first, or none. */
@@ -186,8 +188,8 @@ export class Scene3D {
       this.stand(this.puppets[1]);
       this.puppets[1].root.position.set(0.8, 0.6, 0).applyQuaternion(this.turn).multiplyScalar(0.9 * this.reach);
     } else if (other) {
-      this.scene.remove(other.root);
-      this.puppets.pop();
+      this.scene.remove(this.puppets.pop().root);
+      other.root.traverse(({ geometry, material }) => { geometry?.dispose(); material?.dispose(); });
     }
     this.names?.forEach((name) => name.remove());
     this.names = run ? ["recorded", run.name].map((words) => make("span", { class: "name" }, words)) : [];
@@ -280,6 +282,7 @@ export class Scene3D {
 
   /** Show a time; errors may be drawn larger than they are. */
   show(t) {
+    this.time = t;
     const peaks = this.peaks();
     for (const puppet of this.puppets) puppet.show(t, this.quantity, this.magnify, peaks);
     this.draw();
@@ -303,7 +306,7 @@ export class Scene3D {
     const { clientWidth: width, clientHeight: height } = this.host;
     this.names?.forEach((name, k) => {
       const { x, y } = this.up.clone().multiplyScalar(this.floor).add(this.puppets[k].root.position).project(this.camera);
-      name.style.transform = `translate(${((x + 1) / 2) * width}px, ${((1 - y) / 2) * height}px) translate(-50%, .5rem)`;
+      name.style.transform = `translate(${((x + 1) / 2) * width}px, ${((1 - y) / 2) * height}px) translate(-50%, 1rem)`;
     });
   }
 }

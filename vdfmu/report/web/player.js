@@ -63,7 +63,10 @@ export class Player {
   }
 
   setRun(run) {
-    if (this.scene.run !== run) this.scene.load(run);
+    if (this.scene.run !== run) {
+      this.scene.beside(null);
+      this.scene.load(run);
+    }
     this.scene.beside(simulated.of === run && simulated.result.time.length ? simulated : null);
     this.slider.max = this.motion.time.length - 1;
     this.rows = run.arm.types.map((type, i) => {

@@ -77,12 +77,12 @@ class Simulation {
   }
 
   choose(run, start = true) {
+    this.show(NOTHING);
     this.of = simulated.of = run;
     this.before = null;
     view.change("run", run);
     this.sliders = run.simulation.knobs.map((knob) => new Knob(knob, () => this.rerun()));
     this.knobs.replaceChildren(...this.sliders.map(({ element }) => element));
-    this.show(NOTHING);
     if (start) this.rerun();
   }
 
