@@ -37,8 +37,9 @@ def made(monkeypatch) -> list[Any]:
     jobs: list[Any] = []
 
     def compiled(asked: Any) -> list[bytes]:
+        asked = list(asked)
         jobs.extend(asked)
-        return [f"module of {job.name}".encode() for job in jobs]
+        return [f"module of {job.name}".encode() for job in asked]
 
     monkeypatch.setattr(simulation, "compile_libraries", compiled)
     return jobs
@@ -148,6 +149,13 @@ def test_a_run_of_a_package_and_one_without_a_compiler_are_not_simulated(planar,
     assert "only those of scenarios" in simulation_of(run.results, summary, run.package, {})["reason"]
     monkeypatch.setattr(simulation, "native_available", lambda: False)
     assert "pip install vdfmu[native]" in found_in(planar)[0]["reason"]
+
+
+def test_units_too_large_for_a_page_are_not_compiled(planar, made, monkeypatch):
+    monkeypatch.setattr(simulation, "MOST_C", 50_000)
+    found, binaries = found_in(planar)
+    assert re.search(r"its units, 0\.[12] MB of C, would make the page larger than 1 MB\.$", found["reason"])
+    assert not made and not binaries
 
 
 def test_a_page_says_how_to_get_its_simulation(planar):

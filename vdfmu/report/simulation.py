@@ -47,6 +47,8 @@ NOT_MADE = (
     "'vdfmu run --simulate'."
 )
 """In the place of one."""
+MOST_C = 2_400_000
+"""Bytes of generated C of a run, of which compressed modules have a fifth: with it a page stays below 1 MB."""
 MASTERS = ("gauss-seidel", "jacobi")
 _FUNCTIONS = (
     "fmi2Instantiate", "fmi2SetupExperiment", "fmi2EnterInitializationMode", "fmi2ExitInitializationMode",
@@ -158,6 +160,9 @@ def _modules(checked: Checked, binaries: dict[str, str]) -> dict[str, str]:
             with package.opened(source, source) as unit:
                 files = _sources(unit, source)
             jobs.append(Job(description.identifier, files | fmi_headers("2.0"), WASM, exported=_FUNCTIONS))
+    size = sum(len(c) for job in jobs for name, c in job.sources.items() if name.startswith("kernel_"))
+    if size > MOST_C:
+        raise _CannotError(f"its units, {size / 1e6:.1f} MB of C, would make the page larger than 1 MB")
     found: dict[str, str] = {}
     for source, module in zip(sources, compile_libraries(jobs), strict=True):
         digest = found[source] = sha256(module).hexdigest()[:16]
