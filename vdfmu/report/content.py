@@ -154,10 +154,10 @@ def content_of(results: Results, summary: Mapping[str, Any]) -> dict[str, Any]:
             buckets = max(1, EXTREMES // (len(values) * parts))
             rows = [even, *(extremes(row, buckets) for row in values)]
             table.add(part.time, [values], np.unique(np.concatenate(rows)))
+    motion_recipes = {name: _recipes(curves, copies) for name, curves in motion.items()}
     return {
         "arm": shown,
-        "frames": frames.packed(list(motion))
-        | {"recipes": {k: _recipes(c, copies) for k, c in motion.items()}},
+        "frames": frames.packed(list(motion)) | {"recipes": motion_recipes},
         **{
             kind: [table.packed(["values"]) | {"recipes": _recipes(table.curves, copies)} for table in found]
             for kind, found in tables.items()
@@ -205,16 +205,11 @@ def _values(curves: Iterable[Curve], results: Results) -> Floats:
 
 def _recipes(curves: Iterable[Curve], copies: Mapping[str, Signal]) -> list[Any]:
     """Return how curves come from outputs, for the page: scale; factor, signal and rows by which that comes later."""
-    return [
-        [
-            curve.scale,
-            [
-                [f, copies[name].of, copies[name].late] if name in copies else [f, name, 0]
-                for f, name in curve.terms
-            ],
-        ]
-        for curve in curves
-    ]
+
+    def source(name: str) -> tuple[str, int]:
+        return (copies[name].of, copies[name].late) if name in copies else (name, 0)
+
+    return [[curve.scale, [[factor, *source(name)] for factor, name in curve.terms]] for curve in curves]
 
 
 def _joints(results: Results, name: str, n: int) -> list[str]:

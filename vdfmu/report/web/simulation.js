@@ -61,9 +61,8 @@ class Simulation {
     this.failure = make("p", { class: "failure", role: "alert", hidden: true });
     this.knobs = make("div", { class: "knobs" });
     this.results = make("table");
-    this.button = make("button", { type: "button", click: () => this.reset() }, "Reset");
     section.append(
-      make("div", { class: "bar" }, make("h2", {}, "Simulate"), ...(able.length > 1 ? [choice("Run", able.map((run, k) => [k, run.name]), (k) => this.choose(able[k]))] : []), this.button, this.status, this.bar),
+      make("div", { class: "bar" }, make("h2", {}, "Simulate"), ...(able.length > 1 ? [choice("Run", able.map((run, k) => [k, run.name]), (k) => this.choose(able[k]))] : []), make("button", { type: "button", click: () => this.reset() }, "Reset"), this.status, this.bar),
       make("p", { class: "note" }, "Move a slider: this browser runs the C of the FMUs again, and draws the simulated run over the recorded one. A double click puts a slider back."),
       this.knobs, this.failure, make("div", { class: "found" }, this.results, make("div", { class: "checks" }, this.verdict)),
     );
@@ -121,7 +120,6 @@ class Simulation {
     this.failure.textContent = failure;
     this.failure.hidden = !failure;
     this.status.textContent = failure ? `Stopped${time.length ? ` at ${text(time.at(-1), 4)} s` : ""}.` : `${text(stop - start, 4)} s simulated in ${text(found.seconds, 2)} s.`;
-    this.button.disabled = !changes.length;
     if (!changes.length) this.judge(found, failure);
     this.tabulate(found);
     this.show(changes.length ? found : NOTHING);
