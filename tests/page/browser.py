@@ -52,6 +52,7 @@ class Browser:
         self._session = self._call("Target.attachToTarget", targetId=page, flatten=True)["sessionId"]
         for domain in ("Page", "Runtime", "Network", "Log"):
             self.call(f"{domain}.enable")
+        self.call("Target.setAutoAttach", autoAttach=True, waitForDebuggerOnStart=True, flatten=True)
 
     def __enter__(self) -> Self:
         return self
@@ -72,16 +73,20 @@ class Browser:
         return self._call(method, self._session, **parameters)
 
     def _call(self, method: str, session: str = "", **parameters: Any) -> dict[str, Any]:
+        number = self._send(method, session, **parameters)
+        while True:
+            answer = self._message()
+            if answer.get("id") == number:
+                assert "error" not in answer, (method, answer["error"])
+                return answer["result"]
+            self._note(answer)
+
+    def _send(self, method: str, session: str = "", **parameters: Any) -> int:
         self._number += 1
         message = {"id": self._number, "method": method, "params": parameters}
         text = json.dumps(message | ({"sessionId": session} if session else {}))
         os.write(self._to, text.encode() + b"\0")
-        while True:
-            answer = self._message()
-            if answer.get("id") == self._number:
-                assert "error" not in answer, (method, answer["error"])
-                return answer["result"]
-            self._note(answer)
+        return self._number
 
     def _message(self) -> dict[str, Any]:
         while b"\0" not in self._rest:
@@ -101,6 +106,11 @@ class Browser:
             self.problems.append(str(facts["entry"]))
         elif kind == "Network.requestWillBeSent":
             self.requests.append(facts["request"]["url"][:200])
+        elif kind == "Network.webSocketCreated":
+            self.requests.append(facts["url"])
+        elif kind == "Target.attachedToTarget":  # a worker, which may ask for something too
+            for method in ("Network.enable", "Runtime.runIfWaitingForDebugger"):
+                self._send(method, facts["sessionId"])
 
     def run(self, script: str) -> Any:
         """Value of an expression of JavaScript, which may be a promise."""
@@ -115,9 +125,9 @@ class Browser:
         )
 
     def open(
-        self, page: Path, width: int = 1280, height: int = 900, scheme: str = "light", motion: str = ""
+        self, page: Path | str, width: int = 1280, height: int = 900, scheme: str = "light", motion: str = ""
     ) -> None:
-        """Open a file in a window of a size."""
+        """Open a file or an address in a window of a size."""
         self.call(
             "Emulation.setDeviceMetricsOverride",
             width=width,
@@ -128,7 +138,7 @@ class Browser:
         features = {"prefers-color-scheme": scheme, "prefers-reduced-motion": motion}
         media = [{"name": name, "value": value} for name, value in features.items()]
         self.call("Emulation.setEmulatedMedia", features=media)
-        self.call("Page.navigate", url=page.as_uri())
+        self.call("Page.navigate", url=page if isinstance(page, str) else page.as_uri())
         self.run(
             "new Promise(d => document.readyState === 'complete' ? d() : addEventListener('load', () => d()))"
         )

@@ -138,8 +138,13 @@ def parse_settings(
 
 def fail(error: object, code: int) -> NoReturn:
     """Say what is wrong and end."""
-    errors.print(f"[red]error:[/red] {escape(error_text(error))}", soft_wrap=True)
+    say_error(error)
     sys.exit(code)
+
+
+def say_error(error: object) -> None:
+    """Say what is wrong."""
+    errors.print(f"[red]error:[/red] {escape(error_text(error))}", soft_wrap=True)
 
 
 class Bars(bars.Bars):
