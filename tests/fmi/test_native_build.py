@@ -262,7 +262,8 @@ def test_a_machine_without_native_fmus_is_told(monkeypatch: pytest.MonkeyPatch) 
     with pytest.raises(FmuError, match=r"for this machine, riscv64-linux. There are: x86_64-linux"):
         platforms.chosen_platforms(None)
     assert not native_available()
-    assert platforms.chosen_platforms("all") == tuple(PLATFORMS)
+    assert platforms.chosen_platforms("all") == platforms.ALL
+    assert platforms.chosen_platforms(["wasm32", "all"]) == tuple(PLATFORMS)
 
 
 def test_folders_that_cannot_be_written_are_told(

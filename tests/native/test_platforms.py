@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from vdfmu.fmu import build_fmus
-from vdfmu.fmu.native.platforms import PLATFORMS
+from vdfmu.fmu.native.platforms import ALL, PLATFORMS
 from vdfmu.model import Robot
 
 from .binding import Model
@@ -196,5 +196,5 @@ def test_the_folders_of_the_platforms_are_those_of_the_standard(
         "aarch64-linux/Plant.so",
         "aarch64-darwin/Plant.dylib",
     }
-    three = {f"{p.name}/Plant{p.suffix}" for p in PLATFORMS.values()}
+    three = {f"{name}/Plant{PLATFORMS[name].suffix}" for name in ALL}
     assert found == (two if version == "2.0" else three)

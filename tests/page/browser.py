@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import fcntl
+import io
 import json
 import os
 import shutil
@@ -11,6 +12,9 @@ import subprocess
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
+
+import numpy as np
+from PIL import Image
 
 FLAGS = (
     "--headless=new", "--no-sandbox", "--disable-gpu", "--use-gl=angle", "--use-angle=swiftshader",
@@ -138,6 +142,10 @@ class Browser:
         self.run(
             "new Promise(d => document.readyState === 'complete' ? d() : addEventListener('load', () => d()))"
         )
+        self.run(  # a page of a run unpacks its libraries first
+            "new Promise(d => { const look = n => n && document.getElementById('vendor') && !globalThis.report"
+            " ? setTimeout(look, 20, n - 1) : d(); look(500); })"
+        )
         self.settle()
 
     def key(self, key: str, code: int) -> None:
@@ -165,3 +173,27 @@ class Browser:
             "Page.captureScreenshot", format="png", clip=box | {"scale": 1}, captureBeyondViewport=True
         )
         return base64.b64decode(found["data"])
+
+
+def show(browser: Browser, path: Path, *size: int, **more: str) -> None:
+    browser.asked = [path.as_uri()]
+    browser.open(path, *size, **more)
+
+
+def pixels(browser: Browser, selector: str) -> np.ndarray:
+    return np.asarray(Image.open(io.BytesIO(browser.picture(selector))).convert("L"), dtype=int)
+
+
+def centre(browser: Browser, selector: str) -> tuple[float, float]:
+    browser.run(f"document.querySelector({selector!r}).scrollIntoView({{block: 'center'}})")
+    browser.settle()
+    box = browser.run(f"document.querySelector({selector!r}).getBoundingClientRect().toJSON()")
+    return box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+
+
+def number(text: str) -> float:
+    """Return the number that a page writes as 1.5 or 1.5·10⁻³."""
+    mantissa, _, power = text.replace("−", "-").partition("·10")
+    return float(mantissa) * 10.0 ** int(
+        (power or "⁰").translate(str.maketrans("⁻⁰¹²³⁴⁵⁶⁷⁸⁹", "-0123456789"))
+    )

@@ -46,7 +46,8 @@ def build(
     platform: Annotated[
         list[str] | None,
         typer.Option(
-            help="Platform of native FMUs, such as x86_64-windows, or all; default this machine's. Repeatable."
+            help="Platform of native FMUs, such as x86_64-windows, or all; wasm32 is WebAssembly. Default this "
+            "machine's. Repeatable."
         ),
     ] = None,
     settings: SetOption = None,

@@ -120,6 +120,9 @@ def run(
     pictures: Annotated[
         str, typer.Option("--pictures", help="Kinds of the figures: png, svg and pdf, separated by commas.")
     ] = "png",
+    simulate: Annotated[
+        bool, typer.Option("--simulate", help="Let report.html run the scenario again, with sliders.")
+    ] = False,
     study: Annotated[
         Path | None,
         typer.Option(
@@ -182,6 +185,7 @@ def run(
                 fmi_version=fmi,
                 formats=formats.split(","),
                 pictures=pictures.split(","),
+                simulate=simulate,
                 progress=bars.update,
                 log=bars.log,
                 observer=observer,
@@ -335,6 +339,9 @@ def report(
             help="File to write; default report.html in the folder, of several comparison.html beside it."
         ),
     ] = None,
+    simulate: Annotated[
+        bool, typer.Option(help="Let the page run them again, with sliders, where the compiler is installed.")
+    ] = True,
 ) -> None:
     """Write the page of a run, or of several beside each other: one file, which any browser opens."""
     from vdfmu.report.page import NAME, newest_run, read_run, write_report
@@ -342,7 +349,7 @@ def report(
     folders = folders or [newest_run(Path("results"))]
     runs = [read_run(folder) for folder in folders]
     default = folders[0] / NAME if len(runs) == 1 else folders[0].parent / "comparison.html"
-    say(f"Written to {write_report(runs, out or default)}")
+    say(f"Written to {write_report(runs, out or default, simulate=simulate)}")
 
 
 def _run_package(

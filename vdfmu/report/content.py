@@ -8,14 +8,16 @@ rows, never between them.
 from __future__ import annotations
 
 import base64
-from collections.abc import Iterator, Mapping, Sequence
+import itertools
+from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
+from functools import reduce
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vdfmu.arrays import Floats
-from vdfmu.engine.cosim.results import Results
+from vdfmu.engine.cosim.results import Results, Signal
 from vdfmu.equations.kinematics import frames
 from vdfmu.model import Robot
 from vdfmu.report.joints import UNITS
@@ -29,15 +31,27 @@ _BLOCK = 20_000
 """Rows that are in memory at a time."""
 
 
+Terms = Sequence[tuple[float, str]]
+"""Factors, and names of signals."""
+
+
 class Curve(NamedTuple):
-    """A curve of a figure."""
+    """A curve of a figure: `scale` times the sum of signals, each times its factor.
+
+    The page evaluates the same sums for a run that it has simulated.
+    """
 
     label: str
     joint: int
     """From 1; 0 for none."""
-    values: Floats
-    """(m,)."""
+    terms: Terms
+    """At least one."""
+    scale: float = 1.0
     dashed: bool = False
+
+    def values(self, results: Results) -> Floats:
+        """Return its values: (m,)."""
+        return self.scale * reduce(np.add, [factor * results[name] for factor, name in self.terms])
 
 
 class Figure(NamedTuple):
@@ -46,7 +60,33 @@ class Figure(NamedTuple):
     key: str
     title: str
     unit: str
-    curves: list[Curve]
+    curves: Sequence[Curve]
+    peak: str = ""
+    """What its largest absolute value is called; empty for none of interest."""
+
+
+_SUMS: Mapping[str, Terms] = {
+    "q": [(1.0, "plant.q")],
+    "q_d": [(1.0, "trajectory.q_d")],
+    "error": [(1.0, "trajectory.q_d"), (-1.0, "plant.q")],
+    "torque": [(1.0, "controller.tau")],
+    "feedforward": [(1.0, "controller.tau_m")],
+    "compensation": [(1.0, "controller.tau"), (-1.0, "controller.tau_m")],
+    "torsion": [(1.0, "plant.kappa"), (-1.0, "plant.q")],
+}
+"""What is drawn of each joint [rad or m; link-side N.m or N]: factors of arrays of signals."""
+_MOTOR_SIDE = ("controller.tau", "controller.tau_m")
+"""Are multiplied by the reduction ratio."""
+_FRAMES = ("q", "error", "torque", "torsion")
+"""What the drawn arm shows."""
+_FIGURES = (
+    ("position", "Joint positions, desired dashed", "", {"q": "q", "q_d": "q_d"}),
+    ("tracking", "Position tracking errors: q_d − q", "Tracking error", {"error": ""}),
+    ("torque", "Control {}s, feedforward dashed, link side", "Control {}", {"torque": "ℓτ", "feedforward": "ℓτ_m"}),
+    ("compensation", "{} compensation errors: ℓ(τ − τ_m)", "{} compensation error", {"compensation": ""}),
+    ("torsion", "Torsion of the drives: κ − q", "Torsion", {"torsion": ""}),
+)  # fmt: skip
+"""Key, title, name of the largest value, and what is drawn: solid, then dashed; torque or force stands for {}."""
 
 
 def arm_of(robot: Robot, values: Mapping[str, Any]) -> dict[str, Any]:
@@ -90,34 +130,39 @@ def content_of(results: Results, summary: Mapping[str, Any]) -> dict[str, Any]:
     n = len(arm["types"]) if arm else int(summary.get("joints", 0))
     m, parts = len(results), -(-len(results) // _BLOCK)
     stride = max(1, -(-(m - 1) // FRAMES))
-    frames, motion = _Table(), dict[str, Floats]()
-    tables: dict[str, dict[str, _Table]] = {"figures": {}, "signals": {}}
-    shown = None
+    sums = _sums(results, arm["ell"]) if arm else {}
+    shown = arm if "q" in sums else None
+    motion = {
+        name: [Curve("", i + 1, terms) for i, terms in enumerate(sums[name])]
+        for name in _FRAMES
+        if shown and name in sums
+    }
+    drawn = _contrast_figures if summary.get("kind") == "contrast" else _figures
+    copies = {signal.name: signal for signal in results.signals if signal.of}
+    frames = _Table()
+    tables = {
+        "figures": [_Table(figure) for figure in drawn(results, summary, sums if shown else {})],
+        "signals": [_Table(figure) for figure in _groups(results, n, copies)],
+    }
     for k, part in enumerate(results.blocks(_BLOCK)):
         even = np.arange(-k * _BLOCK % stride, len(part), stride)  # every k-th row of the whole
         if k == parts - 1:
             even = np.union1d(even, len(part) - 1)
-        signals = _Signals(part, n)
-        q = signals.array("plant.q")
-        shown = None if q is None else arm
-        if shown is not None and q is not None:
-            motion = {"q": q, **_motion(signals, q, np.array(shown["ell"]))}
-        frames.add(part.time, [values.T for values in motion.values()], even)
-        figures = [] if shown is None else _figures(signals, shown)
-        if summary.get("kind") == "contrast":
-            figures = _contrast_figures(signals, summary)
-        for kind, found in (("figures", figures), ("signals", _groups(part, n))):
-            for figure in found:
-                values = np.array([curve.values for curve in figure.curves])
-                buckets = max(1, EXTREMES // (len(values) * parts))
-                rows = [even, *(extremes(row, buckets) for row in values)]
-                table = tables[kind].setdefault(figure.key, _Table(figure))
-                table.add(part.time, [values], np.unique(np.concatenate(rows)))
+        frames.add(part.time, [_values(curves, part) for curves in motion.values()], even)
+        for table in itertools.chain(*tables.values()):
+            values = _values(table.curves, part)
+            buckets = max(1, EXTREMES // (len(values) * parts))
+            rows = [even, *(extremes(row, buckets) for row in values)]
+            table.add(part.time, [values], np.unique(np.concatenate(rows)))
+    motion_recipes = {name: _recipes(curves, copies) for name, curves in motion.items()}
     return {
         "arm": shown,
-        "frames": frames.packed(list(motion)),
-        **{kind: [table.packed(["values"]) for table in found.values()] for kind, found in tables.items()},
-        "copies": {signal.name: signal.of for signal in results.signals if signal.of},
+        "frames": frames.packed(list(motion)) | {"recipes": motion_recipes},
+        **{
+            kind: [table.packed(["values"]) | {"recipes": _recipes(table.curves, copies)} for table in found]
+            for kind, found in tables.items()
+        },
+        "copies": {name: signal.of for name, signal in copies.items()},
     }
 
 
@@ -126,9 +171,15 @@ class _Table:
 
     def __init__(self, figure: Figure | None = None) -> None:
         self._facts: dict[str, Any] = {}
+        self.curves = figure.curves if figure else []
         if figure is not None:
-            curves = [[curve.label, curve.joint, int(curve.dashed)] for curve in figure.curves]
-            self._facts = {"key": figure.key, "title": figure.title, "unit": figure.unit, "curves": curves}
+            self._facts = {
+                "key": figure.key,
+                "title": figure.title,
+                "unit": figure.unit,
+                "peak": figure.peak,
+                "curves": [[curve.label, curve.joint, int(curve.dashed)] for curve in figure.curves],
+            }
         self._time: list[Floats] = []
         self._parts: list[list[Floats]] = []
 
@@ -147,90 +198,109 @@ class _Table:
         }
 
 
-class _Signals:
-    """Arrays of a run with an element a joint; None for those that were not recorded."""
-
-    def __init__(self, results: Results, n: int) -> None:
-        self._results, self._n = results, n
-
-    def array(self, name: str) -> Floats | None:
-        known = name in self._results.groups and self._results.shape_of(name) == (self._n,)
-        return self._results[name].astype(float) if known else None
+def _values(curves: Iterable[Curve], results: Results) -> Floats:
+    """Return the values of curves: (curves, m)."""
+    return np.array([curve.values(results) for curve in curves])
 
 
-def _motion(signals: _Signals, q: Floats, ell: Floats) -> dict[str, Floats]:
-    """Return tracking errors [rad or m], control torques, link-side [N m or N], and torsion [rad or m]."""
-    q_d, tau, kappa = (signals.array(name) for name in ("trajectory.q_d", "controller.tau", "plant.kappa"))
+def _recipes(curves: Iterable[Curve], copies: Mapping[str, Signal]) -> list[Any]:
+    """Return how curves come from outputs, for the page: scale; factor, signal and rows by which that comes later."""
+
+    def source(name: str) -> tuple[str, int]:
+        return (copies[name].of, copies[name].late) if name in copies else (name, 0)
+
+    return [[curve.scale, [[factor, *source(name)] for factor, name in curve.terms]] for curve in curves]
+
+
+def _joints(results: Results, name: str, n: int) -> list[str]:
+    """Return the signals of an array with an element a joint; none if it was not recorded."""
+    group = results.groups.get(name, {})
+    return [group[index] for index in sorted(group)] if group and results.shape_of(name) == (n,) else []
+
+
+def _sums(results: Results, ell: Sequence[float]) -> dict[str, list[Terms]]:
+    """Return the sums of `_SUMS` whose signals were recorded, joint by joint."""
+    signals = {name: _joints(results, name, len(ell)) for terms in _SUMS.values() for _, name in terms}
     return {
-        **({} if q_d is None else {"error": q_d - q}),
-        **({} if tau is None else {"torque": ell * tau}),
-        **({} if kappa is None else {"torsion": kappa - q}),
+        key: [
+            [(factor * (r if name in _MOTOR_SIDE else 1.0), signals[name][i]) for factor, name in terms]
+            for i, r in enumerate(ell)
+        ]
+        for key, terms in _SUMS.items()
+        if all(signals[name] for _, name in terms)
     }
 
 
-def _figures(signals: _Signals, arm: Mapping[str, Any]) -> Iterator[Figure]:
+def _figures(
+    results: Results, summary: Mapping[str, Any], sums: Mapping[str, Sequence[Terms]]
+) -> Iterator[Figure]:
     """Yield positions, torques, their errors and torsion; joints of other units in figures of their own."""
-    ell = np.array(arm["ell"])
-    q, q_d, tau_m = (signals.array(name) for name in ("plant.q", "trajectory.q_d", "controller.tau_m"))
-    motion = _motion(signals, np.zeros(0) if q is None else q, ell)
-    tau, ff = motion.get("torque"), None if tau_m is None else ell * tau_m
-    e_q, e_tau = motion.get("error"), None if tau is None or ff is None else tau - ff
+    types: Sequence[str] = summary["arm"]["types"] if sums else ()
     for kind, unit in UNITS.items():
-        joints = [i for i, of in enumerate(arm["types"]) if of == kind]
-        suffix = f", {kind}" if len(set(arm["types"])) > 1 else ""
-        noun = unit.noun
-        for key, title, measure, factor, shown in (
-            ("position", "Joint positions, desired dashed", unit.position, unit.factor, {"q": q, "q_d": q_d}),
-            ("tracking", "Position tracking errors: q_d − q", unit.position, unit.factor, {"": e_q}),
-            ("torque", f"Control {noun}s, feedforward dashed, link side", unit.torque, 1.0, {"ℓτ": tau, "ℓτ_m": ff}),
-            ("compensation", f"{noun.capitalize()} compensation errors: ℓ(τ − τ_m)", unit.torque, 1.0, {"": e_tau}),
-            ("torsion", "Torsion of the drives: κ − q", unit.position, unit.factor, {"": motion.get("torsion")}),
-        ):  # fmt: skip
+        joints = [i for i, of in enumerate(types) if of == kind]
+        suffix = f", {kind}" if len(set(types)) > 1 else ""
+        for key, title, peak, drawn in _FIGURES:
+            torques = key in ("torque", "compensation")
+            noun = unit.noun.capitalize() if title.startswith("{}") else unit.noun
             curves = [
                 Curve(
-                    ", ".join(filter(None, (f"joint {i + 1}", name))),
+                    ", ".join(filter(None, (f"joint {i + 1}", label))),
                     i + 1,
-                    factor * values[:, i],
+                    sums[name][i],
+                    1.0 if torques else unit.factor,
                     dashed=place > 0,
                 )
-                for place, (name, values) in enumerate(shown.items())
-                if values is not None
+                for place, (name, label) in enumerate(drawn.items())
+                if name in sums
                 for i in joints
             ]
             if curves:
-                yield Figure(f"{key}.{kind}", f"{title}{suffix}", measure, curves)
+                measure = unit.torque if torques else unit.position
+                yield Figure(
+                    f"{key}.{kind}",
+                    f"{title}{suffix}".format(noun),
+                    measure,
+                    curves,
+                    f"{peak}{suffix}".format(noun) if peak else "",
+                )
 
 
-def _contrast_figures(signals: _Signals, summary: Mapping[str, Any]) -> Iterator[Figure]:
+def _contrast_figures(results: Results, summary: Mapping[str, Any], _: Any) -> Iterator[Figure]:
     """Yield torques by virtual decomposition and Newton-Euler, and their differences."""
-    vd, ne, low = (signals.array(f"{name}.tau") for name in ("vd", "newton_euler", "newton_euler_low_g"))
-    units: Sequence[str] = summary.get("torque_units") or ["N.m"] * int(summary["joints"])
+    n = int(summary["joints"])
+    vd, ne, low = (
+        _joints(results, f"{name}.tau", n) for name in ("vd", "newton_euler", "newton_euler_low_g")
+    )
+    units: Sequence[str] = summary.get("torque_units") or ["N.m"] * n
     g, low_g = summary["gravities_m_s2"]
-    if vd is None or ne is None or low is None:
+    if not (vd and ne and low):
         return
     for unit in dict.fromkeys(units):
         joints = [i for i, of in enumerate(units) if of == unit]
 
         def curves(
-            values: Floats, name: str = "", of: Sequence[int] = joints, dashed: bool = False
+            name: str, *signed: tuple[float, Sequence[str]], of: Sequence[int] = joints, dashed: bool = False
         ) -> list[Curve]:
-            return [Curve(f"joint {i + 1}{name}", i + 1, values[:, i], dashed) for i in of]
+            return [
+                Curve(f"joint {i + 1}{name}", i + 1, [(s, names[i]) for s, names in signed], dashed=dashed)
+                for i in of
+            ]
 
-        both = curves(vd, ", VD") + curves(ne, ", Newton-Euler", dashed=True)
+        both = curves(", VD", (1.0, vd)) + curves(", Newton-Euler", (1.0, ne), dashed=True)
         yield Figure(f"torque.{unit}", "Torques by virtual decomposition, Newton-Euler dashed", unit, both)
-        yield Figure(f"rounding.{unit}", "VD minus Newton-Euler", unit, curves(vd - ne))
-        yield Figure(f"gravity.{unit}", f"g = {g:#.4g} minus g = {low_g:#.4g}", unit, curves(vd - low))
+        yield Figure(f"rounding.{unit}", "VD minus Newton-Euler", unit, curves("", (1.0, vd), (-1.0, ne)))
+        title = f"g = {g:#.4g} minus g = {low_g:#.4g}"
+        yield Figure(f"gravity.{unit}", title, unit, curves("", (1.0, vd), (-1.0, low)))
 
 
-def _groups(results: Results, n: int) -> Iterator[Figure]:
+def _groups(results: Results, n: int, copies: Container[str]) -> Iterator[Figure]:
     """Yield the recorded variables, an array as the curves of one figure; none that copies another. Of n: of joints."""
-    copies = {signal.name for signal in results.signals if signal.of}
     for group, members in results.groups.items():
         listed = [(k, name) for k, (_, name) in enumerate(sorted(members.items())) if name not in copies]
         units = dict.fromkeys(results.units[name] for _, name in listed)
         for unit in units:
             curves = [
-                Curve(name.rpartition(".")[2], k + 1 if len(members) == n else 0, results[name].astype(float))
+                Curve(name.rpartition(".")[2], k + 1 if len(members) == n else 0, [(1.0, name)])
                 for k, name in listed
                 if results.units[name] == unit
             ]

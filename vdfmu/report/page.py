@@ -10,6 +10,7 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from functools import lru_cache
 from html import escape
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -18,23 +19,39 @@ from vdfmu.engine.cosim.results import Results
 from vdfmu.engine.json_text import to_json
 from vdfmu.errors import UsageError
 from vdfmu.files import write_whole
+from vdfmu.fmu.native.package import THIRD_PARTY
 from vdfmu.fmu.page import page, table
 from vdfmu.report.checks import checks
 from vdfmu.report.content import content_of
 from vdfmu.report.sheets import Sheet, comparison_sheet, facts, sheets
+from vdfmu.report.simulation import compressed, simulation_of
 from vdfmu.ssp.drawing import system_diagram
 
 NAME = "report.html"
 _WEB = Path(__file__).parent / "web"
-MODULES = ("data.js", "chart.js", "figures.js", "arm.js", "player.js", "system.js", "main.js")
+MODULES = (
+    "packed.js",
+    "vendor.js",
+    "data.js",
+    "chart.js",
+    "figures.js",
+    "arm.js",
+    "player.js",
+    "system.js",
+    "worker.js",
+    "simulation.js",
+    "main.js",
+)
 """In an order in which each comes after those that it imports."""
+WORKER = ("packed.js", "fmu.js", "master.js")
+"""Modules of the worker that simulates, which stand in the page as text."""
 _VENDOR = ("three_uplot.min.js", "uplot.min.css")
 
 _POLICY = (
-    "<meta http-equiv=\"Content-Security-Policy\" content=\"default-src 'none'; script-src 'unsafe-inline'; "
-    "style-src 'unsafe-inline'; img-src data:\">"
+    "<meta http-equiv=\"Content-Security-Policy\" content=\"default-src 'none'; script-src 'unsafe-inline' "
+    "'wasm-unsafe-eval'; worker-src blob:; style-src 'unsafe-inline'; img-src data:\">"
 )
-"""With which a browser refuses every request to a network."""
+"""With which a browser refuses every request to a network; it runs WebAssembly, and workers made by the page."""
 
 
 class Run(NamedTuple):
@@ -87,25 +104,41 @@ def read_run(folder: Path) -> Run:
     )
 
 
-def write_report(runs: Sequence[Run], path: Path) -> Path:
+def write_report(runs: Sequence[Run], path: Path, *, simulate: bool = False) -> Path:
     """Write the page of one run or of several.
+
+    Parameters
+    ----------
+    runs : sequence of Run
+    path : Path
+    simulate : bool, optional
+        Whether the page can run them again by itself, for which their units are compiled.
 
     Raises
     ------
     UsageError, VdfmuError
         The file cannot be written.
     """
-    write_whole(path, [report_page(runs)])
+    write_whole(path, [report_page(runs, simulate=simulate)])
     return path
 
 
-def report_page(runs: Sequence[Run]) -> bytes:
-    """Return the page of one run or of several."""
+def report_page(runs: Sequence[Run], *, simulate: bool = False) -> bytes:
+    """Return the page of one run or of several; `simulate` as of :func:`write_report`."""
     first = runs[0].summary
     names = _names(runs)
+    binaries: dict[str, str] = {}
     parts = [
-        {"name": name, **content_of(run.results, run.summary)} for name, run in zip(names, runs, strict=True)
+        {
+            "name": name,
+            **content_of(run.results, run.summary),
+            "simulation": simulation_of(
+                run.results, run.summary, run.package, binaries if simulate else None
+            ),
+        }
+        for name, run in zip(names, runs, strict=True)
     ]
+    data = {"runs": parts} | ({"binaries": binaries} if binaries else {})
     diagram = next(filter(None, (system_diagram(run.package) for run in runs)), "")
     facts = (run.summary for run in runs)
     each = [f"robot {s['robot']}" if "robot" in s else f"system {s.get('system', '')}" for s in facts]
@@ -115,13 +148,15 @@ def report_page(runs: Sequence[Run]) -> bytes:
         [
             *_checks(names, runs),
             '<section id="arm" class="card" hidden aria-label="The arm in 3D"></section>',
+            '<section id="simulate" class="card" hidden aria-label="Simulate"></section>',
             '<section id="figures" class="card" hidden aria-label="Figures"></section>',
             f'<section id="system" class="card" hidden><h2>System</h2><div class="wide">{diagram}</div></section>',
             *_tables(names, runs),
             *_facts(names, runs),
             "<noscript><p>Figures and the arm are drawn by a script, which this browser does not run.</p></noscript>",
-            f'<script id="data" type="application/json">{_inert(to_json({"runs": parts}, indent=None))}</script>',
-            f"<script>{_text(_VENDOR[0])}</script>",
+            f'<script id="data" type="application/json">{_inert(to_json(data, indent=None))}</script>',
+            *([f'<script type="text/plain" id="worker">{script(WORKER)}</script>'] if binaries else []),
+            _libraries(),
             f'<script type="module">\n{script()}\n</script>',
         ]
     )
@@ -137,9 +172,19 @@ def look() -> str:
     return f"{_POLICY}<style>{_text('report.css')}</style>"
 
 
-def script() -> str:
-    """Return the modules of the page as one script."""
-    lines = (line for name in MODULES for line in _text(name).splitlines() if not line.startswith("import "))
+@lru_cache
+def _libraries() -> str:
+    """Return the libraries, compressed, below their licences."""
+    text = _text(_VENDOR[0])
+    units = THIRD_PARTY.replace("libraries in binaries/", "units that a page simulates")
+    licences = "\n".join([*re.findall(r"/\*!(.*?)\*/", text, re.DOTALL), units])
+    packed = compressed(text.encode())
+    return f'<!--\n{licences}-->\n<script type="text/plain" id="vendor">{packed}</script>'
+
+
+def script(modules: Sequence[str] = MODULES) -> str:
+    """Return modules of the page as one script."""
+    lines = (line for name in modules for line in _text(name).splitlines() if not line.startswith("import "))
     return "\n".join(re.sub("^export ", "", line) for line in lines)
 
 

@@ -147,6 +147,7 @@ def run(
     input_hold: bool | None = None,
     formats: Sequence[str] = ("csv",),
     pictures: Sequence[str] = ("png",),
+    simulate: bool = False,
     progress: Shown = None,
     log: Callable[[LogMessage], None] | None = None,
     observer: Observer | None = None,
@@ -194,6 +195,9 @@ def run(
         Of ``results.csv`` and ``results.parquet``, those to write; Parquet needs pyarrow.
     pictures : sequence of "png", "svg" and "pdf"
         Kinds of files of the figures.
+    simulate : bool, optional
+        Whether the page of the run can run it again by itself, for which its units are compiled once more, for
+        WebAssembly.
     progress : callable or bool, optional
         Called with stage, done, total; True shows bars, on the terminal or in the notebook.
     log : callable, optional
@@ -293,7 +297,7 @@ def run(
             from vdfmu.engine.picture import signals_figure
 
             signals_figure(results.thinned(DRAWN), partial, pictures=pictures)
-        _write(results, scenario, partial)
+        _write(results, scenario, partial, simulate)
         return results
 
 
@@ -319,9 +323,10 @@ def _run_contrast(
     return results
 
 
-def _write(results: Results, scenario: Scenario, folder: Path) -> None:
+def _write(results: Results, scenario: Scenario, folder: Path, simulate: bool = False) -> None:
     """Write the page and the summary of a complete run."""
-    write_report([Run(scenario.name, results, results.summary, folder / "system.ssp")], folder / NAME)
+    page = [Run(scenario.name, results, results.summary, folder / "system.ssp")]
+    write_report(page, folder / NAME, simulate=simulate)
     write_summary(results.summary, folder)
 
 

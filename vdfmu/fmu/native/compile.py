@@ -24,7 +24,7 @@ from itertools import chain
 from pathlib import Path, PurePosixPath
 
 from vdfmu.errors import FmuError
-from vdfmu.fmu.native.platforms import PLATFORMS, Platform, this_platform
+from vdfmu.fmu.native.platforms import PLATFORMS, WASM, Platform, this_platform
 from vdfmu.kernel.cache import COMPILER, cache_folder, load, store, trusted
 from vdfmu.process import end_group
 from vdfmu.progress import counted
@@ -36,7 +36,6 @@ _FLAGS = (
     # the search for operations to join takes half of the time to compile traced functions, and gains none at run time
     "-fno-slp-vectorize",
 )  # fmt: skip
-_LINK_FLAGS = ("-shared", "-s")
 _INCLUDE = re.compile(rb'^\s*#\s*include\s*["<]([^">]+)[">]', re.MULTILINE)
 
 
@@ -87,12 +86,15 @@ class Job:
         One of :data:`~vdfmu.fmu.native.platforms.PLATFORMS`.
     flags : tuple of str
         Further flags of the compiler and the linker.
+    exported : tuple of str
+        Of a module of WebAssembly the functions that it exports, without what no function of them calls; default: all.
     """
 
     name: str
     sources: Mapping[str, bytes]
     platform: str
     flags: tuple[str, ...] = ()
+    exported: tuple[str, ...] = ()
 
     @cached_property
     def target(self) -> Platform:
@@ -122,12 +124,10 @@ class Job:
     @cached_property
     def key(self) -> str:
         """Key of the library."""
-        return self._key("library", self.sources)
+        return self._key(f"library {' '.join(self.exported)}", self.sources)
 
     def _key(self, kind: str, files: Mapping[str, bytes]) -> str:
-        digest = sha256(
-            repr((kind, compiler_version(), self.target, _FLAGS, _LINK_FLAGS, self.flags)).encode()
-        )
+        digest = sha256(repr((kind, compiler_version(), self.target, _FLAGS, self.flags)).encode())
         for name, text in sorted(files.items()):
             digest.update(f"\n{name} {len(text)}\n".encode())
             digest.update(text)
@@ -273,7 +273,9 @@ class _Workshop:
         # the name inside the library is that of its file, not of the folder in which it was made
         if job.platform.endswith("darwin"):
             extra.append(f"-Wl,-install_name,@rpath/{library}")
-        self._run(job, place, library, [*_LINK_FLAGS, *job.flags, "-o", library, *files, *extra])
+        if job.platform == WASM:
+            extra += [f"-Wl,--export={function}" for function in job.exported] or ["-Wl,--export-dynamic"]
+        self._run(job, place, library, [*job.target.link, "-s", *job.flags, "-o", library, *files, *extra])
         return _without_time((place / library).read_bytes())
 
     def _run(self, job: Job, place: Path, what: str, arguments: Sequence[str]) -> None:

@@ -26,9 +26,10 @@ from vdfmu.fmu.terminals import icon_files
 
 _CONTENT = f"extra/vdfmu/{CONTENT_FILE}"
 _MAJOR: dict[str, Literal[2, 3]] = {"2.0": 2, "3.0": 3}
-_THIRD_PARTY = """
+THIRD_PARTY = """
 The libraries in binaries/ contain parts of the run-time support of the compiler zig: compiler-rt (Apache-2.0 WITH
-LLVM-exception) and zig (MIT); those for Windows also parts of mingw-w64 (ZPL-2.1 and public domain).
+LLVM-exception) and zig (MIT); those for Windows also parts of mingw-w64 (ZPL-2.1 and public domain), those for
+WebAssembly of wasi-libc (Apache-2.0 WITH LLVM-exception) and in it musl (MIT, Copyright 2005-2020 Rich Felker, et al.).
 """
 
 
@@ -121,7 +122,7 @@ def _members(
     members |= icon_files(interface, major)
     members |= documentation_files(content)
     members |= reference_files(content)
-    members["documentation/licenses/license.txt"] = (_license() + _THIRD_PARTY).encode()
+    members["documentation/licenses/license.txt"] = (_license() + THIRD_PARTY).encode()
     members[_CONTENT] = content.to_json(platforms=list(libraries)).encode()
     return members
 

@@ -18,7 +18,8 @@ class Platform:
     Attributes
     ----------
     name : str
-        Platform tuple of FMI 3.0, which names its folder in ``binaries/``.
+        Platform tuple of FMI 3.0, which names its folder in ``binaries/``; of WebAssembly that of the processor alone,
+        as the module asks no system for anything.
     target : str
         Target of zig: the oldest system on which the library loads.
     folder_2 : str
@@ -26,6 +27,9 @@ class Platform:
     suffix : str
         Of the library.
     flags : tuple of str
+        Of the compiler.
+    link : tuple of str
+        Of the linker.
     """
 
     name: str
@@ -33,9 +37,16 @@ class Platform:
     folder_2: str
     suffix: str
     flags: tuple[str, ...] = ()
+    link: tuple[str, ...] = ("-shared",)
 
 
 _X86 = ("-march=x86_64_v2",)
+WASM = "wasm32"
+"""Name of the platform of WebAssembly."""
+_MODULE = (
+    "-mexec-model=reactor", "-Wl,--export=malloc", "-Wl,--export=free", "-Wl,--export-table", "-Wl,--growable-table",
+)  # fmt: skip
+"""A module with memory for their arguments, and a table that takes the importer's callbacks."""
 PLATFORMS = {
     p.name: p
     for p in (
@@ -44,9 +55,12 @@ PLATFORMS = {
         Platform("x86_64-windows", "x86_64-windows-gnu", "win64", ".dll", _X86),
         Platform("x86_64-darwin", "x86_64-macos.11.0", "darwin64", ".dylib", _X86),
         Platform("aarch64-darwin", "aarch64-macos.11.0", "aarch64-darwin", ".dylib"),
+        Platform(WASM, "wasm32-wasi", WASM, ".wasm", (), _MODULE),
     )
 }
 """Name to platform."""
+ALL = tuple(name for name in PLATFORMS if name != WASM)
+"""What ``all`` means: those whose libraries importers of native FMUs load."""
 
 _SYSTEMS = {"linux": "linux", "win32": "windows", "darwin": "darwin"}
 _MACHINES = {"amd64": "x86_64", "x86_64": "x86_64", "arm64": "aarch64", "aarch64": "aarch64"}
@@ -75,7 +89,7 @@ def chosen_platforms(chosen: Sequence[str] | str | None) -> tuple[str, ...]:
     Parameters
     ----------
     chosen : sequence of str, str or None
-        Names; ``"all"`` for all; None for this machine's.
+        Names; ``"all"`` for :data:`ALL`; None for this machine's.
 
     Raises
     ------
@@ -91,7 +105,7 @@ def chosen_platforms(chosen: Sequence[str] | str | None) -> tuple[str, ...]:
     if unknown or not names:
         what = f"There is no platform {unknown[0]!r}." if unknown else "No platform is chosen."
         raise UsageError(f"{what} There are: {', '.join(PLATFORMS)}; and all.")
-    return tuple(name for name in PLATFORMS if name in names or "all" in names)
+    return tuple(name for name in PLATFORMS if name in names or ("all" in names and name in ALL))
 
 
 def binaries(model_name: str, libraries: Mapping[str, bytes], fmi_version: str) -> dict[str, bytes]:

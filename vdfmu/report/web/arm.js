@@ -1,9 +1,9 @@
 // The arm in 3D. Frame {B_i} of joint i is a group of three.js, placed as Eq. (32)-(36) place it in {B_(i-1)}.
 
-import { darkScheme, reducedMotion, split, unpack } from "./data.js";
+import { darkScheme, framesOf, make, reducedMotion } from "./data.js";
 
 const T = vendor;
-const POSITIVE = new T.Color("#e2570d"), NEGATIVE = new T.Color("#1667c7"), NEUTRAL = new T.Color("#a3aeba");
+const POSITIVE = new T.Color("#e2570d"), NEGATIVE = new T.Color("#1667c7"), NEUTRAL = new T.Color("#a3aeba"), SECOND = new T.Color("#f2b632");
 
 /** The frames of an arm. */
 export class Chain {
@@ -45,11 +45,7 @@ const turned = (R) => new T.Matrix4().set(...R[0], 0, ...R[1], 0, ...R[2], 0, 0,
 /** Positions, errors, torques and torsion of a run at its frames. */
 export class Motion {
   constructor(run) {
-    this.time = unpack(run.frames.time, Float64Array);
-    const n = run.arm.types.length;
-    for (const name of ["q", "error", "torque", "torsion"]) {
-      this[name] = run.frames[name] ? split(unpack(run.frames[name]), n) : null;
-    }
+    Object.assign(this, framesOf(run)); // time, q; error, torque, torsion where they are known
   }
 
   /** Values of all joints at a time, between frames on a straight line. */
@@ -68,18 +64,79 @@ export class Motion {
   row(name, k) {
     return this[name].map((row) => row[k]);
   }
+
+  /** Largest absolute value of each joint. */
+  peaks(name) {
+    this.found ??= {};
+    this.found[name] ??= this[name].map((row) => row.reduce((most, v) => Math.max(most, Math.abs(v)), 0));
+    return this.found[name];
+  }
 }
+
+const errors = new WeakMap();
 
 /** Distance [mm] between desired and actual end effector at the frames: errors are added to positions in double precision. */
 export function toolErrors(run) {
+  const known = run.result ?? run;
+  if (errors.has(known)) return errors.get(known);
   const chain = new Chain(run.arm), motion = new Motion(run);
-  return Float64Array.from(motion.time, (_, k) => {
+  const values = Float64Array.from(motion.time, (_, k) => {
     const q = motion.row("q", k), error = motion.row("error", k);
     return 1e3 * chain.toolAt(q).distanceTo(chain.toolAt(q.map((v, i) => v + error[i])));
   });
+  errors.set(known, { time: motion.time, values });
+  return errors.get(known);
 }
 
-/** The picture of an arm in a canvas. */
+/** An arm in the scene: actual, desired as a ghost, and its path. */
+class Puppet {
+  constructor(run, reach, tint = null) {
+    Object.assign(this, { reach, root: new T.Group(), actual: new Chain(run.arm), desired: run.frames.error ? new Chain(run.arm) : null });
+    this.path = tube(0.0045 * reach, "#e2570d", 1);
+    this.trace = tube(0.0025 * reach, darkScheme.matches ? "#9aa7b5" : "#66717d", 0.55);
+    this.follow(run);
+    dress(this.actual, run.arm, this, solid, tint);
+    if (this.desired) dress(this.desired, run.arm, this, ghost, tint);
+    this.root.add(this.actual.root, ...(this.desired ? [this.desired.root] : []), this.path, this.trace);
+  }
+
+  /** Take over the motion of a run: its path, and the space that it needs. */
+  follow(run) {
+    const chain = new Chain(run.arm);
+    this.motion = new Motion(run);
+    this.box = new T.Box3().expandByPoint(new T.Vector3());
+    const step = Math.max(1, Math.floor(this.motion.time.length / 250));
+    const path = [], point = new T.Vector3(), travelled = [0];
+    let before = null;
+    for (let k = 0; k < this.motion.time.length; k += 1) {
+      const at = chain.toolAt(this.motion.row("q", k));
+      if (before) travelled.push(travelled.at(-1) + at.distanceTo(before));
+      before = at;
+      if (k % step === 0 || k === this.motion.time.length - 1) path.push(at);
+      for (const link of k % step ? [] : chain.links) this.box.expandByPoint(point.setFromMatrixPosition(link.matrixWorld));
+      this.box.expandByPoint(at);
+    }
+    this.motion.travelled = [travelled];
+    this.path.along(path);
+    this.trace.along(path);
+  }
+
+  show(t, quantity, magnify, peaks) {
+    const q = this.motion.at("q", t);
+    const error = this.motion.error ? this.motion.at("error", t) : null;
+    this.actual.set(error ? q.map((v, i) => v - (magnify - 1) * error[i]) : q);
+    this.desired?.set(q.map((v, i) => v + error[i]));
+    const values = this.motion[quantity] && this.motion.at(quantity, t);
+    this.actual.marked.forEach((material, i) => {
+      const share = values ? values[i] / (peaks[i] || 1) : 0;
+      material.color.copy(NEUTRAL).lerp(share < 0 ? NEGATIVE : POSITIVE, Math.min(1, Math.abs(share)));
+    });
+    const share = this.motion.at("travelled", t)[0] / (this.motion.travelled[0].at(-1) || 1);
+    this.path.geometry.setDrawRange(0, 36 * Math.round((this.path.geometry.index.count / 36) * share)); // 6 sides of 2 triangles
+  }
+}
+
+/** The picture of an arm in a canvas, and of a second beside it. */
 export class Scene3D {
   constructor(host, run) {
     this.host = host;
@@ -90,63 +147,77 @@ export class Scene3D {
     this.camera = new T.PerspectiveCamera(32, 1, 0.01, 100);
     this.quantity = "torque";
     this.magnify = 1;
+    this.layers = { desired: true, path: true };
+    this.second = null;
     this.load(run);
     new ResizeObserver(() => this.resize()).observe(host);
     darkScheme.addEventListener("change", () => this.load(this.run));
   }
 
+  get motion() {
+    return this.puppets[0].motion;
+  }
+
   load(run) {
     this.run = run;
-    this.motion = new Motion(run);
-    const { arm } = run;
+    const { arm } = run, { q } = new Motion(run);
     const g = new T.Vector3(...arm.gravity);
     this.up = g.length() ? g.normalize() : new T.Vector3(0, 0, 1);
     this.reach = Math.max(0.05, [...arm.offset, arm.tool_offset].reduce((sum, p) => sum + Math.hypot(...p), 0)
-      + Math.max(0, ...arm.types.map((type, i) => (type === "prismatic" ? Math.max(...this.motion.q[i].map(Math.abs)) : 0))));
+      + Math.max(0, ...arm.types.map((type, i) => (type === "prismatic" ? Math.max(...q[i].map(Math.abs)) : 0))));
     this.scene = new T.Scene();
-    this.actual = new Chain(arm);
-    const travelled = this.measure();
-    dress(this.actual, arm, this, solid);
-    this.scene.add(this.actual.root, ...this.lights(), ...this.ground());
-    if (this.motion.error) {
-      this.desired = new Chain(arm);
-      dress(this.desired, arm, this, ghost);
-      this.scene.add(this.desired.root);
-    } else this.desired = null;
-    this.path = tube(travelled, 0.0045 * this.reach, "#e2570d", 1);
-    this.trace = tube(travelled, 0.0025 * this.reach, darkScheme.matches ? "#9aa7b5" : "#66717d", 0.55);
-    this.scene.add(this.path, this.trace);
-    this.aim();
+    this.puppets = [new Puppet(run, this.reach)];
+    const { box } = this.puppets[0];
+    const heights = [box.min, box.max].map((p) => p.dot(this.up));
+    this.floor = Math.min(...heights) - (Math.min(...heights) < -0.02 * this.reach ? 0.12 : 0.1) * this.reach;
+    this.stand(this.puppets[0]);
+    this.scene.add(...this.lights(), ...this.ground());
+    if (this.second) this.beside(this.second);
+    else this.aim();
+    this.layer();
+    if (this.time !== undefined) this.show(this.time);
+  }
+
+  /** Show the arm of a second run beside that of the first, or none. */
+  beside(run) {
+    const other = this.puppets[1], change = !run !== !other;
+    this.second = run;
+    if (run && other) other.follow(run);
+    else if (run) {
+      this.puppets.push(new Puppet(run, this.reach, SECOND));
+      this.stand(this.puppets[1]);
+      this.puppets[1].root.position.set(0.8, 0.6, 0).applyQuaternion(this.turn).multiplyScalar(0.9 * this.reach);
+    } else if (other) {
+      this.scene.remove(this.puppets.pop().root);
+      other.root.traverse(({ geometry, material }) => { geometry?.dispose(); material?.dispose(); });
+    }
+    this.names?.forEach((name) => name.remove());
+    this.names = run ? ["recorded", run.name].map((words) => make("span", { class: "name" }, words)) : [];
+    this.host.append(...this.names);
+    if (change) this.aim();
+    this.layer();
+  }
+
+  layer(changed = {}) {
+    Object.assign(this.layers, changed);
+    for (const { desired, path, trace } of this.puppets) {
+      if (desired) desired.root.visible = this.layers.desired;
+      path.visible = trace.visible = this.layers.path;
+    }
     this.draw();
   }
 
-  /** Run the arm through its motion: its path, the space it needs, its lowest height. */
-  measure() {
-    this.box = new T.Box3();
-    const step = Math.max(1, Math.floor(this.motion.time.length / 250));
-    const path = [], point = new T.Vector3(), travelled = [0];
-    let before = null;
-    for (let k = 0; k < this.motion.time.length; k += 1) {
-      const at = this.actual.toolAt(this.motion.row("q", k));
-      if (before) travelled.push(travelled.at(-1) + at.distanceTo(before));
-      before = at;
-      if (k % step === 0 || k === this.motion.time.length - 1) path.push(at);
-      for (const link of k % step ? [] : this.actual.links) this.box.expandByPoint(point.setFromMatrixPosition(link.matrixWorld));
-      this.box.expandByPoint(at);
-    }
-    this.motion.travelled = [travelled];
-    this.box.expandByPoint(point.set(0, 0, 0));
-    const heights = [this.box.min, this.box.max].map((p) => p.dot(this.up));
-    this.floor = Math.min(...heights) - (Math.min(...heights) < -0.02 * this.reach ? 0.12 : 0.1) * this.reach;
-    return path;
+  /** Turn of {I} that leads the z axis to the upward one. */
+  get turn() {
+    return new T.Quaternion().setFromUnitVectors(new T.Vector3(0, 0, 1), this.up);
   }
 
   lights() {
-    const sun = new T.DirectionalLight("#ffffff", 2.4);
+    const sun = this.sun = new T.DirectionalLight("#ffffff", 2.4);
     const side = new T.Vector3(0.5, -0.6, 0).applyQuaternion(new T.Quaternion().setFromUnitVectors(new T.Vector3(0, 0, 1), this.up));
     sun.position.copy(this.up).add(side).multiplyScalar(3 * this.reach);
     sun.castShadow = true;
-    Object.assign(sun.shadow.camera, { left: -1.5 * this.reach, right: 1.5 * this.reach, top: 1.5 * this.reach, bottom: -1.5 * this.reach, near: 0.1 * this.reach, far: 8 * this.reach });
+    Object.assign(sun.shadow.camera, { near: 0.1 * this.reach, far: 8 * this.reach });
     sun.shadow.mapSize.set(1024, 1024);
     sun.shadow.normalBias = 0.01 * this.reach;
     sun.shadow.radius = 4;
@@ -165,20 +236,28 @@ export class Scene3D {
       one.quaternion.copy(lying);
       one.position.copy(this.up).multiplyScalar(this.floor);
     }
+    return [grid, plane];
+  }
+
+  /** Put an arm into the scene, on a foot. */
+  stand({ root }) {
     const r = 0.06 * this.reach, height = -this.floor - 0.6 * r;
     const foot = new T.Mesh(new T.CylinderGeometry(1.12 * r, 1.5 * r, height, 48), solid("#566270"));
-    foot.quaternion.copy(lying);
+    foot.quaternion.setFromUnitVectors(new T.Vector3(0, 1, 0), this.up);
     foot.position.copy(this.up).multiplyScalar(this.floor + height / 2);
     foot.castShadow = true;
-    return [grid, plane, foot];
+    this.scene.add(root.add(foot));
   }
 
   aim() {
-    const centre = this.box.getCenter(new T.Vector3());
-    const size = Math.max(0.5 * this.reach, this.box.getSize(new T.Vector3()).length() / 2 + 0.1 * this.reach);
-    const turn = new T.Quaternion().setFromUnitVectors(new T.Vector3(0, 0, 1), this.up);
+    const box = this.puppets.reduce((all, one) => all.union(one.box.clone().translate(one.root.position)), new T.Box3());
+    const centre = box.getCenter(new T.Vector3());
+    const size = Math.max(0.5 * this.reach, box.getSize(new T.Vector3()).length() / 2 + 0.1 * this.reach);
+    const { camera } = this.sun.shadow, half = Math.max(1.5 * this.reach, size);
+    Object.assign(camera, { left: -half, right: half, top: half, bottom: -half }).updateProjectionMatrix();
+    const from = this.controls ? this.camera.position.clone().sub(this.controls.target) : new T.Vector3(0.95, -1.25, 0.62).applyQuaternion(this.turn);
     this.camera.up.copy(this.up);
-    this.camera.position.copy(new T.Vector3(0.95, -1.25, 0.62).normalize().applyQuaternion(turn).multiplyScalar(3 * size).add(centre));
+    this.camera.position.copy(from.normalize().multiplyScalar((this.second ? 2.4 : 3) * size).add(centre));
     Object.assign(this.camera, { near: 0.02 * size, far: 60 * size });
     this.controls?.dispose();
     this.controls = new T.OrbitControls(this.camera, this.renderer.domElement);
@@ -203,26 +282,16 @@ export class Scene3D {
 
   /** Show a time; errors may be drawn larger than they are. */
   show(t) {
-    const q = this.motion.at("q", t);
-    const error = this.motion.error ? this.motion.at("error", t) : null;
-    this.actual.set(error ? q.map((v, i) => v - (this.magnify - 1) * error[i]) : q);
-    this.desired?.set(q.map((v, i) => v + error[i]));
-    const values = this.motion[this.quantity] && this.motion.at(this.quantity, t);
-    this.actual.marked?.forEach((material, i) => {
-      const share = values ? values[i] / (this.peaks()[i] || 1) : 0;
-      material.color.copy(NEUTRAL).lerp(share < 0 ? NEGATIVE : POSITIVE, Math.min(1, Math.abs(share)));
-    });
-    const share = this.motion.at("travelled", t)[0] / (this.motion.travelled[0].at(-1) || 1);
-    this.path.geometry.setDrawRange(0, 36 * Math.round((this.path.geometry.index.count / 36) * share)); // 6 sides of 2 triangles
+    this.time = t;
+    const peaks = this.peaks();
+    for (const puppet of this.puppets) puppet.show(t, this.quantity, this.magnify, peaks);
     this.draw();
   }
 
-  /** Largest absolute value of each joint over the run. */
+  /** Largest absolute value of each joint over the runs that are shown. */
   peaks() {
-    this.found ??= {};
-    const key = `${this.run.name} ${this.quantity}`;
-    this.found[key] ??= this.motion[this.quantity].map((row) => row.reduce((most, v) => Math.max(most, Math.abs(v)), 0));
-    return this.found[key];
+    const [first, ...more] = this.puppets.flatMap(({ motion }) => (motion[this.quantity] ? [motion.peaks(this.quantity)] : []));
+    return more.reduce((most, peaks) => most.map((v, i) => Math.max(v, peaks[i])), first ?? []);
   }
 
   draw() {
@@ -234,6 +303,11 @@ export class Scene3D {
     this.waiting = undefined;
     if (this.controls.enableDamping) this.controls.update();
     this.renderer.render(this.scene, this.camera);
+    const { clientWidth: width, clientHeight: height } = this.host;
+    this.names?.forEach((name, k) => {
+      const { x, y } = this.up.clone().multiplyScalar(this.floor).add(this.puppets[k].root.position).project(this.camera);
+      name.style.transform = `translate(${((x + 1) / 2) * width}px, ${((1 - y) / 2) * height}px) translate(-50%, 1rem)`;
+    });
   }
 }
 
@@ -245,15 +319,21 @@ function ghost() {
   return new T.MeshStandardMaterial({ color: "#2f8fe8", transparent: true, opacity: 0.3, depthWrite: false, polygonOffset: true, polygonOffsetFactor: 2, polygonOffsetUnits: 2 });
 }
 
-function tube(points, radius, color, opacity) {
-  const path = new T.CatmullRomCurve3(points.length > 1 ? points : [points[0], points[0].clone().addScalar(1e-6)]);
-  return new T.Mesh(new T.TubeGeometry(path, Math.max(2, points.length), radius, 6), new T.MeshBasicMaterial({ color, transparent: opacity < 1, opacity }));
+/** A tube that leads along the points that it is given. */
+function tube(radius, color, opacity) {
+  const mesh = new T.Mesh(undefined, new T.MeshBasicMaterial({ color, transparent: opacity < 1, opacity }));
+  mesh.along = (points) => {
+    mesh.geometry.dispose();
+    const path = new T.CatmullRomCurve3(points.length > 1 ? points : [points[0], points[0].clone().addScalar(1e-6)]);
+    mesh.geometry = new T.TubeGeometry(path, Math.max(2, points.length), radius, 6);
+  };
+  return mesh;
 }
 
 /** Give the links of a chain bodies: a housing along the axis of each joint, tubes between them, or the robot's own shapes. */
-function dress(chain, arm, { reach, motion }, material) {
+function dress(chain, arm, { reach, motion }, material, tint) {
   const n = arm.types.length, r0 = 0.06 * reach;
-  const light = material(darkScheme.matches ? "#dfe6ee" : "#e9edf2"), dark = material("#586473");
+  const light = material(tint ?? (darkScheme.matches ? "#dfe6ee" : "#e9edf2")), dark = material("#586473");
   const add = (parent, geometry, look) => {
     const mesh = new T.Mesh(geometry, look);
     mesh.castShadow = mesh.receiveShadow = !look.transparent;
@@ -276,7 +356,8 @@ function dress(chain, arm, { reach, motion }, material) {
   });
   if (arm.shapes.length) {
     for (const shape of arm.shapes) {
-      const look = material(new T.Color().setRGB(...shape.color.slice(0, 3), "srgb"));
+      const own = new T.Color().setRGB(...shape.color.slice(0, 3), "srgb");
+      const look = material(tint ? own.lerp(tint, 0.6) : own);
       const mesh = add(bodies[shape.joint] ?? chain.root, shaped(shape), look);
       mesh.setRotationFromMatrix(turned(shape.rotation));
       mesh.position.set(...shape.offset);

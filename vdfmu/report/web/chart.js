@@ -1,13 +1,14 @@
 // A figure: curves over time that zoom together, show their values under the pointer, and have a logarithmic scale.
 
-import { colourOf, darkScheme, make, raised, runs, text, toggle, view } from "./data.js";
+import { colourOf, darkScheme, make, raised, runs, simulated, text, toggle, view } from "./data.js";
 
 const { uPlot } = vendor;
 const DASHES = [[], [9, 4], [2, 3], [9, 3, 2, 3]];
 const HEIGHT = 240;
+const PALE = 0.4;
 
 export class Chart {
-  /** `curves` is a function that gives them: it is called when the chart first comes into sight. */
+  /** `curves` is a function that gives them: it is called when the chart first comes into sight, and when the simulated ones have changed. */
   constructor(title, unit, curves) {
     Object.assign(this, { unit, curves, log: false, seen: false, stale: true });
     this.unitText = make("span", { class: "unit" }, unit);
@@ -26,7 +27,26 @@ export class Chart {
     new ResizeObserver(() => this.plot && this.plot.setSize({ width: this.place.clientWidth, height: HEIGHT })).observe(this.place);
     view.addEventListener("time", () => this.moveMark());
     for (const event of ["range", "shown"]) view.addEventListener(event, () => this.refresh());
+    view.addEventListener("simulated", () => this.update());
     darkScheme.addEventListener("change", () => this.rebuild());
+  }
+
+  update() {
+    const before = this.unpacked;
+    this.unpacked = undefined;
+    if (!this.seen || !this.plot) {
+      this.stale = true;
+      return;
+    }
+    this.unpacked = this.curves();
+    if (this.unpacked.length !== before?.length) {
+      this.build();
+      return;
+    }
+    const { min, max } = this.plot.scales.x;
+    this.unpacked.forEach((curve, k) => { this.plot.series[k + 1].alpha = this.alpha(curve); });
+    this.plot.setData(this.table(), false);
+    this.plot.setScale("x", { min, max });
   }
 
   rebuild() {
@@ -51,6 +71,11 @@ export class Chart {
     return !view.hiddenJoints.has(curve.joint) && !view.hiddenRuns.has(curve.run);
   }
 
+  /** What was recorded is pale beside what was simulated. */
+  alpha({ run }) {
+    return runs[run] !== simulated && simulated.result.time.length ? PALE : 1;
+  }
+
   /** Columns of one table: time, and a column a curve with nulls where it has no number. */
   table() {
     const seen = (v) => (Number.isFinite(v) && !(this.log && v === 0) ? (this.log ? Math.abs(v) : v) : null);
@@ -71,7 +96,6 @@ export class Chart {
     const [ink, line] = ["--muted", "--line"].map((name) => style.getPropertyValue(name).trim());
     const axis = { stroke: ink, grid: { stroke: line, width: 1 }, ticks: { stroke: line, width: 1, size: 4 }, font: "12px system-ui, sans-serif" };
     const [min, max] = view.range ?? view.full();
-    const several = runs.length > 1;
     this.plot = new uPlot({
       width: this.place.clientWidth || 300,
       height: HEIGHT,
@@ -84,10 +108,11 @@ export class Chart {
         { ...axis, size: 54, ...(this.log && { grid: { ...axis.grid, filter: decades }, ticks: { ...axis.ticks, filter: decades } }), values: (_, splits) => this.labels(splits) },
       ],
       series: [{}, ...this.unpacked.map((curve) => ({
-        label: several ? `${runs[curve.run].name}: ${curve.label}` : curve.label,
+        label: curve.label,
         stroke: curve.dashed ? style.getPropertyValue("--ink").trim() : colourOf(curve.colour),
         width: curve.dashed ? 1 : this.unpacked.some((one) => one.dashed) ? 2.6 : 1.4,
-        dash: curve.dashed ? [5, 4] : DASHES[curve.run % DASHES.length],
+        dash: curve.dashed ? [5, 4] : DASHES[runs[curve.run] === simulated ? 0 : curve.run % DASHES.length],
+        alpha: this.alpha(curve),
         points: { show: false },
         spanGaps: true,
         show: this.shows(curve),
@@ -123,19 +148,21 @@ export class Chart {
 
   showTip() {
     const { left, idxs } = this.plot.cursor;
-    const rows = this.unpacked.flatMap((curve, k) => {
+    const found = this.unpacked.flatMap((curve, k) => {
       const value = this.plot.series[k + 1].show && idxs[k + 1] !== null ? this.plot.data[k + 1][idxs[k + 1]] : null;
-      return value === null || value === undefined ? [] : [[k, value]];
+      return value === null || value === undefined ? [] : [{ ...curve, value, time: this.plot.data[0][idxs[k + 1]] }];
     });
-    this.tip.hidden = left < 0 || !rows.length;
+    this.tip.hidden = left < 0 || !found.length;
     if (this.tip.hidden) return;
-    this.tip.replaceChildren(make("b", {}, `${text(this.plot.data[0][idxs[rows[0][0] + 1]])} s`), ...rows.map(([k, value]) => {
-      const series = this.plot.series[k + 1];
-      const dot = make("i", { style: `background:${this.unpacked[k].dashed ? "var(--ink)" : colourOf(this.unpacked[k].colour)}` });
-      return make("span", {}, dot, `${series.label} `, make("output", {}, `${text(value)} ${this.unit}`));
-    }));
-    const over = this.plot.over.clientWidth;
-    this.tip.style.left = `${Math.max(0, left > over / 2 ? left - this.tip.offsetWidth - 12 : Math.min(left + 12, over - this.tip.offsetWidth))}px`;
+    const places = [...new Set(found.map(({ run }) => run))], several = places.length > 1, rows = Map.groupBy(found, ({ label }) => label);
+    this.tip.style.gridTemplateColumns = `repeat(${places.length + 1}, auto)`;
+    this.tip.replaceChildren(make("b", {}, `${text(found[0].time)} s${several ? ` [${this.unit}]` : ""}`), ...places.map((place) => make("b", {}, several ? runs[place].name : "")),
+      ...[...rows].flatMap(([label, [first, ...more]]) => [
+        make("span", {}, make("i", { style: `background:${first.dashed ? "var(--ink)" : colourOf(first.colour)}` }), label),
+        ...places.map((place) => [first, ...more].find(({ run }) => run === place)).map((one) => make("output", {}, one ? `${text(one.value)}${several ? "" : ` ${this.unit}`}` : "")),
+      ]));
+    const free = this.plot.over.clientWidth - this.tip.offsetWidth; // a broad one reaches over the axis
+    this.tip.style.left = `${Math.max(Math.min(0, free), 2 * left > this.plot.over.clientWidth ? left - this.tip.offsetWidth - 12 : Math.min(left + 12, free))}px`;
   }
 
   moveMark() {
@@ -159,9 +186,13 @@ function decades(_, splits) {
   return splits.map((v) => (v !== null && Math.abs(Math.log10(v) - Math.round(Math.log10(v))) < 1e-6 ? v : null));
 }
 
-/** Row with a number that is nearest to the pointer: runs have rows of their own. */
+/** Row with a number that is nearest to that of the first curve near the pointer: runs have rows of their own. */
 function nearest(plot, series, row) {
-  const values = plot.data[series];
+  const first = plot.series.findIndex(({ show }, k) => k && show);
+  return nearestOf(plot.data[series], nearestOf(plot.data[Math.max(first, 1)], row));
+}
+
+function nearestOf(values, row) {
   for (let k = 0; k < values.length; k += 1) {
     for (const at of [row - k, row + k]) if (values[at] !== null && values[at] !== undefined) return at;
   }

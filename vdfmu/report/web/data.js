@@ -1,6 +1,30 @@
 // The numbers of the page, and how numbers are written.
 
-export const runs = JSON.parse(document.getElementById("data").textContent).runs;
+const content = JSON.parse(document.getElementById("data").textContent);
+export const runs = content.runs;
+/** Digest to module, of the units of all runs that can be simulated. */
+export const binaries = content.binaries;
+
+/** The result of no simulation. */
+export const NOTHING = { time: new Float64Array(), signals: new Map() };
+
+/** What the page simulates: one more run, which shows what the recorded one that it is `of` shows, from its `result`. */
+export const simulated = {
+  name: "simulated",
+  of: runs.find((run) => run.simulation?.units),
+  result: NOTHING,
+  get arm() { return this.of.arm; },
+  get figures() { return this.of.figures; },
+  get signals() { return this.of.signals; },
+  get frames() { return this.of.frames; },
+  copies: {},
+};
+if (simulated.of) runs.push(simulated);
+
+/** The runs whose numbers are in the file. */
+export const recorded = runs.filter((run) => run !== simulated);
+
+const FRAMES = 1000;
 
 export const reducedMotion = matchMedia("(prefers-reduced-motion: reduce)");
 export const darkScheme = matchMedia("(prefers-color-scheme: dark)");
@@ -40,13 +64,43 @@ export function merged(kind) {
   return found;
 }
 
-/** Curves of the parts of a figure, unpacked. */
-export function curvesOf(parts) {
-  return parts.flatMap(({ run, figure }) => {
-    const time = unpack(figure.time, Float64Array);
-    const values = split(unpack(figure.values), figure.curves.length);
+/** Curves of a figure of all runs. */
+export function curvesOf(kind, key) {
+  return merged(kind).get(key).parts.flatMap(({ run, figure }) => {
+    const { time, values } = rowsOf(figure, runs[run].result);
     return figure.curves.map(([label, joint, dashed], k) => ({ label, joint, colour: joint || k + 1, dashed: !!dashed, run, time, values: values[k] }));
   });
+}
+
+/** Times and values of the curves of a figure: as recorded, or of the result of a simulation. */
+export function rowsOf(figure, result) {
+  if (!result) return { time: unpack(figure.time, Float64Array), values: split(unpack(figure.values), figure.curves.length) };
+  const { time, signals } = result;
+  return { time, values: figure.recipes.map((recipe) => summed(recipe, signals, time.length)) };
+}
+
+/** Times of the frames of a run, and by name the values of each joint: every k-th row of what was simulated, as of what was recorded. */
+export function framesOf(run) {
+  const { time: times, recipes, ...packed } = run.frames, found = {};
+  if (!run.result) {
+    for (const [name, values] of Object.entries(packed)) found[name] = split(unpack(values), recipes[name].length);
+    return { time: unpack(times, Float64Array), ...found };
+  }
+  const { time, signals } = run.result, last = time.length - 1;
+  const stride = Math.max(1, Math.ceil(last / FRAMES)), count = time.length ? Math.ceil(last / stride) + 1 : 0;
+  const thinned = (values) => Float64Array.from({ length: count }, (_, k) => values[Math.min(k * stride, last)]);
+  for (const [name, sums] of Object.entries(recipes)) found[name] = sums.map((recipe) => thinned(summed(recipe, signals, time.length)));
+  return { time: thinned(time), ...found };
+}
+
+/** A recipe is a scale, and the terms whose sum it scales: a factor, a signal, and by how many rows that comes later. */
+function summed([scale, terms], signals, rows) {
+  const sum = new Float64Array(rows);
+  for (const [factor, name, late] of terms) {
+    const values = signals.get(name) ?? [];
+    for (let k = 0; k < rows; k += 1) sum[k] += factor * (values[Math.max(k - late, 0)] ?? NaN);
+  }
+  return sum.map((value) => scale * value);
 }
 
 /** A number with the digits that single precision surely has. */
@@ -78,7 +132,7 @@ export function make(tag, attributes = {}, ...children) {
 export function choice(label, pairs, change) {
   const select = make("select", { change: () => change(select.value) });
   select.append(...pairs.map(([value, words]) => make("option", { value }, words)));
-  return make("label", { class: "choice" }, make("span", {}, label), select);
+  return make("label", { class: "choice" }, ...(label ? [make("span", {}, label)] : []), select);
 }
 
 /** A button that stays down. */
@@ -102,8 +156,9 @@ export const view = new (class extends EventTarget {
   hiddenRuns = new Set();
 
   full() {
-    const times = runs.map((run) => unpack(run.frames.time, Float64Array));
-    return [Math.min(...times.map((t) => t[0])), Math.max(...times.map((t) => t.at(-1)))];
+    const times = recorded.map((run) => unpack(run.frames.time, Float64Array));
+    this.limits ??= [Math.min(...times.map((t) => t[0])), Math.max(...times.map((t) => t.at(-1)))];
+    return this.limits;
   }
 
   change(what, value) {

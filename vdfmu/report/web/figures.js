@@ -1,11 +1,11 @@
 // The figures of the runs, with one selector of joints and one zoom for all.
 
-import { colourOf, curvesOf, make, merged, runs, toggle, view } from "./data.js";
+import { colourOf, curvesOf, make, merged, runs, simulated, toggle, view } from "./data.js";
 import { Chart } from "./chart.js";
 
 /** Fill the section of the figures; `more` are figures that the page has calculated. */
 export function showFigures(section, more) {
-  const charts = [...merged("figures").values()].map(({ title, unit, parts }) => new Chart(title, unit, () => curvesOf(parts)));
+  const charts = [...merged("figures")].map(([key, { title, unit }]) => new Chart(title, unit, () => curvesOf("figures", key)));
   charts.push(...more.map(({ title, unit, curves }) => new Chart(title, unit, curves)));
   if (!charts.length) return charts;
   section.hidden = false;
@@ -27,8 +27,17 @@ function jointChips() {
 
 function runChips() {
   if (runs.length < 2) return [];
-  const chips = runs.map((run, k) => toggle(run.name, true, (on) => view.show("hiddenRuns", k, on), { class: `chip run${k % 4}` }));
-  return [make("div", { class: "chips", role: "group", "aria-label": "Runs shown" }, make("span", {}, "Runs"), ...chips)];
+  const chips = runs.map((run, k) => toggle(run.name, true, (on) => view.show("hiddenRuns", k, on), { class: `chip run${run === simulated ? " second" : k % 4}` }));
+  const words = make("span"), group = make("div", { class: "chips", role: "group", "aria-label": "Runs shown" }, words, ...chips);
+  const offer = () => {
+    const pale = simulated.result.time.length > 0;
+    words.textContent = pale ? "Runs, recorded pale" : "Runs";
+    chips.forEach((chip, k) => { chip.hidden = runs[k] === simulated && !pale; });
+    group.hidden = chips.filter((chip) => !chip.hidden).length < 2;
+  };
+  view.addEventListener("simulated", offer);
+  offer();
+  return [group];
 }
 
 function zoomButtons() {

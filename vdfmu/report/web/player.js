@@ -1,6 +1,6 @@
 // The section of the arm: picture, values of the joints, and what plays it.
 
-import { choice, make, raised, runs, text, toggle, view } from "./data.js";
+import { choice, make, raised, recorded, simulated, text, toggle, view } from "./data.js";
 import { Scene3D } from "./arm.js";
 
 const UNITS = { // factor and unit for revolute and prismatic joints
@@ -12,7 +12,7 @@ const STEPS = 200;
 
 export class Player {
   constructor(section) {
-    const shown = runs.filter((run) => run.arm);
+    const shown = recorded.filter((run) => run.arm);
     this.playing = false;
     this.speed = 1;
     const host = make("div", { class: "canvas", role: "img", "aria-label": "The arm in 3D; drag to turn, two fingers or the wheel to come nearer" });
@@ -28,7 +28,9 @@ export class Player {
     }
     section.append(...this.controls(shown));
     this.setRun(shown[0]);
+    this.play(false);
     view.addEventListener("time", () => this.show());
+    view.addEventListener("simulated", () => this.setRun(this.scene.run));
     document.addEventListener("keydown", (event) => this.key(event));
   }
 
@@ -43,32 +45,37 @@ export class Player {
     const quantities = Object.keys(UNITS).filter((name) => this.motion[name]);
     this.scene.quantity = quantities[0];
     const powers = [0, 1, 2, 3, 4, 5].map((p) => [10 ** p, p ? `× 10${raised(p)}` : "as it is"]);
-    const layer = (words, of) => toggle(words, true, (on) => { for (const one of of()) if (one) one.visible = on; this.scene.draw(); }, { class: "chip" });
+    const picker = choice("Run", shown.map((run, k) => [k, run.name]), (k) => { this.play(false); this.setRun(shown[k]); });
+    view.addEventListener("run", () => { picker.querySelector("select").value = shown.indexOf(view.run); this.setRun(view.run); });
+    const layer = (words, name) => toggle(words, true, (on) => this.scene.layer({ [name]: on }), { class: "chip" });
     return [
       make("div", { class: "transport" }, this.button, this.slider, this.clock),
       make("div", { class: "bar" },
-        ...(shown.length > 1 ? [choice("Run", shown.map((run, k) => [k, run.name]), (k) => this.setRun(shown[k]))] : []),
+        ...(shown.length > 1 ? [picker] : []),
         ...(quantities.length ? [choice("Colour", quantities.map((name) => [name, UNITS[name].words]), (name) => { this.scene.quantity = name; this.show(); })] : []),
         choice("Speed", [[1, "1"], [0.1, "0.1"], [0.3, "0.3"], [3, "3"], [10, "10"]], (speed) => { this.speed = Number(speed); }),
         ...(this.motion.error ? [choice("Errors drawn", powers, (factor) => { this.scene.magnify = Number(factor); this.show(); })] : []),
         make("div", { class: "chips", role: "group", "aria-label": "Shown" },
-          ...(this.motion.error ? [layer("desired arm", () => [this.scene.desired?.root])] : []),
-          layer("path", () => [this.scene.path, this.scene.trace])),
+          ...(this.motion.error ? [layer("desired arm", "desired")] : []),
+          layer("path", "path")),
         make("small", { class: "note" }, "Space plays, arrow keys step, Home and End go to the ends.")),
     ];
   }
 
   setRun(run) {
-    if (this.scene.run !== run) this.scene.load(run);
+    if (this.scene.run !== run) {
+      this.scene.beside(null);
+      this.scene.load(run);
+    }
+    this.scene.beside(simulated.of === run && simulated.result.time.length ? simulated : null);
     this.slider.max = this.motion.time.length - 1;
     this.rows = run.arm.types.map((type, i) => {
-      const fill = make("i"), value = make("td", { class: "number" });
-      const row = make("tr", {}, make("th", { scope: "row" }, `Joint ${i + 1}`), make("td", { class: "level" }, fill), value);
-      return { type, fill, value, row };
+      const cells = this.scene.puppets.map((_, k) => ({ fill: make("i", { class: k ? "second" : "" }), value: make("output", { class: k ? "second" : "" }) }));
+      const row = make("tr", {}, make("th", { scope: "row" }, `Joint ${i + 1}`), make("td", { class: "level" }, ...cells.map(({ fill }) => fill)), make("td", { class: "number" }, ...cells.map(({ value }) => value)));
+      return { type, cells, row };
     });
     this.heading = make("caption");
     this.readout.replaceChildren(make("table", {}, this.heading, make("tbody", {}, ...this.rows.map(({ row }) => row))));
-    this.play(false);
     this.show();
   }
 
@@ -81,13 +88,13 @@ export class Player {
     this.clock.textContent = `${t.toFixed(time.at(-1) < 1 ? 3 : 2)} s`;
     const name = this.scene.quantity;
     if (!this.motion[name]) return;
-    const values = this.motion.at(name, t), peaks = this.scene.peaks();
-    this.heading.textContent = `${UNITS[name].words}; bars: share of the joint's largest`;
-    this.rows.forEach(({ type, fill, value }, i) => {
-      const [factor, unit] = UNITS[name][type], share = Math.min(1, Math.abs(values[i]) / (peaks[i] || 1));
-      fill.style.cssText = `width:${50 * share}%;${values[i] < 0 ? "right" : "left"}:50%;background:var(--${values[i] < 0 ? "negative" : "positive"})`;
-      value.textContent = `${text(factor * values[i], 3)} ${unit}`;
-    });
+    const all = this.scene.puppets.map(({ motion }) => motion.at(name, t)), peaks = this.scene.peaks();
+    this.heading.textContent = `${UNITS[name].words}; bars: share of the joint's largest${all.length > 1 ? "; below: simulated" : ""}`;
+    this.rows.forEach(({ type, cells }, i) => cells.forEach(({ fill, value }, k) => {
+      const [factor, unit] = UNITS[name][type], now = all[k][i], share = Math.min(1, Math.abs(now) / (peaks[i] || 1));
+      fill.style.cssText = `width:${50 * share}%;${now < 0 ? "right" : "left"}:50%;background:var(--${now < 0 ? "negative" : "positive"})`;
+      value.textContent = `${text(factor * now, 3)} ${unit}`;
+    }));
   }
 
   play(on) {
@@ -110,7 +117,7 @@ export class Player {
 
   key(event) {
     const { tagName, type } = event.target;
-    if (event.ctrlKey || event.metaKey || event.altKey || tagName === "SELECT" || (tagName === "INPUT" && type !== "range")) return;
+    if (event.target.closest?.("#simulate") || event.ctrlKey || event.metaKey || event.altKey || tagName === "SELECT" || (tagName === "INPUT" && type !== "range")) return;
     const [first, last] = [this.motion.time[0], this.motion.time.at(-1)];
     const step = ((event.shiftKey ? 10 : 1) * (last - first)) / STEPS;
     const moves = { ArrowLeft: view.time - step, ArrowRight: view.time + step, Home: first, End: last };

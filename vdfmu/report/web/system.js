@@ -19,8 +19,8 @@ export function showSystem(section) {
   const show = (key) => {
     list.querySelector("select").value = key;
     for (const wire of wires) wire.line.classList.toggle("on", wire.key === key);
-    const { title, unit, parts } = signals.get(key);
-    place.replaceChildren(new Chart(title, unit, () => curvesOf(parts)).element);
+    const { title, unit } = signals.get(key);
+    place.replaceChildren(new Chart(title, unit, () => curvesOf("signals", key)).element);
   };
   for (const wire of wires) if (wire.key) wire.hit.addEventListener("click", () => show(wire.key));
   section.append(

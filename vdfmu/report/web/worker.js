@@ -1,0 +1,60 @@
+// The page's own run: master.js in a worker, and how far what it finds is from what was recorded.
+
+import { unpack } from "./data.js";
+
+export class SimulationWorker {
+  /** `binaries`: digest to the module, compressed, in base64. */
+  constructor(binaries) {
+    this.binaries = binaries;
+    this.waiting = null;
+  }
+
+  /** Make the worker from the text of its modules, which the page has. */
+  start() {
+    const text = document.getElementById("worker").textContent;
+    const address = URL.createObjectURL(new Blob([text], { type: "text/javascript" }));
+    this.worker = new Worker(address);
+    URL.revokeObjectURL(address);
+    this.worker.postMessage({ binaries: this.binaries });
+  }
+
+  /** Simulate, as `simulate` of master.js; a run that is under way is stopped. */
+  run(simulation, changes = [], progress = () => {}) {
+    this.cancel();
+    if (!this.worker) this.start();
+    return new Promise((done, failed) => {
+      this.waiting = failed;
+      const end = (action, value) => {
+        this.waiting = null;
+        action(value);
+      };
+      this.worker.onmessage = ({ data }) => {
+        if (data.error) end(failed, Object.assign(new Error(data.error), { found: data.found }));
+        else if (data.found) end(done, data.found);
+        else progress(data.part);
+      };
+      this.worker.onerror = (event) => end(failed, new Error(event.message));
+      this.worker.postMessage({ simulation, changes });
+    });
+  }
+
+  /** Stop the run that is under way; its promise fails with an AbortError. */
+  cancel() {
+    if (!this.waiting) return;
+    this.worker.terminate();
+    this.worker = null;
+    this.waiting(new DOMException("The run was stopped.", "AbortError"));
+    this.waiting = null;
+  }
+}
+
+/** Largest differences of signals from those that were recorded, at the rows which the page has of them; `position`: of all by which a run is judged. */
+export function difference(simulation, { signals }) {
+  const { rows, names, values, judged, limit } = simulation.recorded, recorded = unpack(values, Float64Array);
+  const all = names.map((name, i) => {
+    const own = signals.get(name);
+    return { name, difference: Math.max(...rows.map((row, j) => Math.abs(own[row] - recorded[j * names.length + i]))) };
+  });
+  const positions = all.filter(({ name }) => judged.includes(name));
+  return { limit, position: Math.max(...positions.map((one) => one.difference)), all };
+}
