@@ -27,11 +27,12 @@ from vdfmu.cli import (
     tunes,
     units,
 )
+from vdfmu.cli.app import App, QuietOption, VerboseOption, look, look_anew
 from vdfmu.cli.terminal import console, fail
 from vdfmu.errors import ModelError, SspError, UsageError, VdfmuError
 from vdfmu.once import one_job
 
-app = typer.Typer(
+app = App(
     no_args_is_help=True,
     pretty_exceptions_enable=False,
     rich_markup_mode="rich",
@@ -81,8 +82,11 @@ def _options(
         bool,
         typer.Option("--version", help="Show the version and exit.", is_eager=True, callback=_show_version),
     ] = False,
+    quiet: QuietOption = False,
+    verbose: VerboseOption = False,
 ) -> None:
-    pass
+    look_anew()
+    look(quiet, verbose)
 
 
 def command() -> None:
@@ -90,6 +94,7 @@ def command() -> None:
     # Units in this process say what they say through FMI; their own logger would say it again.
     for speaks in ("vdfmu.fmu", "matplotlib"):
         logging.getLogger(speaks).addHandler(logging.NullHandler())
+        logging.getLogger(speaks).propagate = False
     if not sys.warnoptions:  # what libraries warn their programmers of is no message of a command
         warnings.simplefilter("ignore")
         os.environ["PYTHONWARNINGS"] = "ignore"  # in the processes of isolated components too

@@ -10,16 +10,16 @@ import typer
 
 from vdfmu.cli.terminal import (
     BackendOption,
-    Bars,
     RobotOption,
     ScenarioArgument,
     SetOption,
     UnpackOption,
-    console,
     load,
     parse_settings,
     say,
     say_notes,
+    tell,
+    unit_messages,
 )
 from vdfmu.errors import UsageError
 
@@ -160,7 +160,7 @@ def run(
     from vdfmu.study.run import RUN_OUTPUTS
     from vdfmu.study.run import run as run_study
 
-    with Bars() as bars:
+    with unit_messages() as log:
         results = run_study(
             **given,
             out=out,
@@ -170,13 +170,10 @@ def run(
             fmi_version=fmi,
             formats=formats.split(","),
             pictures=pictures.split(","),
-            progress=bars.update,
-            log=bars.log,
+            log=log,
         )
     summary = results.summary
-    console.print(tables.run_panel(summary))
-    for sheet in sheets(summary):
-        console.print(tables.sheet_table(sheet))
+    tell(tables.run_panel(summary), *map(tables.sheet_table, sheets(summary)))
     _say_written(out if out is not None else Path("results") / summary["scenario"], RUN_OUTPUTS)
 
 
@@ -334,12 +331,12 @@ def _run_package(
     from vdfmu.engine.ssp.limits import package_limit
     from vdfmu.report import tables
 
-    with Bars() as bars, package_limit(unpack_limit):
+    with unit_messages() as log, package_limit(unpack_limit):
         results = run_system(
             package, settings=parse_settings(settings), record=record or None, out=out, formats=formats.split(","),
-            progress=bars.update, log=bars.log, **options,
+            log=log, **options,
         )  # fmt: skip
-    console.print(tables.run_panel(results.summary))
+    tell(tables.run_panel(results.summary))
     _say_written(out or default_folder(package), SYSTEM_OUTPUTS)
 
 
