@@ -26,7 +26,8 @@ def _command(name: str, command: Any) -> Iterator[str]:
         if example:
             yield f"\n```sh\n{example[1]}\n```"
     arguments = [p for p in command.params if p.param_type_name == "argument"]
-    options = [p for p in command.params if p.param_type_name == "option" and "--help" not in p.opts]
+    known = {"--help"} if name == "vdfmu" else {"--help", "--quiet", "--verbose"}
+    options = [p for p in command.params if p.param_type_name == "option" and not known & {*p.opts}]
     for kind, parameters in (("argument", arguments), ("option", options)):
         if parameters:
             yield f"\n| {kind} | default | what it is |\n| --- | --- | --- |"
@@ -109,6 +110,17 @@ hide: [toc]
 
 This page is made from the commands themselves when the documentation is built. `vdfmu COMMAND --help` says the same.
 `vdfmu --install-completion` lets the shell complete commands and options.
+
+Every command takes `--quiet` and `--verbose`, before its name or behind it.
+
+| | standard output | standard error |
+| --- | --- | --- |
+| as it is | the result: tables, and the files written | notes, warnings, errors; on a terminal bars, and from half a second on a line that moves as long as the command works |
+| `--quiet`, `-q` | the same without tables that the files written have too: of `run`, `simulate`, `federate` and `sweep` one line, `Written to ...`; of `tune` its last | errors |
+| `--verbose`, `-v` | the same | also versions, stages with their times, what came from the cache, calls of the compiler, files written; with an error the place in the code that it came from |
+
+Bars never go to a pipe or a file. They are plain characters where the terminal has no others (not UTF-8), without colours under `NO_COLOR`, and
+leave out columns below 80.
 """
 
 _SCENARIO_HEAD = """---

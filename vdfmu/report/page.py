@@ -36,6 +36,11 @@ _POLICY = (
 )
 """With which a browser refuses every request to a network."""
 
+_ALONE = (
+    "body { max-width: none; padding: 0 } body > :not(#arm, noscript) { display: none } #arm { margin: 0 }"
+)
+"""Style of a page with the arm alone."""
+
 
 class Run(NamedTuple):
     """A run that a page shows."""
@@ -99,13 +104,20 @@ def write_report(runs: Sequence[Run], path: Path) -> Path:
     return path
 
 
-def report_page(runs: Sequence[Run]) -> bytes:
-    """Return the page of one run or of several."""
+def arm_page(run: Run) -> bytes:
+    """Return a page of which only the arm is seen, for the size of any frame."""
+    return report_page([run], arm_alone=True)
+
+
+def report_page(runs: Sequence[Run], *, arm_alone: bool = False) -> bytes:
+    """Return the page of one run or of several, or of their arms alone."""
     first = runs[0].summary
     names = _names(runs)
     parts = [
         {"name": name, **content_of(run.results, run.summary)} for name, run in zip(names, runs, strict=True)
     ]
+    if arm_alone:
+        parts = [part | {"figures": [], "signals": []} for part in parts]
     diagram = next(filter(None, (system_diagram(run.package) for run in runs)), "")
     facts = (run.summary for run in runs)
     each = [f"robot {s['robot']}" if "robot" in s else f"system {s.get('system', '')}" for s in facts]
@@ -125,7 +137,7 @@ def report_page(runs: Sequence[Run]) -> bytes:
             f'<script type="module">\n{script()}\n</script>',
         ]
     )
-    head = f'{look()}<link rel="icon" href="data:,"><style>{_text(_VENDOR[1])}</style>'
+    head = f'{look()}<link rel="icon" href="data:,"><style>{_text(_VENDOR[1])}{_ALONE if arm_alone else ""}</style>'
     what = (
         f"{about}, {'one run' if len(runs) == 1 else f'{len(runs)} runs'} of vdfmu {first.get('vdfmu', '')}"
     )
