@@ -111,16 +111,22 @@ hide: [toc]
 This page is made from the commands themselves when the documentation is built. `vdfmu COMMAND --help` says the same.
 `vdfmu --install-completion` lets the shell complete commands and options.
 
-Every command takes `--quiet` and `--verbose`, before its name or behind it.
+Every command takes `--quiet` and `--verbose`, before its name or behind it. The result goes to standard output, all
+else to standard error.
 
-| | standard output | standard error |
+| option | standard output | standard error |
 | --- | --- | --- |
-| as it is | the result: tables, and the files written | notes, warnings, errors; on a terminal bars, and from half a second on a line that moves as long as the command works |
-| `--quiet`, `-q` | the same without tables that the files written have too: of `run`, `simulate`, `federate` and `sweep` one line, `Written to ...`; of `tune` its last | errors |
-| `--verbose`, `-v` | the same | also versions, stages with their times, what came from the cache, calls of the compiler, files written; with an error the place in the code that it came from |
+| none | tables, and the files written | notes, warnings, errors; bars on a terminal |
+| `--quiet`, `-q` | no tables that are in the files written: a line `Written to` | errors |
+| `--verbose`, `-v` | as without | also what is done, how long it took, and where an error is from |
 
-Bars never go to a pipe or a file. They are plain characters where the terminal has no others (not UTF-8), without colours under `NO_COLOR`, and
-leave out columns below 80.
+With `--quiet`, `run`, `simulate`, `federate`, `sweep` and `tune` print that one line, of `sweep` points that failed
+too; all other commands print what they do without it. `--verbose` names versions, stages, what came from the cache,
+calls of the compiler, and files.
+
+On a terminal a line moves from half a second on, as long as a command works, and each stage has a bar. None of it
+goes to a pipe or a file. The bars are ASCII where the terminal is not UTF-8, have no colours under `NO_COLOR`, and
+fewer columns below a width of 80.
 """
 
 _SCENARIO_HEAD = """---

@@ -99,9 +99,9 @@ _WHERE = {name: module for module, names in _NAMES.items() for name in names}
 __all__ = [
     "Animation", "Modes", "Results", "Robot", "Scenario", "Simulator", "StateSpace", "Sweep", "VdfmuError",
     "__version__", "animate", "build_fmus", "federate", "forward_dynamics", "forward_kinematics", "gravity_torque",
-    "inverse_dynamics", "jacobian", "linearize", "load_motion", "load_robot", "load_scenario", "load_ssp", "mass_matrix", "natural_modes",
-    "package_limit", "robot_from_mjcf", "robot_from_urdf", "robot_names", "run", "scenario_names", "simulate", "sweep",
-    "tune", "write_container", "write_osp", "write_ssp",
+    "inverse_dynamics", "jacobian", "linearize", "load_motion", "load_robot", "load_scenario", "load_ssp",
+    "mass_matrix", "natural_modes", "package_limit", "robot_from_mjcf", "robot_from_urdf", "robot_names", "run",
+    "scenario_names", "simulate", "sweep", "tune", "write_container", "write_osp", "write_ssp",
 ]  # fmt: skip
 
 

@@ -133,9 +133,10 @@ def _progress() -> Progress:
             return super().render(task) if (task.total or 1) > 1 else Text("")
 
     wide = errors.width >= 80
+    room = max(errors.width - (60 if wide else 26), 1)
     elapsed = TimeElapsedColumn()
     return Progress(
-        TextColumn("{task.description}" if errors.width < 60 else "{task.description:20}"),
+        TextColumn(f"{{task.description:{min(20, room)}.{room}}}"),
         BarColumn(20 if wide else 8),
         TaskProgressColumn("{task.percentage:3.0f} %"),
         *((Count(), Rate(), elapsed, TimeRemainingColumn()) if wide else (elapsed,)),

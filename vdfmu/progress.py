@@ -7,7 +7,7 @@ from collections.abc import Callable, Generator, Iterable
 from contextlib import contextmanager
 from contextvars import ContextVar
 from functools import partial, wraps
-from typing import Any, ParamSpec, TypeVar
+from typing import ParamSpec, TypeVar, cast
 
 Progress = Callable[[str, int, int], None]
 """Called with the stage, the number of finished steps and their total."""
@@ -73,7 +73,7 @@ def with_progress(function: Callable[_P, _T]) -> Callable[_P, _T]:
 
     @wraps(function)
     def wrapper(*args: _P.args, **kwargs: _P.kwargs) -> _T:
-        progress: Any = kwargs.get("progress")
+        progress = cast("Shown", kwargs.get("progress"))
         if callable(progress):
             with showing(progress):
                 return function(*args, **kwargs)

@@ -54,19 +54,19 @@ def animate(run: Results | str | os.PathLike[str]) -> Animation:
     >>> vdfmu.animate("results/tracking").save("arm.gif")
     """
     if isinstance(run, Results):
-        run = Run("run", run, run.summary, Path(run.summary.get("package", "")))
+        shown = Run("run", run, run.summary, Path(run.summary.get("package", "")))
     else:
-        run = read_run(Path(run))
-    if "arm" not in run.summary:
+        shown = read_run(Path(run))
+    if "arm" not in shown.summary:
         raise UsageError(
             "animate: the results are not those of an arm: expected what vdfmu.run returned, or a folder that it or "
             "'vdfmu run' wrote; any other run has signals, which its plot() draws."
         )
-    if "plant.q" not in run.results:
+    if "plant.q" not in shown.results:
         raise UsageError(
             "animate: expected results with the positions of the joints, plant.q; they have none."
         )
-    return Animation(run)
+    return Animation(shown)
 
 
 class Animation:
@@ -151,7 +151,7 @@ class Animation:
                     size = width, round(picture.height * width / picture.width)
                     taken.append(picture.resize(size, Image.Resampling.LANCZOS))
         if form == "gif":  # which is small if its pictures have the same colours, and even areas stay even
-            colours = taken[frames // 2].quantize(128)
+            colours = taken[frames // 2].quantize(256)
             taken = [picture.quantize(palette=colours, dither=Image.Dither.NONE) for picture in taken]
         file = io.BytesIO()
         times = [round(1e3 * seconds / frames)] * (frames - 1) + [_LAST]
