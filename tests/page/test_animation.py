@@ -97,7 +97,7 @@ def test_the_output_of_a_notebook_plays_without_a_network(arm, tmp_path, width):
             f"new Promise(d => {{ const at = setInterval(() => {inside}.report && (clearInterval(at), d()), 50) }})"
         )
         seen = f"filter((one) => {inside}.getComputedStyle(one).display !== 'none').map((one) => one.id || one.tagName)"
-        assert browser.run(f"[...{inside}.document.body.children].{seen}") == ["arm"]
+        assert browser.run(f"[...{inside}.document.body.children].{seen}") == ["arm", "NOSCRIPT"]
         assert browser.run(f"{inside}.document.documentElement.scrollWidth <= {inside}.innerWidth")
         before = browser.run(f"{inside}.report.view.time")
         browser.run(f"{inside}.document.querySelector('.play').click()")

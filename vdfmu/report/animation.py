@@ -17,6 +17,8 @@ from vdfmu.report.browser import Browser
 from vdfmu.report.page import Run, arm_page, read_run
 from vdfmu.temporary import temporary_folder
 
+_ROWS = 501
+"""Rows at most, between which the arm moves on straight lines."""
 _HEIGHT = 620
 """Of the frame in a notebook [px]."""
 _WINDOW, _CANVAS = (1000, 700), 600
@@ -73,7 +75,7 @@ class Animation:
     """The arm of a run, moving; made by :func:`vdfmu.animate`."""
 
     def __init__(self, run: Run) -> None:
-        self._page = arm_page(run)
+        self._page = arm_page(run._replace(results=run.results.thinned(_ROWS)))
         self._name = f"{run.summary.get('scenario', run.name)}, {run.summary.get('robot', 'an arm')}"
 
     def __repr__(self) -> str:
