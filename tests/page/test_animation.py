@@ -99,6 +99,8 @@ def test_the_output_of_a_notebook_plays_without_a_network(arm, tmp_path, width):
         seen = f"filter((one) => {inside}.getComputedStyle(one).display !== 'none').map((one) => one.id || one.tagName)"
         assert browser.run(f"[...{inside}.document.body.children].{seen}") == ["arm", "NOSCRIPT"]
         assert browser.run(f"{inside}.document.documentElement.scrollWidth <= {inside}.innerWidth")
+        # the controls, which are last, are seen without scrolling
+        assert browser.run(f"{inside}.document.documentElement.scrollHeight <= {inside}.innerHeight")
         before = browser.run(f"{inside}.report.view.time")
         browser.run(f"{inside}.document.querySelector('.play').click()")
         browser.run("new Promise(d => setTimeout(d, 500))")

@@ -20,7 +20,7 @@ from vdfmu.temporary import temporary_folder
 _ROWS = 501
 """Rows at most, between which the arm moves on straight lines."""
 _HEIGHT = 620
-"""Of the frame in a notebook [px]."""
+"""Of the frame in a notebook before the page is there [px]."""
 _WINDOW, _CANVAS = (1000, 700), 600
 """Size of the window in which pictures are taken, and the least width of the arm's picture in it [px]."""
 _LAST = 1200
@@ -28,8 +28,11 @@ _LAST = 1200
 _LOADER = (
     "<script>(async () => {{ const bytes = Uint8Array.from(atob('{}'), (c) => c.charCodeAt(0)); "
     "const page = new Blob([bytes]).stream().pipeThrough(new DecompressionStream('gzip')); "
-    "document.write(await new Response(page).text()); document.close(); }})()</script>"
+    "document.write(await new Response(page).text()); document.close(); "
+    "addEventListener('load', () => {{ if (frameElement) frameElement.style.height = "
+    "document.getElementById('arm').offsetHeight + 2 + 'px'; }}); }})()</script>"
 )
+"""Unpacks the page, and gives its frame the height of the arm's section."""
 
 
 def animate(run: Results | str | os.PathLike[str]) -> Animation:

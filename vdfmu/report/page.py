@@ -37,7 +37,8 @@ _POLICY = (
 """With which a browser refuses every request to a network."""
 
 _ALONE = (
-    "body { max-width: none; padding: 0 } body > :not(#arm, noscript) { display: none } #arm { margin: 0 }"
+    "body { max-width: none; padding: 0 } body > :not(#arm, noscript) { display: none } #arm { margin: 0 } "
+    "@media (min-width: 560px) { .stage { grid-template-columns: minmax(0, 1fr) 16rem } .canvas { height: 58vh } }"
 )
 """Style of a page with the arm alone."""
 
