@@ -17,6 +17,7 @@ from vdfmu.bars import Bars, errors
 from vdfmu.cli.terminal import console
 from vdfmu.progress import LOG, showing
 
+_Decorator = Callable[[Callable[..., Any]], Callable[..., Any]]
 QuietOption = Annotated[
     bool,
     typer.Option(
@@ -36,12 +37,17 @@ VerboseOption = Annotated[
 class App(typer.Typer):
     """An app or a group of commands."""
 
-    def command(
-        self, name: str | None = None, **options: Any
-    ) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
+    def command(self, name: str | None = None, **options: Any) -> _Decorator:
         """Register a command, as typer does."""
         register = super().command(name, **options)
-        return lambda function: register(showing_signs(function, name))
+
+        def shown(function: Callable[..., Any]) -> Callable[..., Any]:
+            words = (self.info.name, name or function.__name__)
+            return register(
+                showing_signs(" ".join(word for word in words if isinstance(word, str)))(function)
+            )
+
+        return shown
 
 
 def look(quiet: bool = False, verbose: bool = False) -> None:
@@ -67,27 +73,30 @@ def look_anew() -> None:
             LOG.removeHandler(handler)
 
 
-def showing_signs(function: Callable[..., Any], name: str | None = None) -> Callable[..., Any]:
-    """Give a command the options of all, and bars while it runs."""
+def showing_signs(title: str) -> _Decorator:
+    """Give a command the options of all, and bars below a title while it runs."""
 
-    @wraps(function)
-    def command(*, quiet: bool, verbose: bool, **options: Any) -> None:
-        look(quiet, verbose)
-        with Bars(name or function.__name__) as bars, showing(bars.update):
-            console.bars = bars
-            try:
-                function(**options)
-            finally:
-                console.bars = None
+    def shown(function: Callable[..., Any]) -> Callable[..., Any]:
+        @wraps(function)
+        def command(*, quiet: bool, verbose: bool, **options: Any) -> None:
+            look(quiet, verbose)
+            with Bars(title) as bars, showing(bars.update):
+                console.bars = bars
+                try:
+                    function(**options)
+                finally:
+                    console.bars = None
 
-    given = inspect.signature(function, eval_str=True)
-    more = [
-        inspect.Parameter(word, inspect.Parameter.KEYWORD_ONLY, default=False, annotation=option)
-        for word, option in (("quiet", QuietOption), ("verbose", VerboseOption))
-    ]
-    parameters = [one.replace(kind=inspect.Parameter.KEYWORD_ONLY) for one in given.parameters.values()]
-    command.__signature__ = given.replace(parameters=[*parameters, *more])  # type: ignore[attr-defined]
-    return command
+        given = inspect.signature(function, eval_str=True)
+        more = [
+            inspect.Parameter(word, inspect.Parameter.KEYWORD_ONLY, default=False, annotation=option)
+            for word, option in (("quiet", QuietOption), ("verbose", VerboseOption))
+        ]
+        parameters = [one.replace(kind=inspect.Parameter.KEYWORD_ONLY) for one in given.parameters.values()]
+        command.__signature__ = given.replace(parameters=[*parameters, *more])  # type: ignore[attr-defined]
+        return command
+
+    return shown
 
 
 class _Lines(logging.Handler):

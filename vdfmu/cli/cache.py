@@ -12,11 +12,11 @@ from vdfmu.cli.terminal import say
 if TYPE_CHECKING:
     from vdfmu.kernel.cache import Entry
 
-app = App(help="Show the cache of what was built, or clear it.")
+app = App(name="cache", help="Show the cache of what was built, or clear it.")
 
 
 @app.callback(invoke_without_command=True, epilog="Example: [bold]vdfmu cache[/bold]")
-@showing_signs
+@showing_signs("cache")
 def show(context: typer.Context) -> None:
     """Show the cache of what was built: its folder, entries and size."""
     if context.invoked_subcommand is None:

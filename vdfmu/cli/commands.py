@@ -63,11 +63,8 @@ for function, example in (
     (doctor.doctor, "vdfmu doctor"),
 ):
     app.command(epilog=f"Example: [bold]{example}[/bold]")(function)
-app.add_typer(sweeps.app, name="sweep")
-app.add_typer(models.app, name="models")
-app.add_typer(robots.app, name="robot")
-app.add_typer(cache.app, name="cache")
-app.add_typer(units.app, name="unit")
+for group in (sweeps.app, models.app, robots.app, cache.app, units.app):
+    app.add_typer(group, name=group.info.name)
 
 
 def _show_version(wanted: bool) -> None:

@@ -11,7 +11,7 @@ from rich.markup import escape
 from vdfmu.cli.app import App
 from vdfmu.cli.terminal import console, say
 
-app = App(no_args_is_help=True, help="List and show robots and scenarios.")
+app = App(name="models", no_args_is_help=True, help="List and show robots and scenarios.")
 
 
 @app.command("list", epilog="Example: [bold]vdfmu models list[/bold]")

@@ -41,6 +41,7 @@ class _Group(TyperGroup):
 
 
 app = App(
+    name="sweep",
     cls=_Group,
     no_args_is_help=True,
     help="Run a scenario at many points: vdfmu sweep SCENARIO --over ...",

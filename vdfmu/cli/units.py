@@ -10,7 +10,7 @@ import typer
 from vdfmu.cli.app import App
 from vdfmu.cli.terminal import say
 
-app = App(no_args_is_help=True, help="Units of your own.")
+app = App(name="unit", no_args_is_help=True, help="Units of your own.")
 
 
 @app.callback()
