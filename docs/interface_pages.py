@@ -65,7 +65,7 @@ def robot_file_page() -> str:
                 if isinstance(row.default, float)
                 else "unit matrix",
                 row.equation,
-                _text(row.text[0].lower() + row.text[1:].replace(", Eq. {}", "").replace(" of Eq. {}", "")),
+                _text(row.text[0].upper() + row.text[1:].replace(", Eq. {}", "").replace(" of Eq. {}", "")),
             )
             lines.append("| " + " | ".join(cells) + " |")
     return "\n".join([*lines, ""])
@@ -181,8 +181,8 @@ hide: [toc]
 
 # FMU interface
 
-This page is made from the declarations of the units, `vdfmu/units/`, when the documentation is built. The same
-declarations give the FMUs, the C tables, the model descriptions, the connectors of the SSP and its parameter sets.
+All variables of the FMUs: names, units, start values, bounds, dependencies. The page is made from the declarations of
+the units, `vdfmu/units/`, from which the FMUs, their model descriptions and the SSP come too.
 
 It shows the interface for the paper's arm, `manipulator_6dof`. Another robot has the same groups with its own number
 of joints. Names count from 1. Start values of the robot's parameters are those of its file. What is zero by
@@ -205,21 +205,28 @@ hide: [toc]
 
 # Robot file
 
-This page is made from the table of a robot's parameters, `vdfmu/model/parameters.py`, when the documentation is
-built. The same table gives the checks of the file, the fields of `Robot` and the parameters of the FMUs.
+Every key of a robot file, with its unit, bounds and default. The page is made from the table of a robot's parameters,
+`vdfmu/model/parameters.py`, by which files are checked and FMUs get their parameters.
 
-A robot is one TOML file. [Write a robot](tutorials/own_robot.md#write-a-robot) has an example; every problem of a
-file is reported at once. Beside the numbers below it has `name` and `description`, `friction` (`"lumped"` or
-`"split"`, default lumped), `rotor_coupling` (default `true`, [the rotor as a body](model.md#the-rotor-as-a-body)),
-`moving_base` and `coupled_tool` (default `false`, [what is around an arm](world.md)),
-the `type` of each joint (`"revolute"` or `"prismatic"`) and, under `[sources]`, where numbers are from:
-`"joints.link.mass" = ".."` for all joints, `"joints[2].link.mass"` for one. `[payload]` can be missing,
-tables of [options](drives.md#options) such as `[joints.limits]` too, but then of all joints. `gear` and `motor` of a
-joint [name what the catalogue has](drives.md#the-catalogue). Tables `[[visuals]]` say what links look like; nothing
-calculates with them: `joint` (0 for what stands still), `shape` (mesh, box, ellipsoid, cylinder, capsule, sphere),
-`file` of a mesh, `size` (scale of a mesh; sides; half-axes; radius and length along z; radius), `rotation` and
-`offset` in the link frame, `color` (red, green, blue, opacity). [Robots from URDF and MJCF](importing.md) writes such
-a file from another.
+A robot is one TOML file: [Write a robot](tutorials/own_robot.md#write-a-robot) has an example,
+[`vdfmu robot import`](importing.md) writes one from a URDF or MJCF. Every problem of a file is reported at once. Beside
+the numbers below it has
+
+| key | value |
+| --- | --- |
+| `name`, `description` | text |
+| `friction` | `"lumped"` (default) or `"split"`, [where friction acts](model.md#friction) |
+| `rotor_coupling` | `true` (default) or `false`, [the rotor as a body](model.md#the-rotor-as-a-body) |
+| `moving_base`, `coupled_tool` | `false` (default) or `true`, [what is around an arm](world.md) |
+| `type` of a joint | `"revolute"` or `"prismatic"` |
+| `gear`, `motor` of a joint | [a name in the catalogue](drives.md#the-catalogue) |
+| `[sources]` | where numbers are from: `"joints.link.mass" = ".."` for all joints, `"joints[2].link.mass"` for one |
+| `[[visuals]]` | what links look like; nothing calculates with it: `joint` (0 for what stands still), `shape` (mesh, \
+box, ellipsoid, cylinder, capsule, sphere), `file` of a mesh, `size` (scale of a mesh; sides; half-axes; radius and \
+length along z; radius), `rotation` and `offset` in the link frame, `color` (red, green, blue, opacity) |
+
+`[payload]` can be missing, tables of [options](drives.md#options) such as `[joints.limits]` too, but then of all
+joints.
 
 SI units, angles in rad; a unit in brackets is that of a prismatic joint. Symbols are on the page
 [Notation](notation.md). An inertia can also be one number, of a body with the same moment about all axes, or three

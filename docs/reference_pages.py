@@ -9,6 +9,7 @@ from typing import Any
 import typer.main
 
 from vdfmu.cli.commands import app
+from vdfmu.model.parameters import PARAMETERS
 from vdfmu.scenario.schema import scenario_schema
 
 
@@ -60,6 +61,7 @@ def _plain(text: str) -> str:
         .replace("<", "&lt;")
         .replace("*", r"\*")
         .replace("[", r"\[")
+        .replace("{", "&#123;")  # a frame at the end of a cell is no attribute of it
     )
 
 
@@ -68,7 +70,11 @@ def scenario_file_page() -> str:
     schema = scenario_schema()
     keys: Mapping[str, Any] = schema["properties"]
     tables = {key: value for key, value in keys.items() if value.get("properties")}
+    for part, table in tables.items():
+        if part != "payload":
+            table["properties"] = {k: v for k, v in table["properties"].items() if k not in PARAMETERS}
     top = {key: value for key, value in keys.items() if key not in tables}
+    del tables["plant_factors"]
     lines = [_SCENARIO_HEAD, "## Top of the file", *_keys(top, schema["required"])]
     for name, table in tables.items():
         lines += [f"\n## [{name}]", *_keys(table["properties"], table["required"])]
@@ -85,31 +91,37 @@ def _keys(keys: Mapping[str, Any], required: list[str]) -> list[str]:
 
 def _value(schema: Mapping[str, Any]) -> str:
     if "anyOf" in schema:
-        return " or ".join(dict.fromkeys(_value(each) for each in schema["anyOf"]))
+        found = " or ".join(dict.fromkeys(_value(each) for each in schema["anyOf"]))
+        one, _, many = found.partition(" or list: ")
+        return f"{one} or list" if one == many else found
     if "enum" in schema:
         return ", ".join(f"`{value}`" for value in schema["enum"])
     kind = schema.get("type", "")
     if kind == "array":
-        return f"list: {_value(schema['items'])}"
+        inner = _value(schema["items"])
+        return {"number": "list", "list": "matrix"}.get(inner, f"list: {inner}")
     bounds = [
         f"{sign} {schema[key]:g}"
         for key, sign in (
             ("minimum", "≥"), ("exclusiveMinimum", ">"), ("maximum", "≤"), ("exclusiveMaximum", "<"),
         )
-        if key in schema
+        if key in schema and abs(schema[key]) < _HUGE
     ]  # fmt: skip
     words = {"string": "text", "boolean": "true or false", "object": "table", "": "number or list"}
     return " ".join([words.get(kind, kind), *([", ".join(bounds)] if bounds else [])])
 
 
+_HUGE = 1e4
+"""Bound from which on it is there for broken files only."""
 _COMMANDS_HEAD = """---
 hide: [toc]
 ---
 
 # Command line
 
-This page is made from the commands themselves when the documentation is built. `vdfmu COMMAND --help` says the same.
-`vdfmu --install-completion` lets the shell complete commands and options.
+Every command and option, made from the commands themselves; `vdfmu COMMAND --help` says the same.
+`vdfmu --install-completion` lets the shell complete commands and options. Exit codes: 0 done, 1 a check or a unit
+failed, 2 wrong usage or input, 130 stopped with Ctrl-C, 143 by SIGTERM, 129 by SIGHUP.
 
 Every command takes `--quiet` and `--verbose`, before its name or behind it. The result goes to standard output, all
 else to standard error.
@@ -135,8 +147,12 @@ hide: [toc]
 
 # Scenario file
 
-This page is made from the schema of the file, `vdfmu models schema scenario`, when the documentation is built. A
-scenario is one TOML file: [The scenarios](scenarios.md) has those that are shipped. Beside the keys below it has a
-table for each component of its system, here those of the shipped one, with the component's parameters; one value
-stands for all joints. SI units, angles in rad.
+Every key of a scenario file, made from its schema, `vdfmu models schema scenario`. A scenario is one TOML file: robot,
+system, values, duration and master of a run. [The scenarios](scenarios.md) has those that are shipped. Beside the
+keys below it has a table for each component of its system, here those of the shipped one, with the component's
+parameters; one value stands for all joints. SI units, angles in rad.
+
+A component that knows the robot takes any of [its numbers](robot_file.md) too, such as `mass`, for itself: one that
+is in `[plant]` alone is unknown to the feedforward. `[plant_factors]` multiplies them in the plant alone, `mass = 1.02`
+or a list with one for each joint. `[paper]` has what is printed beside the results, from joint 1 on.
 """

@@ -100,13 +100,18 @@ def forward_dynamics(
     tau: npt.ArrayLike,
     F_e: npt.ArrayLike | None = None,
 ) -> Floats:
-    """Joint accelerations of the rigid arm, by the articulated recursion; the inverse of :func:`inverse_dynamics`.
+    """Joint accelerations of the rigid arm by the articulated recursion, Eq. (44)-(47) solved for them.
+
+    The inverse of :func:`inverse_dynamics`, with its errors.
 
     Parameters
     ----------
+    robot : Robot
+    q, q_dot : (n,) or (m, n) [rad or m, and per s]
+        One state or a batch of m; a single row goes with a batch of the others.
     tau : (n,) or (m, n) [N m or N], link-side
-    robot, q, q_dot, F_e
-        As of :func:`inverse_dynamics`, with its errors.
+    F_e : (6,) or (m, 6) [N, N m], optional
+        Wrench that the arm exerts on its surroundings, in {O}.
 
     Returns
     -------
@@ -121,7 +126,11 @@ def forward_dynamics(
 def gravity_torque(robot: Robot, q: npt.ArrayLike) -> Floats:
     """Joint torques that hold the rigid arm at rest against gravity, Eq. (44)-(47) with (62).
 
-    For one position `q`, (n,) [rad or m], or a batch, (m, n); errors as of :func:`inverse_dynamics`.
+    Parameters
+    ----------
+    robot : Robot
+    q : (n,) or (m, n) [rad or m]
+        One position or a batch of m; errors as of :func:`inverse_dynamics`.
 
     Returns
     -------
@@ -134,7 +143,11 @@ def gravity_torque(robot: Robot, q: npt.ArrayLike) -> Floats:
 def mass_matrix(robot: Robot, q: npt.ArrayLike) -> Floats:
     """Mass matrix of the rigid arm by the mapping matrices (37)-(43), without the rotors.
 
-    For one position `q`, (n,) [rad or m], or a batch, (m, n); errors as of :func:`inverse_dynamics`.
+    Parameters
+    ----------
+    robot : Robot
+    q : (n,) or (m, n) [rad or m]
+        One position or a batch of m; errors as of :func:`inverse_dynamics`.
 
     Returns
     -------
@@ -148,7 +161,11 @@ def mass_matrix(robot: Robot, q: npt.ArrayLike) -> Floats:
 def jacobian(robot: Robot, q: npt.ArrayLike) -> Floats:
     """Jacobian of the end effector, Eq. (37)-(38): ``V_O = J_q @ q_dot``.
 
-    For one position `q`, (n,) [rad or m], or a batch, (m, n); errors as of :func:`inverse_dynamics`.
+    Parameters
+    ----------
+    robot : Robot
+    q : (n,) or (m, n) [rad or m]
+        One position or a batch of m; errors as of :func:`inverse_dynamics`.
 
     Returns
     -------
@@ -161,7 +178,11 @@ def jacobian(robot: Robot, q: npt.ArrayLike) -> Floats:
 def forward_kinematics(robot: Robot, q: npt.ArrayLike) -> tuple[Floats, Floats]:
     """Pose of the end-effector frame {O} in {I}, by the product of (34)-(36).
 
-    For one position `q`, (n,) [rad or m], or a batch, (m, n); errors as of :func:`inverse_dynamics`.
+    Parameters
+    ----------
+    robot : Robot
+    q : (n,) or (m, n) [rad or m]
+        One position or a batch of m; errors as of :func:`inverse_dynamics`.
 
     Returns
     -------

@@ -1,6 +1,7 @@
 """The documentation as it is built: what the page of the Python API shows, and what the search finds from disk."""
 
 import html
+import importlib
 import inspect
 import os
 import re
@@ -75,6 +76,93 @@ def test_formulas_in_docstrings_are_no_emphasis(api):
     assert re.findall(r":(?:func|class|mod|meth|data):", api) == []
 
 
+def documented(function):
+    """Return the names and types below Parameters of a docstring."""
+    text = (inspect.getdoc(function) or "").partition("Parameters\n---")[2]
+    text = re.split(r"\n\w+\n---", text)[0]
+    found = {}
+    for line in re.findall(r"^[\w*, ]+(?: : .*)?$(?=\n +)?", text.replace(",\n", ", "), re.MULTILINE):
+        names, _, kind = line.partition(" : ")
+        found |= {name.strip("* "): kind for name in names.split(",")}
+    return found
+
+
+@pytest.mark.parametrize("name", [name for name in vdfmu.__all__ if inspect.isfunction(getattr(vdfmu, name))])
+def test_a_public_function_documents_its_parameters_and_what_it_returns(name):
+    function = getattr(vdfmu, name)
+    signature, text = inspect.signature(function), inspect.getdoc(function)
+    assert set(documented(function)) >= set(signature.parameters)
+    for parameter, kind in documented(function).items():  # a time has its unit
+        assert parameter not in ("step", "stop", "start", "time_limit") or not kind or "[s]" in kind, (
+            parameter
+        )
+    if signature.parameters and "Generator" not in signature.return_annotation:
+        assert "Returns\n-------" in text and (
+            "Raises\n------" in text or re.search("errors as of|with its errors", text)
+        )
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", [name for name in vdfmu.__all__ if not name.startswith("_")])
+def test_every_public_name_is_on_the_page_of_the_api(api, name):
+    assert re.search(rf'<h3 id="[\w.]*\.{name}"', api)
+
+
+@pytest.mark.slow
+def test_every_link_and_picture_of_the_pages_leads_somewhere(site):
+    pages = {
+        page: page.read_text(encoding="utf-8") for page in site.rglob("*.html") if page.name != "404.html"
+    }
+    places = {page: set(re.findall(r'\b(?:id|name)="([^"]+)"', text)) for page, text in pages.items()}
+    for page, text in pages.items():
+        for url in re.findall(r'\b(?:href|src)="([^"]+)"', text):
+            name, _, place = html.unescape(url).partition("#")
+            if not re.match(r"\w+:", name):
+                target = (page.parent / name).resolve() if name else page
+                assert target.exists(), (page.name, url)
+                assert not place or target not in places or place in places[target] | {"__skip"}, (
+                    page.name,
+                    url,
+                )
+
+
+def test_drawings_are_those_of_their_code(monkeypatch):
+    monkeypatch.syspath_prepend(ROOT / "docs")
+    number = re.compile(r"-?\d+\.?\d*")
+    for name, drawn in importlib.import_module("pictures").PICTURES.items():
+        made, kept = drawn(), (ROOT / f"docs/images/{name}.svg").read_text(encoding="utf-8")
+        assert number.sub("0", made) == number.sub("0", kept), name
+        # Places have four digits, in px below 1000: the last, 0.1, may round otherwise on another processor.
+        places = [[float(x) for x in number.findall(text)] for text in (made, kept)]
+        assert places[0] == pytest.approx(places[1], abs=0.11), name
+
+
+NARROW = """(() => {
+    const wide = e => e.getBoundingClientRect().right > innerWidth + 1
+    const boxed = e => e.parentElement && (getComputedStyle(e).overflowX !== "visible" || boxed(e.parentElement))
+    return {
+        width: document.documentElement.scrollWidth,
+        beyond: [...document.querySelectorAll(".md-content *")].filter(e => wide(e) && !boxed(e)).map(e => e.outerHTML),
+        broken: [...document.images].filter(e => !e.naturalWidth).map(e => e.src),
+        shrunk: [...document.querySelectorAll("svg.formula")].filter(e => e.getBoundingClientRect().height
+            < 0.84 * e.getAttribute("height")).map(e => e.getAttribute("aria-label")),
+    }
+})()"""
+
+
+@pytest.mark.heavy
+def test_every_page_is_readable_on_a_phone(site, tmp_path):
+    """Nothing is beyond the edge but in a box that scrolls; formulas keep their size, in tables that of its text."""
+    with Browser(tmp_path) as browser:
+        for page in sorted(site.rglob("*.html")):
+            if page.name != "404.html":  # of a server: its links start at the root
+                browser.open(page, 390, 800)
+                found = browser.run(NARROW)
+                assert found == {"width": 390, "beyond": [], "broken": [], "shrunk": []}, page
+        assert browser.problems == []
+        assert [url for url in browser.requests if not url.startswith(("file:", "data:", "blob:"))] == []
+
+
 FOUND = """new Promise((done, failed) => {
     const late = Date.now() + 20000
     const look = () => {
@@ -88,16 +176,24 @@ FOUND = """new Promise((done, failed) => {
 })"""
 
 
+SEARCHES = {
+    "anti-resonances": ("modes.html", "Bode plot"),
+    "stiffness": ("drives.html", "From the catalogue to the law"),
+    "own controller": ("tutorials/own-controller.html", "A controller of your own"),
+}
+"""What is looked for, a page that must be found, and words beside it."""
+
+
 @pytest.mark.heavy
 def test_the_search_of_a_page_from_disk_finds_other_pages(site, tmp_path):
     with Browser(tmp_path) as browser:
-        browser.open(site / "tutorials" / "results.html")
-        browser.run("document.querySelector('.md-search__button').click()")
-        browser.settle()
-        browser.call("Input.insertText", text="anti-resonances")
-        found = browser.run(FOUND)
-        assert any(
-            url.startswith((site / "modes.html").as_uri()) and "Bode plot" in text for url, text in found
-        ), found
+        for text, (page, words_of_it) in SEARCHES.items():
+            browser.open(site / "tutorials" / "results.html")
+            browser.run("document.querySelector('.md-search__button').click()")
+            browser.settle()
+            browser.call("Input.insertText", text=text)
+            found = browser.run(FOUND)
+            urls = [url for url, near in found if words_of_it in near]
+            assert any(url.startswith((site / page).as_uri()) for url in urls), (text, found)
         assert browser.problems == []
         assert [url for url in browser.requests if not url.startswith(("file:", "data:", "blob:"))] == []

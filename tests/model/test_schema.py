@@ -44,6 +44,16 @@ def test_every_shipped_file_fits() -> None:
         assert problems(system_schema(), content(path)) == []
 
 
+def test_what_a_scenario_can_set_has_its_unit_of_measurement_and_no_text_twice() -> None:
+    sections = scenario_schema()["properties"]
+    assert sections["controller"]["properties"]["K_p"]["description"].endswith("Eq. (58) [N.m/rad or N/m]")
+    assert sections["plant"]["properties"]["mass"]["description"].endswith("[kg]")
+    wrench = (
+        "Force of the arm on its surroundings in {O}; Moment of the arm on its surroundings in {O} [N, N.m]"
+    )
+    assert sections["plant"]["properties"]["F_e"]["description"] == wrench
+
+
 def test_files_of_the_example_fit() -> None:
     assert problems(system_schema(), content(EXAMPLES / "arm.toml")) == []
     assert problems(scenario_schema(str(EXAMPLES / "arm.toml")), content(EXAMPLES / "scenario.toml")) == []

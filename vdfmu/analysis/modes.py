@@ -72,6 +72,10 @@ def natural_modes(robot: Robot, q: npt.ArrayLike, *, motors: str = "free", dry: 
         Whether Coulomb and Stribeck friction stay, with the slope at rest of their regularisation (54). It makes
         most modes of rotors that are free creep.
 
+    Returns
+    -------
+    Modes
+
     Raises
     ------
     UsageError

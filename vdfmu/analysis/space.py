@@ -58,8 +58,13 @@ def linearize(
         time.
     opened : sequence of str
         Of a system: inputs whose connections are cut; what would come to them is an output, the last.
-    options
+    **options : Any
         Of a system: `master`, `settings`, `backend`, as of :func:`vdfmu.analysis.system.linearized`.
+
+    Returns
+    -------
+    StateSpace
+        With the names and units of its states, inputs and outputs.
 
     Raises
     ------

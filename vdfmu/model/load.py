@@ -17,7 +17,14 @@ def robot_names() -> list[str]:
 def load_robot(path_or_name: str | os.PathLike[str]) -> Robot:
     """Load a robot by the name of a shipped one or by the path of a TOML file.
 
-    A value with a path separator, one that ends in ``.toml`` and the name of an existing file are paths.
+    Parameters
+    ----------
+    path_or_name : str or path
+        A value with a path separator, one that ends in ``.toml`` and the name of an existing file are paths.
+
+    Returns
+    -------
+    Robot
 
     Raises
     ------

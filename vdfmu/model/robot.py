@@ -57,8 +57,8 @@ class Robot(Parameters):
     payload : bool
         Whether the last link carries a body of its own; the fields ``payload_`` count only then.
     limits, hysteresis, load_loss, backlash, bristles, winding, thermal : bool
-        Whether joints have end stops and motors a torque-speed line; what else drives and motors have. The fields of
-        ``[joints.limits]`` and so on count only then.
+        Whether joints have this option of the drives; the fields of its table, such as ``[joints.limits]``, count
+        only then.
     moving_base : bool
         Whether the base moves, as inputs of the plant say; else it is at rest in {I}.
     coupled_tool : bool
@@ -156,7 +156,7 @@ class Robot(Parameters):
     def source_of(self, key: str) -> str | None:
         """Return where the number at `key`, such as ``joints[2].link.mass``, is from; None if not said.
 
-        An entry for the very joint goes before the one for all joints, ``joints.link.mass``.
+        A per-joint entry overrides that of all joints, ``joints.link.mass``.
         """
         return self.sources.get(key, self.sources.get(joint_free(key)))
 

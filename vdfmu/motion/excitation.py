@@ -45,6 +45,8 @@ def multisine(
         Of full amplitude, from `period` to ``(1 + periods) period``.
     phases : "schroeder" or "random"
         Of Schroeder (1970), which keep the peaks low, or random ones of a seed, different for each joint.
+    seed : int
+        Of random phases.
     velocity, acceleration : float or (n,) [rad/s or m/s, rad/s2 or m/s2], optional
         Limits of each joint.
 

@@ -78,7 +78,12 @@ def waypoints(
 
 
 def samples(times: npt.ArrayLike, points: npt.ArrayLike) -> Motion:
-    """Return the motion through dense samples, (k,) [s] and (k, n) [rad or m], at rest at both ends.
+    """Return the motion through dense samples, at rest at both ends.
+
+    Parameters
+    ----------
+    times : (k,) [s]
+    points : (k, n) [rad or m]
 
     Raises
     ------

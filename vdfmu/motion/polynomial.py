@@ -233,7 +233,7 @@ def spline(t: Floats, q: Floats) -> Motion:
 
 
 def rest(q: Floats, seconds: float) -> Motion:
-    """Return a motion that stands still."""
+    """Return a motion that stands still at `q`, (n,) [rad or m], for some `seconds`."""
     if np.ndim(seconds) or not 0.0 < seconds < np.inf:
         raise UsageError(f"dwell: expected one time above 0 s, got {seconds}.")
     coefficients = np.zeros((1, DEGREE + 1, len(q)))
@@ -242,7 +242,7 @@ def rest(q: Floats, seconds: float) -> Motion:
 
 
 def joined(parts: Iterable[Motion]) -> Motion:
-    """Return motions one after the other; each starts where the one before ends."""
+    """Return motions one after the other; UsageError if one does not start where the one before ends."""
     parts = list(parts)
     for i, (one, other) in enumerate(pairwise(parts), 1):
         if one.n != other.n or np.abs(other.start - one.end).max() > _GAP:

@@ -28,7 +28,7 @@ Path_ = str | os.PathLike[str]
 
 
 class Imported(NamedTuple):
-    """A robot, the text of its robot file, and what is worth knowing of how it came about."""
+    """A robot, the text of its robot file, and notes on how it came about."""
 
     robot: Robot
     text: str
@@ -43,6 +43,7 @@ def robot_from_urdf(
     Parameters
     ----------
     path : path
+        The URDF.
     base : str, optional
         Link that stands still, whose frame is {I}; default the root of the file.
     tip : str, optional
@@ -50,6 +51,10 @@ def robot_from_urdf(
         only. Joints beside the arm are held at 0.
     drives : path, optional
         TOML file with the drives, by names of joints.
+
+    Returns
+    -------
+    Robot
 
     Raises
     ------
@@ -62,7 +67,17 @@ def robot_from_urdf(
 def robot_from_mjcf(
     path: Path_, base: str | None = None, tip: str | None = None, drives: Path_ | None = None
 ) -> Robot:
-    """Return an arm of a MuJoCo file, as :func:`robot_from_urdf`; its root is the world. Needs the package mujoco."""
+    """Return an arm of a MuJoCo file; its root is the world. Needs the package mujoco.
+
+    Parameters
+    ----------
+    path, base, tip, drives
+        As of :func:`robot_from_urdf`, with its errors.
+
+    Returns
+    -------
+    Robot
+    """
     return import_robot(path, base, tip, drives, kind="mujoco").robot
 
 

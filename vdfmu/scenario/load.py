@@ -32,6 +32,10 @@ def load_scenario(path_or_name: str | os.PathLike[str], robot: Robot | str | Non
         Robot in place of the one that the file names; a str as for `load_robot`. The paper's numbers are
         left out where its name is not the file's.
 
+    Returns
+    -------
+    Scenario
+
     Raises
     ------
     UsageError

@@ -51,8 +51,10 @@ class Scenario:
         What the paper reports: `source` and lists that start at joint 1. Empty if it reports nothing.
     payload_known : bool
         Whether other components than the plant know of the robot's payload.
-    inputs, input_hold : optional
+    inputs : path, sequence of paths or mapping, optional
         Signals for inputs that nothing is connected to; see :func:`vdfmu.engine.cosim.simulate`.
+    input_hold : bool, optional
+        Whether they hold until the next row.
     """
 
     name: str

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from vdfmu.engine.algorithms import ALGORITHMS
+from vdfmu.measure import unit_of
 from vdfmu.model.catalogue import NAMED, catalogue
 from vdfmu.model.parameters import JOINT_OPTIONS, PARAMETERS, Row, Section, section
 from vdfmu.model.robot import ENDS, FRICTION_ARRANGEMENTS, JOINT_TYPES
@@ -24,6 +25,7 @@ from vdfmu.scenario.scenario import FACTOR_FIELDS, KINDS
 from vdfmu.scenario.scenario_file import PAPER_LISTS
 from vdfmu.unit.base import Unit
 from vdfmu.unit.declaration import Choice, Declared, Input, Parameter, Switch
+from vdfmu.unit.interface import general_description
 
 Schema = dict[str, Any]
 _TEXT: Schema = {"type": "string"}
@@ -188,8 +190,7 @@ def _row(row: Row) -> Schema:
     """Return the schema of a parameter of the robot."""
     smallest = -row.largest if row.smallest is None else row.smallest
     number: Schema = {"type": "number", "minimum": smallest, "maximum": row.largest}
-    units = dict.fromkeys(row.unit(joint) for joint in JOINT_TYPES)
-    text: Schema = {"description": f"{row.description} [{' or '.join(units)}]"}
+    text: Schema = {"description": f"{row.description} [{_units(row.quantity)}]"}
     if row.default is not None:
         text["default"] = np.asarray(row.default).tolist()
     shaped = number
@@ -199,6 +200,11 @@ def _row(row: Row) -> Schema:
         moments = {"type": "array", "items": number, "minItems": 3, "maxItems": 3}
         return text | {"anyOf": [number, moments, shaped]}
     return text | shaped
+
+
+def _units(quantity: str) -> str:
+    """Return the unit of measurement of a quantity, of both types of joint."""
+    return " or ".join(dict.fromkeys(unit_of(quantity, joint) for joint in JOINT_TYPES))
 
 
 def _values(unit: type[Unit]) -> Schema:
@@ -211,12 +217,15 @@ def _values(unit: type[Unit]) -> Schema:
     if unit.robot_fields is None:
         return found
     names = unit.robot_fields or PARAMETERS
-    return {name: {"description": PARAMETERS[name].description} for name in names} | found
+    known = (PARAMETERS[name] for name in names)
+    return {row.name: {"description": f"{row.description} [{_units(row.quantity)}]"} for row in known} | found
 
 
 def _declared(declared: Declared) -> Schema:
-    text = declared.text if isinstance(declared.text, str) else "; ".join(dict.fromkeys(declared.text))
-    unit = declared.unit if isinstance(declared.unit, str) else ", ".join(declared.unit)
+    texts = (declared.text,) if isinstance(declared.text, str) else declared.text
+    text = "; ".join(dict.fromkeys(map(general_description, texts)))
+    quantities = (declared.unit,) if isinstance(declared.unit, str) else declared.unit
+    unit = ", ".join(dict.fromkeys(_units(quantity) for quantity in quantities))
     if isinstance(declared, Choice):
         return {"description": text, "enum": list(declared.choices)}
     if isinstance(declared, Switch):

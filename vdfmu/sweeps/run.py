@@ -90,8 +90,8 @@ def sweep(
     chunk : int, optional
         Points that a worker takes at a time, and a file has; default as many as take some seconds, at most 50, or 56
         that are run side by side.
-    time_limit : float, optional
-        Time [s] that a point has; default 600.
+    time_limit : float [s], optional
+        Time that a point has; default 600.
     out : path, optional
         Folder; default ``results/sweep_NAME``.
     overwrite : bool

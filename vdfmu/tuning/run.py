@@ -140,8 +140,8 @@ def tune(
         As of :func:`vdfmu.sweep`; ``batch`` runs the robots of several values side by side.
     workers : int, optional
         Processes; default one a processor.
-    time_limit : float, optional
-        Time [s] that a run has; default 600.
+    time_limit : float [s], optional
+        Time that a run has; default 600.
     out : path, optional
         Folder; default ``results/tune_NAME``.
     overwrite : bool

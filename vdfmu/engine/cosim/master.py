@@ -52,10 +52,10 @@ def simulate(
     ----------
     system : System, str or Path
         An SSP 1.0 or 2.0, or what `vdfmu.load_ssp` made of it.
-    start, stop : float, optional
-        Simulated time [s]. Default: the default experiment of the SSD; its start else 0.
-    step : float, optional
-        Communication step [s]; of components that the package gives a step of their own the part that all have.
+    start, stop : float [s], optional
+        Simulated time. Default: the default experiment of the SSD; its start else 0.
+    step : float [s], optional
+        Communication step; of components that the package gives a step of their own the part that all have.
         `stop` - `start` must be a multiple of it, within 1e-9 relative. With `adaptive` the
         longest step, and the interval of the rows. Default: that of the default experiment's annotation, of this
         project or of libcosim.
@@ -94,11 +94,11 @@ def simulate(
         Whether the components run in a process of their own: if they crash it, end it, take too long or too much
         memory, that is a CosimError, and else it would be the end of this process, or of its patience. Default: if one
         of the FMUs was not built by this project.
-    time_limit : float, optional
-        Time [s] that isolated components have for a step, and for loading, initialization and freeing each. Default:
+    time_limit : float [s], optional
+        Time that isolated components have for a step, and for loading, initialization and freeing each. Default:
         300.
-    memory_limit : float, optional
-        Memory [MB] that isolated components have. Default: half of that of the machine.
+    memory_limit : float [MB], optional
+        Memory that isolated components have. Default: half of that of the machine.
     stream : Path or two of them, optional
         CSV file to which the rows go as they come, in the form of `Results.write` and at least every two seconds. An
         input with the values of another signal, or those of a row before, is left out: `copies` of the summary names
@@ -107,6 +107,8 @@ def simulate(
         again while they are in use; memory does not grow with the number of rows, but for their times.
     about : mapping, optional
         Facts with which the summary begins, and that of a Parquet file.
+    federation : Federation, optional
+        The part of a system that :func:`vdfmu.federate` runs here.
 
     Returns
     -------

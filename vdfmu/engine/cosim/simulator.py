@@ -44,7 +44,7 @@ class Simulator:
     Raises
     ------
     SspError, UsageError
-        As of :func:`vdfmu.simulate`, here and at the begin of the block.
+        As of :func:`vdfmu.simulate`, here and at the beginning of the block.
 
     Examples
     --------

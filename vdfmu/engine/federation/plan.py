@@ -217,7 +217,7 @@ def federate(
         loopback.
     core : str, optional
         How HELICS carries messages, one of `CORES`.
-    **options
+    **options : Any
         Those of :func:`vdfmu.simulate`, but for the algorithm and what belongs to others, and isolation.
 
     Returns
