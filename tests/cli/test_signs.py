@@ -202,13 +202,13 @@ def test_quiet_leaves_the_result_of_a_command_that_prints_it(told, tmp_path, wor
 
 def test_verbose_says_where_an_error_is_from_and_quiet_keeps_the_error(tmp_path):
     def said(*words):
-        command = [sys.executable, "-m", "vdfmu.cli", "models", "show", "nope", *words]
+        command = [sys.executable, "-m", "vdfmu.cli", "run", "nope", *words]
         done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=60, check=False)
         assert (done.returncode, done.stdout) == (2, "")
         return done.stderr
 
     short, long = said("--quiet"), said("-v")
-    assert short.startswith("error: no robot 'nope'")
+    assert short.startswith("error: no scenario 'nope'")
     assert long.splitlines()[1].startswith("Traceback")
     assert long.endswith(short)
 
