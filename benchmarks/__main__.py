@@ -18,7 +18,7 @@ from benchmarks.timing import processor_time
 NAMES = (
     "growth", "fmu_growth", "master_step", "order", "coupling", "rigid", "c_loops", "native", "importers", "interop",
     "work_precision", "engines", "whole", "federation", "gradient", "sweeps",
-    "arms",
+    "arms", "live",
 )  # fmt: skip
 
 

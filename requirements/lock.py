@@ -21,11 +21,15 @@ FILES = {
     "federate": (("--extra=federate",), ("base",)),
     "motion": (("--extra=motion",), ("base",)),
     "notebook": (("--extra=notebook",), ("base",)),
+    "view": (("--extra=view",), ("base",)),
     "robots": (("--extra=robots",), ("base",)),
     "docs": (("--extra=docs",), ("base",)),
     "dev": (("--extra=dev",), ("base",)),
-    "test": (("--extra=test",), ("docs", "native", "sweep", "federate", "robots", "motion", "notebook")),
-    "bench": (("--extra=bench",), ("native", "sweep", "robots")),
+    "test": (
+        ("--extra=test",),
+        ("docs", "native", "sweep", "federate", "robots", "motion", "notebook", "view"),
+    ),
+    "bench": (("--extra=bench",), ("native", "sweep", "robots", "view")),
     "supply": (("--group=supply",), ()),
 }
 """Name of a file to the options that choose its packages, and to the files that it includes."""

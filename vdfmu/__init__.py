@@ -28,6 +28,8 @@ Python API
     A scenario or package at many points: a table that outlives all that may happen.
 ``tune``
     Parameters of a scenario that make a stated cost smallest.
+``LiveView``, ``RobotView``
+    A run while it goes on, and a robot with sliders, in a browser.
 ``package_limit``
     How much may be unpacked of a package.
 """
@@ -67,6 +69,8 @@ if TYPE_CHECKING:
     from vdfmu.sweeps.run import sweep
     from vdfmu.sweeps.table import Sweep
     from vdfmu.tuning.run import tune
+    from vdfmu.view.live import LiveView
+    from vdfmu.view.robot import RobotView
 
 _NAMES = {
     "vdfmu.analysis.modes": ("Modes", "natural_modes"),
@@ -93,15 +97,17 @@ _NAMES = {
     "vdfmu.sweeps.run": ("sweep",),
     "vdfmu.sweeps.table": ("Sweep",),
     "vdfmu.tuning.run": ("tune",),
+    "vdfmu.view.live": ("LiveView",),
+    "vdfmu.view.robot": ("RobotView",),
 }  # fmt: skip
 _WHERE = {name: module for module, names in _NAMES.items() for name in names}
 
 __all__ = [
-    "Animation", "Modes", "Results", "Robot", "Scenario", "Simulator", "StateSpace", "Sweep", "VdfmuError",
-    "__version__", "animate", "build_fmus", "federate", "forward_dynamics", "forward_kinematics", "gravity_torque",
-    "inverse_dynamics", "jacobian", "linearize", "load_motion", "load_robot", "load_scenario", "load_ssp",
-    "mass_matrix", "natural_modes", "package_limit", "robot_from_mjcf", "robot_from_urdf", "robot_names", "run",
-    "scenario_names", "simulate", "sweep", "tune", "write_container", "write_osp", "write_ssp",
+    "Animation", "LiveView", "Modes", "Results", "Robot", "RobotView", "Scenario", "Simulator", "StateSpace", "Sweep",
+    "VdfmuError", "__version__", "animate", "build_fmus", "federate", "forward_dynamics", "forward_kinematics",
+    "gravity_torque", "inverse_dynamics", "jacobian", "linearize", "load_motion", "load_robot", "load_scenario",
+    "load_ssp", "mass_matrix", "natural_modes", "package_limit", "robot_from_mjcf", "robot_from_urdf", "robot_names",
+    "run", "scenario_names", "simulate", "sweep", "tune", "write_container", "write_osp", "write_ssp",
 ]  # fmt: skip
 
 

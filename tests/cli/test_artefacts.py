@@ -36,6 +36,7 @@ READERS = {
     "sweep",
     "tune",
     "unit",
+    "view",
 }
 
 

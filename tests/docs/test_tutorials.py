@@ -26,7 +26,7 @@ BLOCK = re.compile(r"^```(?P<kind>\w+)(?P<options>[^\n]*)\n(?P<body>.*?)^```", r
 SKIP = "<!-- not run -->\n"  # before a block that the test leaves out
 VARIES = re.compile(r"^│ (Wall time|Real-time factor) .*$", re.MULTILINE)
 INSTALLS = re.compile(r"^make |pip install", re.MULTILINE)  # what is done in a clone
-LONG_PAGES = {"identification", "modes", "motions", "own_arm", "own_robot", "systems", "world"}
+LONG_PAGES = {"identification", "modes", "motions", "own_arm", "own_robot", "systems", "view", "world"}
 LONG = re.compile(rf"{INSTALLS.pattern}|vdfmu reference|vdfmu sweep")
 
 
@@ -109,7 +109,7 @@ def run_page(path):
             *PAGES,
             *(
                 ROOT / "docs" / f"{name}.md"
-                for name in ("modes", "identification", "world", "motions", "systems")
+                for name in ("modes", "identification", "world", "motions", "systems", "view")
             ),
             ROOT / "docs" / "reference" / "units.md",
         )

@@ -17,6 +17,7 @@ class Browser(browser.Browser):
         super().__init__(profile)
         for domain in ("Network", "Log"):
             self.call(f"{domain}.enable")
+        self.call("Target.setAutoAttach", autoAttach=True, waitForDebuggerOnStart=True, flatten=True)
 
     def happened(self, event: dict[str, Any]) -> None:
         """Note errors, what the console said, and requests."""
@@ -29,6 +30,11 @@ class Browser(browser.Browser):
             self.problems.append(str(facts["entry"]))
         elif kind == "Network.requestWillBeSent":
             self.requests.append(facts["request"]["url"][:200])
+        elif kind == "Network.webSocketCreated":
+            self.requests.append(facts["url"])
+        elif kind == "Target.attachedToTarget":  # a worker, which may ask for something too
+            for method in ("Network.enable", "Runtime.runIfWaitingForDebugger"):
+                self.send(method, facts["sessionId"])
 
     def key(self, key: str, code: int) -> None:
         """Press a key."""

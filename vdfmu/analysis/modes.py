@@ -58,6 +58,12 @@ class Modes:
         return self.share.argmax(axis=1)
 
 
+def middle_pose(robot: Robot) -> list[float]:
+    """Return 0 for each joint [rad or m], or the middle between end stops that exclude it."""
+    stops = zip(robot.q_min, robot.q_max, strict=True) if robot.limits else [(0.0, 0.0)] * robot.n
+    return [0.0 if low <= 0.0 <= high else float(low + high) / 2.0 for low, high in stops]
+
+
 def natural_modes(robot: Robot, q: npt.ArrayLike, *, motors: str = "free", dry: bool = False) -> Modes:
     """Modes of the plant of an arm, linearised at rest at a pose, where motors and springs hold it.
 

@@ -26,6 +26,7 @@ from vdfmu.cli import (
     sweeps,
     tunes,
     units,
+    view,
 )
 from vdfmu.cli.app import App, QuietOption, VerboseOption, look, look_anew
 from vdfmu.cli.terminal import console, fail
@@ -50,6 +51,7 @@ for function, example in (
     ),
     (motions.motion, "vdfmu motion path.toml --robot planar_2dof -o path.png"),
     (modes.modes, "vdfmu modes manipulator_6dof --pose '0 0.5 0.5 0 0 0'"),
+    (view.view, "vdfmu view panda_7dof"),
     (margins.margins, "vdfmu margins tracking --master jacobi --at 2.5"),
     (
         identify.identify,

@@ -17,6 +17,7 @@ WITHOUT = {
     "federate": "a system runs in one process only",
     "notebook": "no to_pandas(), no to_xarray(), no bars in a notebook",
     "motion": "no motions in the shortest time (kind fastest)",
+    "view": "no vdfmu view and no --live",
     "robots": "no robots from MJCF; those from URDF need nothing",
 }
 """Extra of the package that a user installs, and what is not there without it."""

@@ -80,8 +80,9 @@ def _pose(robot: Robot, text: str | None) -> list[float]:
     from vdfmu.errors import UsageError
 
     if text is None:
-        stops = zip(robot.q_min, robot.q_max, strict=True) if robot.limits else [(0.0, 0.0)] * robot.n
-        return [0.0 if low <= 0.0 <= high else float(low + high) / 2.0 for low, high in stops]
+        from vdfmu.analysis.modes import middle_pose
+
+        return middle_pose(robot)
     try:
         return [float(number) for number in text.replace(",", " ").split()]
     except ValueError:

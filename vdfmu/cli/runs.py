@@ -14,6 +14,7 @@ from vdfmu.cli.terminal import (
     ScenarioArgument,
     SetOption,
     UnpackOption,
+    complete_robot,
     load,
     parse_settings,
     say,
@@ -21,6 +22,7 @@ from vdfmu.cli.terminal import (
     tell,
     unit_messages,
 )
+from vdfmu.cli.view import LiveOption, PortOption, SpeedOption, live_view
 from vdfmu.errors import UsageError
 
 StepOption = Annotated[float | None, typer.Option(help="Communication step in seconds.")]
@@ -129,6 +131,9 @@ def run(
     by: Annotated[
         str | None, typer.Option(help="Of worst and best: by which measure; default the first.")
     ] = None,
+    live: LiveOption = False,
+    speed: SpeedOption = None,
+    port: PortOption = None,
 ) -> None:
     """Run a scenario: build what is stale, co-simulate, solve the references, compare, write tables and figures."""
     way = {
@@ -160,21 +165,23 @@ def run(
     from vdfmu.study.run import RUN_OUTPUTS
     from vdfmu.study.run import run as run_study
 
-    with unit_messages() as log:
-        results = run_study(
-            **given,
-            out=out,
-            overwrite=overwrite,
-            reference=not no_reference,
-            backend=backend,
-            fmi_version=fmi,
-            formats=formats.split(","),
-            pictures=pictures.split(","),
-            log=log,
-        )
-    summary = results.summary
-    tell(tables.run_panel(summary), *map(tables.sheet_table, sheets(summary)))
-    _say_written(out if out is not None else Path("results") / summary["scenario"], RUN_OUTPUTS)
+    with live_view(live, port, speed) as observer:
+        with unit_messages() as log:
+            results = run_study(
+                **given,
+                out=out,
+                overwrite=overwrite,
+                reference=not no_reference,
+                backend=backend,
+                fmi_version=fmi,
+                formats=formats.split(","),
+                pictures=pictures.split(","),
+                log=log,
+                observer=observer,
+            )
+        summary = results.summary
+        tell(tables.run_panel(summary), *map(tables.sheet_table, sheets(summary)))
+        _say_written(out if out is not None else Path("results") / summary["scenario"], RUN_OUTPUTS)
 
 
 def simulate(
@@ -212,17 +219,30 @@ def simulate(
     ] = None,
     formats: FormatOption = "csv",
     plot: Annotated[bool, typer.Option("--plot", help="Draw the signals: signals.png.")] = False,
+    live: LiveOption = False,
+    speed: SpeedOption = None,
+    port: PortOption = None,
+    robot: Annotated[
+        str | None,
+        typer.Option(
+            help="Of --live: whose arm it is, a name or the path of a TOML file; plant.q are its positions.",
+            autocompletion=complete_robot,
+        ),
+    ] = None,
 ) -> None:
     """Run a system package, and write its signals.
 
     Start, stop, step and master that are not given are those of the package's default experiment and its annotations.
     """
-    _run_package(
-        package, out, unpack_limit, settings, record, formats, variant=variant, start=start, stop=stop, step=step,
-        master=master, adaptive=adaptive, tolerance=tolerance, inputs=inputs, input_hold=input_hold,
-        ignore_unmatched=ignore_unmatched, isolate=isolate, time_limit=time_limit, memory_limit=memory_limit,
-        overwrite=overwrite, plot=plot,
-    )  # fmt: skip
+    if robot is not None and not live:
+        raise UsageError("--robot: expected --live, which it is for.")
+    with live_view(live, port, speed, robot) as observer:
+        _run_package(
+            package, out, unpack_limit, settings, record, formats, variant=variant, start=start, stop=stop, step=step,
+            master=master, adaptive=adaptive, tolerance=tolerance, inputs=inputs, input_hold=input_hold,
+            ignore_unmatched=ignore_unmatched, isolate=isolate, time_limit=time_limit, memory_limit=memory_limit,
+            overwrite=overwrite, plot=plot, observer=observer,
+        )  # fmt: skip
 
 
 def federate(

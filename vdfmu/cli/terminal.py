@@ -165,11 +165,16 @@ def parse_settings(
 
 def fail(error: object, code: int) -> NoReturn:
     """Say what is wrong and end."""
+    say_error(error)
+    sys.exit(code)
+
+
+def say_error(error: object) -> None:
+    """Say what is wrong, and with ``--verbose`` where that is from."""
     errors.quiet = False
     if LOG.isEnabledFor(logging.INFO) and sys.exception():
         errors.print(traceback.format_exc().rstrip(), markup=False, soft_wrap=True)
     errors.print(f"[red]error:[/red] {escape(error_text(error))}", soft_wrap=True)
-    sys.exit(code)
 
 
 @contextmanager

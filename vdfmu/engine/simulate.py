@@ -11,6 +11,7 @@ from typing import Any
 from vdfmu import __version__
 from vdfmu.engine.cosim import Interrupted, LogMessage, Results, simulate
 from vdfmu.engine.cosim.inputs import Inputs, read_inputs
+from vdfmu.engine.cosim.observer import Observer
 from vdfmu.engine.federation import Federation
 from vdfmu.engine.folder import DRAWN, SYSTEM_OUTPUTS, keep, known_formats, replacing_results, write_summary
 from vdfmu.engine.ssp.read import DEFAULT, load_ssp
@@ -49,6 +50,7 @@ def run_system(
     progress: Shown = None,
     log: Callable[[LogMessage], None] | None = None,
     plot: bool = False,
+    observer: Observer | None = None,
 ) -> Results:
     """Run an SSP and write its results and ``summary.json``.
 
@@ -79,6 +81,8 @@ def run_system(
         Receives the messages of the units.
     plot : bool, optional
         Whether to draw the signals, but for those that copy others: ``signals.png``.
+    observer : Observer, optional
+        As of :func:`vdfmu.engine.cosim.simulate`.
 
     Returns
     -------
@@ -113,7 +117,7 @@ def run_system(
                 parameters=settings, inputs=tables, record=record, ignore_unmatched=ignore_unmatched, isolate=isolate,
                 time_limit=time_limit, memory_limit=memory_limit, log=log,
                 stream=[partial / f"results.{form}" for form in formats], about=summary,
-                federation=federation,
+                federation=federation, observer=observer,
                 progress=bound(report, "co-simulation"),
             )  # fmt: skip
         except (CosimError, Interrupted) as error:

@@ -81,17 +81,22 @@ class Browser:
         return self._call(method, self._session, **parameters)
 
     def _call(self, method: str, session: str = "", **parameters: Any) -> dict[str, Any]:
-        self._number += 1
-        message = {"id": self._number, "method": method, "params": parameters}
-        text = json.dumps(message | ({"sessionId": session} if session else {}))
-        os.write(self._to, text.encode() + b"\0")
+        number = self.send(method, session, **parameters)
         while True:
             answer = self._message()
-            if answer.get("id") == self._number:
+            if answer.get("id") == number:
                 if "error" in answer:
                     raise VdfmuError(f"browser: {method}: {answer['error']}")
                 return answer["result"]
             self.happened(answer)
+
+    def send(self, method: str, session: str = "", **parameters: Any) -> int:
+        """Call a method of a session without waiting for its answer; the number of the call."""
+        self._number += 1
+        message = {"id": self._number, "method": method, "params": parameters}
+        text = json.dumps(message | ({"sessionId": session} if session else {}))
+        os.write(self._to, text.encode() + b"\0")
+        return self._number
 
     def _message(self) -> dict[str, Any]:
         while b"\0" not in self._rest:
@@ -120,14 +125,14 @@ class Browser:
 
     def open(
         self,
-        page: Path,
+        page: Path | str,
         width: int = 1280,
         height: int = 900,
         scheme: str = "light",
         motion: str = "",
         scale: float = 1.0,
     ) -> None:
-        """Open a file in a window of a size, with some number of the screen's pixels to each of the page's."""
+        """Open a file or an address in a window of a size; `scale`: pixels of the screen to each of the page."""
         self.call(
             "Emulation.setDeviceMetricsOverride",
             width=width,
@@ -138,7 +143,7 @@ class Browser:
         features = {"prefers-color-scheme": scheme, "prefers-reduced-motion": motion}
         media = [{"name": name, "value": value} for name, value in features.items()]
         self.call("Emulation.setEmulatedMedia", features=media)
-        self.call("Page.navigate", url=page.resolve().as_uri())
+        self.call("Page.navigate", url=page if isinstance(page, str) else page.resolve().as_uri())
         self.run(
             "new Promise(d => document.readyState === 'complete' ? d() : addEventListener('load', () => d()))"
         )

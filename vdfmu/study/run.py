@@ -15,6 +15,7 @@ import numpy as np
 from vdfmu.engine.algorithms import ALGORITHMS, count_steps
 from vdfmu.engine.cosim import Interrupted, LogMessage, Results, simulate
 from vdfmu.engine.cosim.inputs import Inputs, read_inputs
+from vdfmu.engine.cosim.observer import Observer
 from vdfmu.engine.cosim.simulator import check_coupling
 from vdfmu.engine.folder import (
     DRAWN,
@@ -148,6 +149,7 @@ def run(
     pictures: Sequence[str] = ("png",),
     progress: Shown = None,
     log: Callable[[LogMessage], None] | None = None,
+    observer: Observer | None = None,
 ) -> Results:
     """Run a scenario and write its results, ``summary.json`` and figures.
 
@@ -196,6 +198,8 @@ def run(
         Called with stage, done, total; True shows bars, on the terminal or in the notebook.
     log : callable, optional
         Receives the messages of the units.
+    observer : Observer, optional
+        Is shown rows while the units step, such as a :class:`vdfmu.LiveView`.
 
     Returns
     -------
@@ -217,6 +221,10 @@ def run(
     known_pictures(pictures)
     folder = Path(out) if out is not None else Path("results") / scenario.name
     if scenario.kind == "contrast":
+        if observer is not None:
+            raise UsageError(
+                f"scenario {scenario.name} has no units, so there is no run to look at while it goes on."
+            )
         if backend is not None or fmi_version != "2.0":
             raise UsageError(
                 f"scenario {scenario.name} has no units, so there is no backend and no version of FMI."
@@ -257,7 +265,7 @@ def run(
         }
         try:
             results = _simulate(
-                scenario, package, progress=bound(report, "co-simulation"), log=log, about=summary,
+                scenario, package, progress=bound(report, "co-simulation"), log=log, about=summary, observer=observer,
                 stream=[partial / f"results.{form}" for form in formats],
             )  # fmt: skip
         except (CosimError, Interrupted) as error:

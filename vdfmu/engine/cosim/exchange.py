@@ -231,6 +231,13 @@ class Exchange:
 
         return [signal for *_, signal in found], data, stores[0] if len(stores) == 1 else store
 
+    def reals(self, wanted: Iterable[str]) -> tuple[list[str], Floats, list[int]]:
+        """Return names of real signals that match, their memory, and the place of each in it."""
+        bank = self.banks[0]
+        names = {f"{unit}.{v.name}": i for i, (unit, v) in enumerate(bank.variables) if unit != SOURCE}
+        found = sorted(matching(list(names), list(wanted)), key=names.__getitem__)
+        return found, bank.memory, [names[name] for name in found]
+
     def _copies(self, bank: Bank, among: Set[int]) -> dict[int, tuple[int, int, int]]:
         """Return input to where its values are, the signal whose values they are, and how many rows before.
 

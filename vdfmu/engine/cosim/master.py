@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 from vdfmu.engine.cosim.check import Value
 from vdfmu.engine.cosim.inputs import Inputs
 from vdfmu.engine.cosim.messages import LogMessage
+from vdfmu.engine.cosim.observer import Observer
 from vdfmu.engine.cosim.results import Results
 from vdfmu.engine.cosim.simulator import Simulator
 from vdfmu.engine.ssp.structure import System
@@ -41,6 +42,7 @@ def simulate(
     memory_limit: float | None = None,
     stream: Path | Sequence[Path] | None = None,
     about: Mapping[str, Any] | None = None,
+    observer: Observer | None = None,
     federation: Federation | None = None,
 ) -> Results:
     """Co-simulate a system of FMUs of FMI 2.0 and 3.0; those for model exchange are integrated.
@@ -107,6 +109,8 @@ def simulate(
         again while they are in use; memory does not grow with the number of rows, but for their times.
     about : mapping, optional
         Facts with which the summary begins, and that of a Parquet file.
+    observer : Observer, optional
+        Is shown rows while the run goes on; see `vdfmu.engine.cosim.observer`.
     federation : Federation, optional
         The part of a system that :func:`vdfmu.federate` runs here.
 
@@ -139,5 +143,6 @@ def simulate(
     simulator.grid(start, stop, step)  # what is wrong with it is said before anything is loaded
     with simulator:
         return simulator.run(
-            start=start, stop=stop, step=step, record=record, progress=progress, stream=stream, about=about
-        )
+            start=start, stop=stop, step=step, record=record, progress=progress, stream=stream, about=about,
+            observer=observer,
+        )  # fmt: skip

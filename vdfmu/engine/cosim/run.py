@@ -21,6 +21,7 @@ from vdfmu.engine.cosim.exchange import SampledStepper, largest_step
 from vdfmu.engine.cosim.exits import report_exits
 from vdfmu.engine.cosim.isolated import Isolated, Limits
 from vdfmu.engine.cosim.messages import LogMessage, MessageBox
+from vdfmu.engine.cosim.observer import Observer, observed
 from vdfmu.engine.cosim.parquet import write_parquet
 from vdfmu.engine.cosim.recorder import ROWS, Recorder
 from vdfmu.engine.cosim.results import Results, copies_of
@@ -136,6 +137,7 @@ class Run:
         record: Sequence[str] | None,
         progress: Callable[[int, int], None] | None,
         stream: Sequence[Path] = (),
+        observer: Observer | None = None,
     ) -> Results:
         """Do the steps and return the results."""
         box, stepper = self.box, self.stepper
@@ -163,6 +165,8 @@ class Run:
             for path in stream if done >= 0 else ():
                 if path.suffix.lower() == ".parquet":
                     write_parquet(found, path)
+            if observer is not None and done >= 0:
+                observer.end(found)
             return found
 
         def save() -> str:
@@ -175,6 +179,8 @@ class Run:
             text_first = sorted(stream, key=lambda path: path.suffix.lower() == ".parquet")
             recorder = Recorder(text_first[0], signals, data, store, times)
             store = recorder.store
+        if observer is not None:
+            store = observed(observer, exchange, self.summary, begin, step, store)
         self._save = save
         began = clock.perf_counter()
         stride = max(1, -(-n // 100))

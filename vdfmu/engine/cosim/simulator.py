@@ -16,6 +16,7 @@ from vdfmu.engine.cosim.inputs import Inputs, outside, read_inputs
 from vdfmu.engine.cosim.isolated import Limits
 from vdfmu.engine.cosim.messages import LogMessage
 from vdfmu.engine.cosim.multirate import with_steps
+from vdfmu.engine.cosim.observer import Observer
 from vdfmu.engine.cosim.parquet import needed
 from vdfmu.engine.cosim.results import Results
 from vdfmu.engine.cosim.run import Run
@@ -119,6 +120,7 @@ class Simulator:
         progress: Steps | bool | None = None,
         stream: Path | Sequence[Path] | None = None,
         about: Mapping[str, Any] | None = None,
+        observer: Observer | None = None,
     ) -> Results:
         """Run the system, from its start.
 
@@ -126,7 +128,7 @@ class Simulator:
         ----------
         parameters : mapping of str to value, optional
             For this run, before those of the simulator.
-        start, stop, step, record, progress, stream, about
+        start, stop, step, record, progress, stream, about, observer
             As of :func:`vdfmu.simulate`.
 
         Raises
@@ -161,7 +163,7 @@ class Simulator:
             }  # fmt: skip
             run.stepper = run.components.couple(self._adaptive, self._convergence, end - begin, record)
             with shown_steps(progress, "co-simulation") as advance:
-                run.results = run.steps(begin, end, step, n, record, advance, files)
+                run.results = run.steps(begin, end, step, n, record, advance, files, observer)
         except BaseException as error:
             failed, self._run = self._run, None
             if failed is not None:

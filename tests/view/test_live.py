@@ -1,0 +1,159 @@
+"""A run with a live view: the same run, whatever becomes of the view."""
+
+from __future__ import annotations
+
+import socket
+import sys
+import urllib.request
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+import vdfmu
+from vdfmu.cli.commands import app
+from vdfmu.errors import UsageError
+from vdfmu.report.content import arm_of
+from vdfmu.view.live import HEAD, LiveView
+from vdfmu.view.live_server import Server
+from vdfmu.view.scene import open_server
+from vdfmu.view.shapes import Chain
+
+NAMES = [
+    f"{name}[{i}]" for name in ("plant.q", "trajectory.q_d", "controller.tau", "plant.kappa") for i in (1, 2)
+]
+
+
+def test_a_run_with_a_view_is_the_run_without_and_outlives_it(tmp_path):
+    said = []
+    with LiveView(say=said.append) as live:
+        assert said == [f"Live view: {live.address}"]
+        assert live.address.startswith("http://127.0.0.1:")
+        with urllib.request.urlopen(live.address) as page:
+            assert page.status == 200
+        shown = vdfmu.run("planar_tracking", stop=0.3, reference=False, out=tmp_path, observer=live)
+        assert live.open
+        live.stay()  # returns: there is neither a terminal nor a browser
+        live._process.kill()
+        live._process.wait()
+        alone = vdfmu.simulate(tmp_path / "system.ssp", stop=0.3, observer=live)
+        assert not live.open
+        live.stay()
+        assert said.pop() == "note: live view: it has ended: it was killed"
+    plain = vdfmu.simulate(tmp_path / "system.ssp", stop=0.3)
+    for name in plain:
+        np.testing.assert_array_equal(shown[name], plain[name])
+        np.testing.assert_array_equal(alone[name], plain[name])
+    assert len(said) == 2  # system.ssp does not say whose arm it is
+
+
+def test_what_is_shown_is_the_row_and_afterwards_any_of_the_run():
+    arm = arm_of(vdfmu.load_robot("planar_2dof"), {})
+    server = open_server(None, "test")
+    try:
+        drawer, sent = Server(server), []
+        live = LiveView.__new__(LiveView)
+        live._arm, live._speed, live._say, live._folder = None, None, sent.append, None
+        live._send = lambda name, *arguments: getattr(drawer, name)(*arguments)
+        live.begin(NAMES, {"arm": arm, "scenario": "test", "start": 0.0, "stop": 2.0})
+        values = np.array([0.3, -0.4, 0.31, -0.41, 0.02, 0.01, 0.302, -0.401])
+        live.row(1.0, values)
+        drawer.step()
+        scene, chain = drawer._scene, Chain(arm)
+        assert scene is not None
+        for handle, (R, p) in zip(scene._arm._links, chain.placements(values[:2]), strict=True):
+            assert handle.position == pytest.approx(tuple(p))
+            w, x, y, z = handle.wxyz
+            assert R[1, 0] == pytest.approx(2.0 * (x * y + w * z))  # of a quaternion to a matrix
+        shown = scene.values({"q": values[:2], "q_d": values[2:4], "tau": values[4:6], "kappa": values[6:]})
+        np.testing.assert_allclose(shown["error"], [0.01, -0.01])
+        np.testing.assert_allclose(shown["torque"], [2.0, 1.0])  # ell is 100
+        np.testing.assert_allclose(shown["torsion"], [0.002, -0.001])
+        assert "t = 1.000 s, 50 %" in scene._state.content
+        assert "| 17.19 |" in scene._numbers.content  # degrees
+        time = np.array([0.0, 1.0, 2.0])
+        drawer.end(
+            time,
+            {
+                key: np.outer(time, values[i : i + 2])
+                for key, i in (("q", 0), ("q_d", 2), ("tau", 4), ("kappa", 6))
+            },
+        )
+        scene.slider.value = 1.2
+        drawer.step()
+        assert scene._arm._links[1].wxyz == pytest.approx([np.cos(-0.2), 0.0, 0.0, np.sin(-0.2)])
+        assert sent == []
+    finally:
+        server.stop()
+
+
+def test_a_torn_row_is_not_drawn():
+    server = Server(None)
+    server._words, server._places = np.array([3.0, 0.1, 1.0]), {"q": [0]}
+    assert server._row() is None  # it is being written
+    server._words[0] = 4.0
+    assert server._row() == (0.1, {"q": np.array([1.0])})
+    assert server._row() is None  # and shown already
+    assert HEAD == 2
+
+
+@pytest.mark.parametrize(
+    ("names", "about", "why"),
+    [
+        (NAMES, {}, "no robot is known"),
+        (["spring.x"], {"arm": 1}, "there is no signal plant.q of its joints"),
+        (NAMES[:1], {"arm": 1}, "there is no signal plant.q of its joints"),
+    ],
+)
+def test_where_there_is_no_arm_to_show_it_says_so_once(names, about, why):
+    live, said, sent = LiveView.__new__(LiveView), [], []
+    live._arm, live._speed, live._say, live._send = (
+        None,
+        None,
+        said.append,
+        lambda *message: sent.append(message),
+    )
+    arm = arm_of(vdfmu.load_robot("planar_2dof"), {})
+    live.begin(names, {name: arm for name in about} | {"system": "springs", "start": 0.0, "stop": 1.0})
+    live.row(0.0, np.zeros(len(names)))
+    assert len(said) == len(sent) == 1
+    assert why in said[0]
+    assert sent[0][:2] == ("words", "springs")
+
+
+def test_a_run_is_held_back_to_a_speed(monkeypatch):
+    slept, now = [], [10.0]
+    monkeypatch.setattr("vdfmu.view.live.clock.perf_counter", lambda: now[0])
+    monkeypatch.setattr("vdfmu.view.live.clock.sleep", slept.append)
+    live = LiveView.__new__(LiveView)
+    live._speed, live._words, live._began, live._due = 2.0, None, 0.0, 0.0
+    live.row(1.0, np.zeros(0))
+    now[0] += 0.25
+    live.row(2.0, np.zeros(0))  # a second of the run takes half a second
+    assert slept == pytest.approx([0.25])
+
+
+def test_what_is_wrong_is_said_before_the_run(monkeypatch, tmp_path):
+    monkeypatch.chdir(tmp_path)
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        port = taken.getsockname()[1]
+        with pytest.raises(
+            UsageError, match=f"port {port}: expected a free port of 127.0.0.1, got: .* in use"
+        ):
+            open_server(port, "test")
+    with pytest.raises(UsageError, match="speed: expected a positive number, got -1"):
+        LiveView(speed=-1.0)
+    with pytest.raises(UsageError, match="scenario contrast has no units"):
+        vdfmu.run("contrast", observer=LiveView.__new__(LiveView))
+    for words in ("run tracking --port 8000", "run tracking --speed 1", "simulate x.ssp --robot planar_2dof"):
+        done = CliRunner().invoke(app, words.split())
+        assert isinstance(done.exception, UsageError)
+        assert "expected --live" in str(done.exception)
+    monkeypatch.setitem(sys.modules, "viser", None)
+    for words in ("run tracking --live", "view planar_2dof"):
+        done = CliRunner().invoke(app, words.split())
+        assert isinstance(done.exception, UsageError)
+        assert "'pip install vdfmu[view]'" in str(done.exception)
+    assert list(tmp_path.iterdir()) == []

@@ -1,0 +1,113 @@
+"""``vdfmu view``, and ``--live`` of runs."""
+
+from __future__ import annotations
+
+import signal
+from collections.abc import Generator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from vdfmu.cli.terminal import complete_robot, errors, say, say_error
+from vdfmu.errors import UsageError
+
+if TYPE_CHECKING:
+    from vdfmu.view.live import LiveView
+
+PortOption = Annotated[
+    int | None,
+    typer.Option(
+        min=1, max=65535, help="Port of the view on 127.0.0.1; default one that is free.", show_default=False
+    ),
+]
+LiveOption = Annotated[
+    bool,
+    typer.Option(
+        "--live", help="Show the arm, errors, torques and torsion in a browser while the run goes on."
+    ),
+]
+SpeedOption = Annotated[
+    float | None,
+    typer.Option(
+        metavar="FACTOR",
+        help="Hold a --live run back to this many simulated seconds a second, 1 for real time; default as fast as it "
+        "goes.",
+        show_default=False,
+    ),
+]
+
+
+def view(
+    robot: Annotated[
+        str,
+        typer.Argument(
+            help="Name of a shipped robot, or path of a robot file, a URDF or a MuJoCo file (MJCF).",
+            autocompletion=complete_robot,
+        ),
+    ],
+    base: Annotated[str | None, typer.Option(help="Of a URDF or MJCF: link that stands still.")] = None,
+    tip: Annotated[str | None, typer.Option(help="Of a URDF or MJCF: link at which the arm ends.")] = None,
+    port: PortOption = None,
+) -> None:
+    """Show a robot in a browser: sliders of its joints, frames, masses, ellipsoids of inertia, and modes that move."""
+    from vdfmu.interrupt import InterruptGuard
+
+    path = Path(robot)
+    if path.suffix.lower() in (".urdf", ".xml", ".mjcf"):
+        from vdfmu.robots import import_robot
+
+        arm, _, notes = import_robot(path, base, tip)
+        folder = path.parent
+    else:
+        if base is not None or tip is not None:
+            raise UsageError("base, tip: expected a URDF or MJCF, of which they choose the arm.")
+        from vdfmu.model import load_robot
+        from vdfmu.model.toml_file import locate
+
+        arm, notes, folder = load_robot(robot), [], locate(robot, "robots").parent
+    from vdfmu.cli.terminal import say_notes
+    from vdfmu.view.robot import RobotView
+
+    shown = RobotView(arm, folder, port)
+    say_notes([*notes, *shown.notes])
+    say(f"{arm.name}: {shown.address}, Ctrl-C ends it")
+    with InterruptGuard() as guard:
+        shown.run(lambda: guard.number != 0)
+        shown.close()
+        guard.number = 0 if guard.number == signal.SIGINT else guard.number
+
+
+@contextmanager
+def live_view(
+    wanted: bool, port: int | None, speed: float | None, robot: str | None = None
+) -> Generator[LiveView | None]:
+    """Make the view of a run, which stays after it until the user ends it, if the run failed, too."""
+    if not wanted:
+        given = [name for name, each in (("--port", port), ("--speed", speed)) if each is not None]
+        if given:
+            raise UsageError(f"{', '.join(given)}: expected --live, which it is for.")
+        yield None
+        return
+    from vdfmu.errors import CosimError
+    from vdfmu.view.live import LiveView
+
+    arm: dict[str, Any] | None = None
+    if robot is not None:
+        from vdfmu.model import load_robot
+        from vdfmu.report.content import arm_of
+
+        arm = arm_of(load_robot(robot), {})
+
+    def tell(text: str) -> None:
+        errors.print(text, markup=False, soft_wrap=True)
+
+    with LiveView(port=port, speed=speed, arm=arm, say=tell) as shown:
+        try:
+            yield shown
+        except CosimError as error:
+            say_error(error)
+            shown.stay()
+            raise typer.Exit(1) from error
+        shown.stay()

@@ -1,0 +1,57 @@
+"""What may look at a run while it goes on."""
+
+from __future__ import annotations
+
+import time as clock
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, Protocol
+
+import numpy as np
+
+from vdfmu.arrays import Floats
+from vdfmu.engine.cosim.exchange import Exchange
+from vdfmu.engine.cosim.results import Results
+
+
+class Observer(Protocol):
+    """Is given rows of a run, which waits for it."""
+
+    wanted: Sequence[str]
+    """Names of real signals that it is to be given, with ``*`` for any text; there need not be any."""
+    period: float
+    """Wall time between two rows [s], at least; 0 for every row."""
+
+    def begin(self, names: Sequence[str], about: Mapping[str, Any]) -> None:
+        """Take the names of the signals that there are, and the facts of the run."""
+        ...
+
+    def row(self, time: float, values: Floats) -> None:
+        """Take the values (k,) at a time [s]; the array is the observer's."""
+        ...
+
+    def end(self, results: Results) -> None:
+        """Take all rows of the run, which may have failed."""
+        ...
+
+
+def observed(
+    observer: Observer,
+    exchange: Exchange,
+    about: Mapping[str, Any],
+    begin: float,
+    step: float,
+    store: Callable[[int], None],
+) -> Callable[[int], None]:
+    """Return what stores a row k, of the time ``begin + k * step``, and shows it to the observer when it is due."""
+    names, memory, places = exchange.reals(observer.wanted)
+    observer.begin(names, about)
+    columns, period, due, now = np.array(places, np.intp), observer.period, 0.0, clock.perf_counter
+
+    def storing(k: int) -> None:
+        nonlocal due
+        store(k)
+        if now() >= due:
+            observer.row(begin + k * step, memory.take(columns))
+            due = now() + period
+
+    return storing
