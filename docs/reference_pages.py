@@ -27,7 +27,8 @@ def _command(name: str, command: Any) -> Iterator[str]:
         if example:
             yield f"\n```sh\n{example[1]}\n```"
     arguments = [p for p in command.params if p.param_type_name == "argument"]
-    options = [p for p in command.params if p.param_type_name == "option" and "--help" not in p.opts]
+    known = {"--help"} if name == "vdfmu" else {"--help", "--quiet", "--verbose"}
+    options = [p for p in command.params if p.param_type_name == "option" and not known & {*p.opts}]
     for kind, parameters in (("argument", arguments), ("option", options)):
         if parameters:
             yield f"\n| {kind} | default | what it is |\n| --- | --- | --- |"
@@ -121,6 +122,23 @@ hide: [toc]
 Every command and option, made from the commands themselves; `vdfmu COMMAND --help` says the same.
 `vdfmu --install-completion` lets the shell complete commands and options. Exit codes: 0 done, 1 a check or a unit
 failed, 2 wrong usage or input, 130 stopped with Ctrl-C, 143 by SIGTERM, 129 by SIGHUP.
+
+Every command takes `--quiet` and `--verbose`, before its name or behind it. The result goes to standard output, all
+else to standard error.
+
+| option | standard output | standard error |
+| --- | --- | --- |
+| none | tables, and the files written | notes, warnings, errors; bars on a terminal |
+| `--quiet`, `-q` | no tables that are in the files written: a line `Written to` | errors |
+| `--verbose`, `-v` | as without | also what is done, how long it took, and where an error is from |
+
+With `--quiet`, `run`, `simulate`, `federate`, `sweep` and `tune` print that one line, of `sweep` points that failed
+too; all other commands print what they do without it. `--verbose` names versions, stages, what came from the cache,
+calls of the compiler, and files.
+
+On a terminal a line moves from half a second on, as long as a command works, and each stage has a bar. None of it
+goes to a pipe or a file. The bars are ASCII where the terminal is not UTF-8, have no colours under `NO_COLOR`, and
+fewer columns below a width of 80.
 """
 
 _SCENARIO_HEAD = """---

@@ -16,6 +16,8 @@ Python API
     The four units as FMUs, the system that wires them as a package or for libcosim, and the system as one FMU.
 ``run``
     A whole scenario: co-simulation, references, comparison, files.
+``animate``
+    The arm of a run, moving, in a notebook or a file.
 ``simulate``, ``load_ssp``
     The master, for systems of FMUs of FMI 2.0 and 3.0.
 ``federate``
@@ -58,6 +60,7 @@ if TYPE_CHECKING:
     from vdfmu.fmu import build_fmus
     from vdfmu.model import Robot, load_robot, robot_names
     from vdfmu.motion.read import load_motion
+    from vdfmu.report.animation import Animation, animate
     from vdfmu.robots import robot_from_mjcf, robot_from_urdf
     from vdfmu.scenario import Scenario, load_scenario, scenario_names
     from vdfmu.ssp.osp import write_osp
@@ -86,6 +89,7 @@ _NAMES = {
     "vdfmu.fmu": ("build_fmus",),
     "vdfmu.model": ("Robot", "load_robot", "robot_names"),
     "vdfmu.motion.read": ("load_motion",),
+    "vdfmu.report.animation": ("Animation", "animate"),
     "vdfmu.robots": ("robot_from_mjcf", "robot_from_urdf"),
     "vdfmu.scenario": ("Scenario", "load_scenario", "scenario_names"),
     "vdfmu.ssp.osp": ("write_osp",),
@@ -99,8 +103,8 @@ _NAMES = {
 _WHERE = {name: module for module, names in _NAMES.items() for name in names}
 
 __all__ = [
-    "LiveView", "Modes", "Results", "Robot", "RobotView", "Scenario", "Simulator", "StateSpace", "Sweep",
-    "VdfmuError", "__version__", "build_fmus", "federate", "forward_dynamics", "forward_kinematics",
+    "Animation", "LiveView", "Modes", "Results", "Robot", "RobotView", "Scenario", "Simulator", "StateSpace", "Sweep",
+    "VdfmuError", "__version__", "animate", "build_fmus", "federate", "forward_dynamics", "forward_kinematics",
     "gravity_torque", "inverse_dynamics", "jacobian", "linearize", "load_motion", "load_robot", "load_scenario",
     "load_ssp", "mass_matrix", "natural_modes", "package_limit", "robot_from_mjcf", "robot_from_urdf", "robot_names",
     "run", "scenario_names", "simulate", "sweep", "tune", "write_container", "write_osp", "write_ssp",

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import threading
+import time
 from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any, Self
 
 from rich.console import Console, ConsoleOptions, RenderableType
 from rich.segment import Segment
 
+from vdfmu.progress import LOG
 from vdfmu.text import shown
 
 if TYPE_CHECKING:
-    from rich.progress import TaskID
+    from rich.progress import Progress, TaskID
 
 
 class Terminal(Console):
@@ -28,51 +31,114 @@ class Terminal(Console):
 
 
 errors = Terminal(stderr=True, highlight=False)
+"""All but results; ``errors.quiet`` lets nothing through."""
+_SOON = 0.5
+"""Time [s] after which a line that moves appears."""
 
 
 class Bars:
-    """Progress bars, one a stage, and lines above them."""
+    """Progress bars, one a stage, and above them a line that moves whatever else does not.
 
-    def __init__(self) -> None:
-        from rich.progress import (
-            BarColumn,
-            MofNCompleteColumn,
-            Progress,
-            ProgressColumn,
-            Task,
-            TextColumn,
-            TimeElapsedColumn,
-            TimeRemainingColumn,
-        )
-        from rich.text import Text
+    Parameters
+    ----------
+    title : str, optional
+        Of that line, which appears after half a second and goes at the end; without a title there is none.
+    """
 
-        class Rate(ProgressColumn):
-            """Steps in a second."""
-
-            def render(self, task: Task) -> Text:
-                rate = task.finished_speed or task.speed
-                return Text(f"{rate:.3g}/s" if rate else "")
-
-        self._progress = Progress(
-            TextColumn("{task.description:20}"), BarColumn(20), TextColumn("{task.percentage:3.0f} %"),
-            MofNCompleteColumn(), Rate(), TimeElapsedColumn(), TimeRemainingColumn(), console=errors, transient=False,
-            disable=not (errors.is_terminal or errors.is_jupyter),
-        )  # fmt: skip
+    def __init__(self, title: str = "") -> None:
+        self._title = title
+        self._lock = threading.RLock()
+        self._timer: threading.Timer | None = None
+        self._progress: Progress | None = None
         self._tasks: dict[str, TaskID] = {}
+        self._began: dict[str, float] = {}
 
     def __enter__(self) -> Self:
-        self._progress.start()
+        if self._title and _seen():
+            self._timer = threading.Timer(_SOON, self._show)
+            self._timer.daemon = True
+            self._timer.start()
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._progress.stop()
+        if self._timer is not None:
+            self._timer.cancel()
+            self._timer = None
+        with self._lock:
+            progress, self._progress, tasks, self._tasks = self._progress, None, self._tasks, {}
+            if progress is not None:
+                if "" in tasks:
+                    progress.remove_task(tasks[""])
+                progress.stop()
+
+    def rest(self) -> None:
+        """Leave the terminal to what else is printed there; what takes long after it begins new bars."""
+        self.__exit__()
+        self.__enter__()
+
+    def _show(self) -> None:
+        with self._lock:
+            if self._progress is None and _seen() and (self._timer is not None or not self._title):
+                self._progress = _progress()
+                if self._title:
+                    self._tasks[""] = self._progress.add_task(self._title, total=None)
+                self._progress.start()
 
     def update(self, stage: str, done: int, total: int) -> None:
         """Show how far a stage is."""
-        if stage not in self._tasks:
-            self._tasks[stage] = self._progress.add_task(stage)
-        self._progress.update(self._tasks[stage], completed=done, total=total)
+        began = self._began.setdefault(stage, time.perf_counter())
+        if done >= total:
+            del self._began[stage]
+            LOG.info("%s: %.2f s", f"{stage}, {total}" if total > 1 else stage, time.perf_counter() - began)
+        with self._lock:
+            self._show()
+            if self._progress is None:
+                return
+            if stage not in self._tasks:
+                self._tasks[stage] = self._progress.add_task(stage, total=None)
+            steps = total if total > 1 or done else None  # a bar without a total moves
+            self._progress.update(self._tasks[stage], completed=done, total=steps)
 
-    def say(self, text: str) -> None:
-        """Print a line above the bars."""
-        self._progress.console.print(text, markup=False, soft_wrap=True)
+
+def _seen() -> bool:
+    return (errors.is_terminal or errors.is_jupyter) and not errors.quiet
+
+
+def _progress() -> Progress:
+    """Return bars with as many columns as the terminal has room for, which are shown only if it is one."""
+    from rich.progress import (
+        BarColumn,
+        MofNCompleteColumn,
+        Progress,
+        ProgressColumn,
+        Task,
+        TaskProgressColumn,
+        TextColumn,
+        TimeElapsedColumn,
+        TimeRemainingColumn,
+    )
+    from rich.text import Text
+
+    class Rate(ProgressColumn):
+        """Steps in a second."""
+
+        def render(self, task: Task) -> Text:
+            rate = task.finished_speed or task.speed
+            return Text(f"{rate:.3g}/s" if rate and task.total != 1 else "")
+
+    class Count(MofNCompleteColumn):
+        """Steps, where there are several."""
+
+        def render(self, task: Task) -> Text:
+            return super().render(task) if (task.total or 1) > 1 else Text("")
+
+    wide = errors.width >= 80
+    room = max(errors.width - (60 if wide else 26), 1)
+    elapsed = TimeElapsedColumn()
+    return Progress(
+        TextColumn(f"{{task.description:{min(20, room)}.{room}}}"),
+        BarColumn(20 if wide else 8),
+        TaskProgressColumn("{task.percentage:3.0f} %"),
+        *((Count(), Rate(), elapsed, TimeRemainingColumn()) if wide else (elapsed,)),
+        console=errors, transient=False, redirect_stdout=False,
+    )  # fmt: skip

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import BinaryIO
 
 from vdfmu.errors import StorageError, UsageError, VdfmuError
+from vdfmu.progress import LOG
 
 _EPOCH = (1980, 1, 1, 0, 0, 0)
 _PACKED = (".fmu", ".ssp", ".png")
@@ -55,6 +56,7 @@ def _replacing(target: Path) -> Generator[BinaryIO]:
         with os.fdopen(handle, "wb") as stream:
             yield stream
         os.replace(temporary, target)
+        LOG.info("written: %s", target)
     except BaseException:
         temporary.unlink(missing_ok=True)
         raise

@@ -1,102 +1,30 @@
-"""Chromium, headless, driven through its DevTools pipe: no driver and no package beside it."""
+"""The browser of :mod:`vdfmu.report.browser`, with keys, a mouse, and what it said and asked a network for."""
 
 from __future__ import annotations
 
-import base64
-import fcntl
 import io
-import json
-import os
-import shutil
-import subprocess
 from pathlib import Path
-from types import TracebackType
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 from PIL import Image
 
-FLAGS = (
-    "--headless=new", "--no-sandbox", "--disable-gpu", "--use-gl=angle", "--use-angle=swiftshader",
-    "--enable-unsafe-swiftshader", "--disable-quic", "--no-first-run", "--disable-background-networking",
-    "--disable-component-update", "--disable-sync", "--hide-scrollbars", "--remote-debugging-pipe",
-)  # fmt: skip
+from vdfmu.report import browser
 
 
-class Browser:
+class Browser(browser.Browser):
     """A page in a browser of its own; what its console said and what it asked any network for."""
 
     def __init__(self, profile: Path) -> None:
-        program = shutil.which("chromium") or shutil.which("google-chrome")
-        assert program, "expected chromium; 'apt-get install chromium' installs it"
-        to_read, self._to = os.pipe()
-        self._from, to_write = os.pipe()
-        # above 9, so that neither is in the way of the other
-        ends = [fcntl.fcntl(end, fcntl.F_DUPFD_CLOEXEC, 10) for end in (to_read, to_write)]
-
-        def connect() -> None:  # the browser reads commands from its descriptor 3 and writes answers to 4
-            os.dup2(ends[0], 3)
-            os.dup2(ends[1], 4)
-
-        self._process = subprocess.Popen(
-            [program, *FLAGS, f"--user-data-dir={profile}", "about:blank"],
-            preexec_fn=connect, pass_fds=(3, 4), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
-        )  # fmt: skip
-        for end in (to_read, to_write, *ends):
-            os.close(end)
-        self._rest, self._number = b"", 0
         self.problems: list[str] = []
         self.requests: list[str] = []
-        targets = self._call("Target.getTargets")["targetInfos"]
-        page = next(target for target in targets if target["type"] == "page")["targetId"]
-        self._session = self._call("Target.attachToTarget", targetId=page, flatten=True)["sessionId"]
-        for domain in ("Page", "Runtime", "Network", "Log"):
+        super().__init__(profile)
+        for domain in ("Network", "Log"):
             self.call(f"{domain}.enable")
         self.call("Target.setAutoAttach", autoAttach=True, waitForDebuggerOnStart=True, flatten=True)
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        os.close(self._to)
-        try:
-            self._process.wait(10)
-        except subprocess.TimeoutExpired:
-            self._process.kill()
-            self._process.wait()
-        os.close(self._from)
-
-    def call(self, method: str, **parameters: Any) -> dict[str, Any]:
-        """Call a method of the page's DevTools; its answer."""
-        return self._call(method, self._session, **parameters)
-
-    def _call(self, method: str, session: str = "", **parameters: Any) -> dict[str, Any]:
-        number = self._send(method, session, **parameters)
-        while True:
-            answer = self._message()
-            if answer.get("id") == number:
-                assert "error" not in answer, (method, answer["error"])
-                return answer["result"]
-            self._note(answer)
-
-    def _send(self, method: str, session: str = "", **parameters: Any) -> int:
-        self._number += 1
-        message = {"id": self._number, "method": method, "params": parameters}
-        text = json.dumps(message | ({"sessionId": session} if session else {}))
-        os.write(self._to, text.encode() + b"\0")
-        return self._number
-
-    def _message(self) -> dict[str, Any]:
-        while b"\0" not in self._rest:
-            block = os.read(self._from, 1 << 20)
-            assert block, "the browser has ended"
-            self._rest += block
-        text, self._rest = self._rest.split(b"\0", 1)
-        return json.loads(text)
-
-    def _note(self, event: dict[str, Any]) -> None:
+    def happened(self, event: dict[str, Any]) -> None:
+        """Note errors, what the console said, and requests."""
         kind, facts = event.get("method"), event.get("params", {})
         if kind == "Runtime.exceptionThrown":
             self.problems.append(str(facts["exceptionDetails"]))
@@ -110,43 +38,7 @@ class Browser:
             self.requests.append(facts["url"])
         elif kind == "Target.attachedToTarget":  # a worker, which may ask for something too
             for method in ("Network.enable", "Runtime.runIfWaitingForDebugger"):
-                self._send(method, facts["sessionId"])
-
-    def run(self, script: str) -> Any:
-        """Value of an expression of JavaScript, which may be a promise."""
-        found = self.call("Runtime.evaluate", expression=script, awaitPromise=True, returnByValue=True)
-        assert "exceptionDetails" not in found, found["exceptionDetails"]
-        return found["result"].get("value")
-
-    def settle(self) -> None:
-        """Wait until what has changed is drawn."""
-        self.run(
-            "new Promise(d => requestAnimationFrame(() => requestAnimationFrame(() => setTimeout(d, 30))))"
-        )
-
-    def open(
-        self, page: Path | str, width: int = 1280, height: int = 900, scheme: str = "light", motion: str = ""
-    ) -> None:
-        """Open a file or an address in a window of a size."""
-        self.call(
-            "Emulation.setDeviceMetricsOverride",
-            width=width,
-            height=height,
-            deviceScaleFactor=1,
-            mobile=width < 600,
-        )
-        features = {"prefers-color-scheme": scheme, "prefers-reduced-motion": motion}
-        media = [{"name": name, "value": value} for name, value in features.items()]
-        self.call("Emulation.setEmulatedMedia", features=media)
-        self.call("Page.navigate", url=page if isinstance(page, str) else page.as_uri())
-        self.run(
-            "new Promise(d => document.readyState === 'complete' ? d() : addEventListener('load', () => d()))"
-        )
-        self.run(  # a page of a run unpacks its libraries first
-            "new Promise(d => { const look = n => n && document.getElementById('vendor') && !globalThis.report"
-            " ? setTimeout(look, 20, n - 1) : d(); look(500); })"
-        )
-        self.settle()
+                self.send(method, facts["sessionId"])
 
     def key(self, key: str, code: int) -> None:
         """Press a key."""
@@ -159,20 +51,6 @@ class Browser:
         """Move or press the mouse: ``mouseMoved``, ``mousePressed`` or ``mouseReleased``."""
         self.call("Input.dispatchMouseEvent", type=kind, x=x, y=y, **more)
         self.settle()
-
-    def picture(self, selector: str = "") -> bytes:
-        """Picture of an element, or of all of the page, as PNG."""
-        size = self.call("Page.getLayoutMetrics")["cssContentSize"]
-        box = {"x": 0, "y": 0, "width": size["width"], "height": size["height"]}
-        if selector:
-            box = self.run(
-                f"(r => ({{x: r.x + scrollX, y: r.y + scrollY, width: r.width, height: r.height}}))"
-                f"(document.querySelector({selector!r}).getBoundingClientRect())"
-            )
-        found = self.call(
-            "Page.captureScreenshot", format="png", clip=box | {"scale": 1}, captureBeyondViewport=True
-        )
-        return base64.b64decode(found["data"])
 
 
 def show(browser: Browser, path: Path, *size: int, **more: str) -> None:

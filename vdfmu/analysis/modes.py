@@ -16,6 +16,7 @@ from vdfmu.arrays import Floats
 from vdfmu.engine.space import StateSpace
 from vdfmu.errors import UsageError
 from vdfmu.model.robot import Robot, robot_argument
+from vdfmu.progress import counted
 from vdfmu.scenario import Scenario
 from vdfmu.scenario.values import system_values
 from vdfmu.ssp.description import SystemDescription
@@ -151,7 +152,7 @@ def modes_along(
     for t in times:
         run(t)
         poses.append(trajectory.group("q_d").copy())
-    systems = [linearize(scenario.robot, q, dry=dry) for q in poses]
+    systems = [linearize(scenario.robot, q, dry=dry) for q in counted("poses", poses, len(poses))]
     return times, {motors: [_modes(system, motors, dry) for system in systems] for motors in MOTORS}
 
 

@@ -12,6 +12,7 @@ from vdfmu.analysis.margins import Margins, system_margins
 from vdfmu.engine.cosim.simulator import Simulator
 from vdfmu.engine.linear import LinearSystem, linear_system
 from vdfmu.errors import UsageError
+from vdfmu.progress import counted
 from vdfmu.scenario import Scenario, load_scenario
 from vdfmu.scenario.parts import cached_fmus
 from vdfmu.scenario.values import system_values
@@ -114,7 +115,7 @@ def margins_along(
         if at is None:
             begin, end, step, n = Simulator(package, **chosen).grid(None, None, None)
             at = [begin + round(k * n / 4) * step for k in range(4)] + [end]
-        systems = [linear_system(package, t, **chosen) for t in at]
+        systems = [linear_system(package, t, **chosen) for t in counted("loops", at, len(at))]
     first = systems[0]
     names = tuple(first.parts.inputs[i] for i in first.places(opened))
     notes = tuple(dict.fromkeys(note for each in systems for note in each.parts.notes))

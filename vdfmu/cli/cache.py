@@ -6,15 +6,17 @@ from typing import TYPE_CHECKING
 
 import typer
 
+from vdfmu.cli.app import App, showing_signs
 from vdfmu.cli.terminal import say
 
 if TYPE_CHECKING:
     from vdfmu.kernel.cache import Entry
 
-app = typer.Typer(help="Show the cache of what was built, or clear it.")
+app = App(name="cache", help="Show the cache of what was built, or clear it.")
 
 
 @app.callback(invoke_without_command=True, epilog="Example: [bold]vdfmu cache[/bold]")
+@showing_signs("cache")
 def show(context: typer.Context) -> None:
     """Show the cache of what was built: its folder, entries and size."""
     if context.invoked_subcommand is None:

@@ -28,11 +28,12 @@ from vdfmu.cli import (
     units,
     view,
 )
+from vdfmu.cli.app import App, QuietOption, VerboseOption, look, look_anew
 from vdfmu.cli.terminal import console, fail
 from vdfmu.errors import ModelError, SspError, UsageError, VdfmuError
 from vdfmu.once import one_job
 
-app = typer.Typer(
+app = App(
     no_args_is_help=True,
     pretty_exceptions_enable=False,
     rich_markup_mode="rich",
@@ -64,11 +65,8 @@ for function, example in (
     (doctor.doctor, "vdfmu doctor"),
 ):
     app.command(epilog=f"Example: [bold]{example}[/bold]")(function)
-app.add_typer(sweeps.app, name="sweep")
-app.add_typer(models.app, name="models")
-app.add_typer(robots.app, name="robot")
-app.add_typer(cache.app, name="cache")
-app.add_typer(units.app, name="unit")
+for group in (sweeps.app, models.app, robots.app, cache.app, units.app):
+    app.add_typer(group, name=group.info.name)
 
 
 def _show_version(wanted: bool) -> None:
@@ -83,8 +81,11 @@ def _options(
         bool,
         typer.Option("--version", help="Show the version and exit.", is_eager=True, callback=_show_version),
     ] = False,
+    quiet: QuietOption = False,
+    verbose: VerboseOption = False,
 ) -> None:
-    pass
+    look_anew()
+    look(quiet, verbose)
 
 
 def command() -> None:
@@ -92,6 +93,7 @@ def command() -> None:
     # Units in this process say what they say through FMI; their own logger would say it again.
     for speaks in ("vdfmu.fmu", "matplotlib"):
         logging.getLogger(speaks).addHandler(logging.NullHandler())
+        logging.getLogger(speaks).propagate = False
     if not sys.warnoptions:  # what libraries warn their programmers of is no message of a command
         warnings.simplefilter("ignore")
         os.environ["PYTHONWARNINGS"] = "ignore"  # in the processes of isolated components too

@@ -17,7 +17,7 @@ from vdfmu.cli.terminal import (
     ScenarioArgument,
     SetOption,
     UnpackOption,
-    building,
+    console,
     errors,
     fail,
     load,
@@ -65,20 +65,18 @@ def build(
         unit = find_unit(scenario)
         fixed = load_robot(robot) if robot is not None else None
         values = start_values(unit, fixed, parse_settings(settings))
-        with building():
-            built = build_fmus(
-                fixed,
-                out,
-                units=[unit],
-                start_values={unit_name(unit): values},
-                backend=backend,
-                fmi_version=fmi,
-                platforms=platform,
-            )
+        built = build_fmus(
+            fixed,
+            out,
+            units=[unit],
+            start_values={unit_name(unit): values},
+            backend=backend,
+            fmi_version=fmi,
+            platforms=platform,
+        )
     else:
         values = _values(chosen, backend, settings)
-        with building():
-            built = build_parts(chosen, out, values, backend=backend, fmi_version=fmi, platforms=platform)
+        built = build_parts(chosen, out, values, backend=backend, fmi_version=fmi, platforms=platform)
     for path in dict.fromkeys(built.values()):
         say(str(path))
 
@@ -111,7 +109,7 @@ def container(
     chosen = prepare(chosen, step=step)
     values = _values(chosen, "native", settings)
     path = out if out is not None else Path(f"{chosen.name}.fmu")
-    with building(), temporary_folder("vdfmu_") as folder:
+    with temporary_folder("vdfmu_") as folder:
         package = write_ssp(
             chosen, cached_fmus(chosen, folder, "native"), Path(folder) / "system.ssp", values
         )
@@ -152,8 +150,7 @@ def ssp(
     fmi_version = fmi_of_format(form, backend)
     values = _values(chosen, backend, settings)
     with temporary_folder("vdfmu_") as folder:
-        with building():
-            fmus = build_parts(chosen, folder, values, backend=backend, fmi_version=fmi_version)
+        fmus = build_parts(chosen, folder, values, backend=backend, fmi_version=fmi_version)
         if form == "osp":
             say(str(write_osp(chosen, fmus, out or Path(f"{chosen.name}_osp"), values)))
         else:
@@ -176,8 +173,7 @@ def reference(
     from vdfmu.study.package import write_reference
 
     fmi_of_format("2.0", None)
-    with building():
-        written = write_reference(chosen, out, system_values(chosen, parse_settings(settings)))
+    written = write_reference(chosen, out, system_values(chosen, parse_settings(settings)))
     for path in written:
         say(str(path))
 
@@ -229,6 +225,7 @@ def check(
         if sys.stdout is None:
             fail("the findings cannot be written: the standard output is closed", 2)
         try:
+            console.rest()
             print(json.dumps(to_sarif(report) if as_sarif else report.to_dict(), indent=1), flush=True)
         except BrokenPipeError:
             raise

@@ -11,7 +11,6 @@ from vdfmu.cli.terminal import (
     BackendOption,
     RobotOption,
     SetOption,
-    building,
     console,
     load,
     parse_settings,
@@ -52,11 +51,10 @@ def margins(
     package = system.lower().endswith(".ssp")
     if package and robot is not None:
         raise UsageError(f"margins: --robot is for a scenario; {system} has its own.")
-    with building():
-        found = margins_along(
-            system if package else load(system, robot), opened or ["plant.tau"], at, growth=growth, master=master,
-            settings=parse_settings(settings), backend=backend,
-        )  # fmt: skip
+    found = margins_along(
+        system if package else load(system, robot), opened or ["plant.tau"], at, growth=growth, master=master,
+        settings=parse_settings(settings), backend=backend,
+    )  # fmt: skip
     table = Table("t", "opened at", "modulus", "gain", "phase", "delay", "largest pole", box=None)
     for t, each in zip(found.times, found.margins, strict=True):
         for i, name in enumerate(found.names):

@@ -8,9 +8,10 @@ from typing import Annotated, Any
 import typer
 from rich.markup import escape
 
+from vdfmu.cli.app import App
 from vdfmu.cli.terminal import console, say
 
-app = typer.Typer(no_args_is_help=True, help="List and show robots and scenarios.")
+app = App(name="models", no_args_is_help=True, help="List and show robots and scenarios.")
 
 
 @app.command("list", epilog="Example: [bold]vdfmu models list[/bold]")

@@ -8,9 +8,10 @@ from typing import Annotated
 
 import typer
 
+from vdfmu.cli.app import App
 from vdfmu.cli.terminal import console, say, say_notes
 
-app = typer.Typer(no_args_is_help=True, help="Robots from the files of other tools.")
+app = App(name="robot", no_args_is_help=True, help="Robots from the files of other tools.")
 
 OverwriteOption = Annotated[bool, typer.Option("--overwrite", help="Replace a file of this name.")]
 

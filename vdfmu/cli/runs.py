@@ -10,17 +10,17 @@ import typer
 
 from vdfmu.cli.terminal import (
     BackendOption,
-    Bars,
     RobotOption,
     ScenarioArgument,
     SetOption,
     UnpackOption,
     complete_robot,
-    console,
     load,
     parse_settings,
     say,
     say_notes,
+    tell,
+    unit_messages,
 )
 from vdfmu.cli.view import LiveOption, PortOption, SpeedOption, live_view
 from vdfmu.errors import UsageError
@@ -175,7 +175,7 @@ def run(
     from vdfmu.study.run import run as run_study
 
     with live_view(live, port, speed) as observer:
-        with Bars() as bars:
+        with unit_messages() as log:
             results = run_study(
                 **given,
                 out=out,
@@ -186,14 +186,11 @@ def run(
                 formats=formats.split(","),
                 pictures=pictures.split(","),
                 simulate=simulate,
-                progress=bars.update,
-                log=bars.log,
+                log=log,
                 observer=observer,
             )
         summary = results.summary
-        console.print(tables.run_panel(summary))
-        for sheet in sheets(summary):
-            console.print(tables.sheet_table(sheet))
+        tell(tables.run_panel(summary), *map(tables.sheet_table, sheets(summary)))
         _say_written(out if out is not None else Path("results") / summary["scenario"], RUN_OUTPUTS)
 
 
@@ -367,12 +364,12 @@ def _run_package(
     from vdfmu.engine.ssp.limits import package_limit
     from vdfmu.report import tables
 
-    with Bars() as bars, package_limit(unpack_limit):
+    with unit_messages() as log, package_limit(unpack_limit):
         results = run_system(
             package, settings=parse_settings(settings), record=record or None, out=out, formats=formats.split(","),
-            progress=bars.update, log=bars.log, **options,
+            log=log, **options,
         )  # fmt: skip
-    console.print(tables.run_panel(results.summary))
+    tell(tables.run_panel(results.summary))
     _say_written(out or default_folder(package), SYSTEM_OUTPUTS)
 
 

@@ -8,6 +8,7 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperGroup
 
+from vdfmu.cli.app import App
 from vdfmu.cli.runs import (
     AdaptiveOption,
     HoldOption,
@@ -19,13 +20,13 @@ from vdfmu.cli.runs import (
 )
 from vdfmu.cli.terminal import (
     BackendOption,
-    Bars,
     RobotOption,
     SetOption,
     console,
     parse_settings,
     say,
     say_notes,
+    tell,
 )
 
 _SHOWN = 5
@@ -39,7 +40,8 @@ class _Group(TyperGroup):
         return super().resolve_command(ctx, args if args[0] in self.commands else ["run", *args])
 
 
-app = typer.Typer(
+app = App(
+    name="sweep",
     cls=_Group,
     no_args_is_help=True,
     help="Run a scenario at many points: vdfmu sweep SCENARIO --over ...",
@@ -121,14 +123,12 @@ def run(
 
     folder = default_folder(scenario) if out is None else out
     try:
-        with Bars() as bars:
-            found = sweep(
+        found = sweep(
                 scenario, over or (), sample=sample, n=n, seed=seed, measure=measure or None, keep=keep or (),
                 settings=parse_settings(settings), robot=robot, step=step, stop=stop, master=master, adaptive=adaptive,
                 units=parse_settings(unit, "--unit", "COMPONENT=UNIT, such as controller=my_unit.py") or None,
                 inputs=inputs, input_hold=input_hold or None, backend=backend, engine=engine, workers=workers,
                 scheduler=scheduler, chunk=chunk, time_limit=time_limit, out=folder, overwrite=overwrite, retry=retry,
-                progress=bars.update,
             )  # fmt: skip
     except KeyboardInterrupt as error:
         error.add_note(f"What was done is in {folder}: give the same command again to go on.")
@@ -196,7 +196,7 @@ def _say_measures(found: Any) -> None:
     table = Table("measure", "smallest", "median", "largest", "at point", box=None)
     for row in found.ranges():
         table.add_row(*row)
-    console.print(table)
+    tell(table)
     failed = found.failed
     for point, words in list(failed.items())[:_SHOWN]:
         say(f"point {point} failed: {words}")

@@ -2,28 +2,48 @@
 
 from __future__ import annotations
 
+import logging
 import re
 import sys
-from collections.abc import Generator, Sequence
+import traceback
+from collections.abc import Callable, Generator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, NoReturn
+from typing import TYPE_CHECKING, Annotated, Any, NoReturn
 
 import typer
 from rich.markup import escape
 
-from vdfmu import bars
-from vdfmu.bars import Terminal, errors
+from vdfmu.bars import Bars, Terminal, errors
 from vdfmu.errors import UsageError
-from vdfmu.progress import showing
+from vdfmu.progress import LOG
 from vdfmu.text import error_text
 
 if TYPE_CHECKING:
+    from rich.panel import Panel
+    from rich.table import Table
+
     from vdfmu.engine.cosim import LogMessage
     from vdfmu.scenario import Scenario
 
 
-console = Terminal(highlight=False)
+class _Results(Terminal):
+    """The standard output: the bars of a command leave the terminal to what is printed there."""
+
+    bars: Bars | None = None
+
+    def print(self, *objects: Any, **options: Any) -> None:
+        """Print as rich does."""
+        self.rest()
+        super().print(*objects, **options)
+
+    def rest(self) -> None:
+        """Let the bars leave the terminal."""
+        if self.bars is not None and self.is_terminal:
+            self.bars.rest()
+
+
+console = _Results(highlight=False)
 
 
 def complete_scenario(incomplete: str) -> list[str]:
@@ -96,6 +116,13 @@ def say(text: str) -> None:
     console.print(text, markup=False, soft_wrap=True)
 
 
+def tell(*shown: Table | Panel | str) -> None:
+    """Print what the files that a command writes have too; ``--quiet`` leaves it out."""
+    if not errors.quiet:
+        for one in shown:
+            say(one) if isinstance(one, str) else console.print(one)
+
+
 def say_notes(notes: Sequence[str]) -> None:
     """Print notes beside what a command writes."""
     for note in notes:
@@ -143,33 +170,29 @@ def fail(error: object, code: int) -> NoReturn:
 
 
 def say_error(error: object) -> None:
-    """Say what is wrong."""
+    """Say what is wrong, and with ``--verbose`` where that is from."""
+    errors.quiet = False
+    if LOG.isEnabledFor(logging.INFO) and sys.exception():
+        errors.print(traceback.format_exc().rstrip(), markup=False, soft_wrap=True)
     errors.print(f"[red]error:[/red] {escape(error_text(error))}", soft_wrap=True)
 
 
-class Bars(bars.Bars):
-    """Progress bars, and the messages of the units above them."""
+@contextmanager
+def unit_messages() -> Generator[Callable[[LogMessage], None]]:
+    """Show the messages of units; notes of the same words come once, at the end."""
+    notes: dict[str, list[str]] = {}
 
-    def __init__(self) -> None:
-        super().__init__()
-        self._notes: dict[str, list[str]] = {}
-
-    def __exit__(self, *_: object) -> None:
-        super().__exit__()
-        for what, names in self._notes.items():
-            self.say(": ".join(["note", *([", ".join(names)] if names else []), what]))
-
-    def log(self, message: LogMessage) -> None:
-        """Show a message of a unit; notes of the same words come once, at the end."""
+    def show(message: LogMessage) -> None:
         if message.status == "note":
             name, colon, what = message.text.partition(": ")
-            self._notes.setdefault(what if colon else name, []).extend([name] if colon else [])
+            notes.setdefault(what if colon else name, []).extend([name] if colon else [])
         elif message.status not in ("ok", "error", "fatal"):  # the error that ends the run quotes these
-            self.say(str(message) if message.unit else f"{message.status}: {message.text}")
+            text = str(message) if message.unit else f"{message.status}: {message.text}"
+            errors.print(text, markup=False, soft_wrap=True)
 
-
-@contextmanager
-def building() -> Generator[None]:
-    """Show how far tracing and compiling are."""
-    with Bars() as shown, showing(shown.update):
-        yield
+    try:
+        yield show
+    finally:
+        say_notes(
+            [": ".join([*([", ".join(names)] if names else []), what]) for what, names in notes.items()]
+        )

@@ -10,14 +10,13 @@ import typer
 from vdfmu.cli.runs import HoldOption, InputOption, MasterOption, StepOption, StopOption, UnitOption
 from vdfmu.cli.terminal import (
     BackendOption,
-    Bars,
     RobotOption,
     ScenarioArgument,
     SetOption,
-    console,
     parse_settings,
     say,
     say_notes,
+    tell,
 )
 
 
@@ -94,22 +93,20 @@ def tune(
     from vdfmu.sweeps.table import Sweep
     from vdfmu.tuning.run import tune as run_tune
 
-    with Bars() as bars:
-        found = run_tune(
+    found = run_tune(
             scenario, vary, cost, limit=limit or (), spread=spread or (), spread_n=spread_n, over=over,
             margin=margin, growth=growth,
             method=method, budget=budget, seed=seed, settings=parse_settings(settings), robot=robot,
             units=parse_settings(unit, "--unit", "COMPONENT=UNIT, such as controller=my_unit.py") or None,
             step=step, stop=stop, master=master, inputs=inputs, input_hold=input_hold or None, backend=backend,
-            engine=engine, workers=workers, time_limit=time_limit, out=out, overwrite=overwrite, progress=bars.update,
-        )  # fmt: skip
+            engine=engine, workers=workers, time_limit=time_limit, out=out, overwrite=overwrite,
+    )  # fmt: skip
     say_notes(found.notes)
     units = Sweep(found.folder).facts["units"] | {"phase": "rad", "delay": "s"}
     table = Table("", "before", "after", "", box=None)
     for name, before, after in found.table():
         table.add_row(name, f"{before:.4g}", f"{after:.4g}", units.get(name.partition("[")[0], ""))
-    console.print(table)
-    say((found.folder / "tuned.toml").read_text().rstrip())
+    tell(table, (found.folder / "tuned.toml").read_text().rstrip())
     say(
         f"{found.evaluations} evaluations, {found.failed} runs failed, {found.missed} values missed the margin and "
         f"were not run. Written to {found.folder}: tuned.toml, tune.json, sweep.parquet, tuning.png"

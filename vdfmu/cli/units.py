@@ -7,9 +7,10 @@ from typing import Annotated
 
 import typer
 
+from vdfmu.cli.app import App
 from vdfmu.cli.terminal import say
 
-app = typer.Typer(no_args_is_help=True, help="Units of your own.")
+app = App(name="unit", no_args_is_help=True, help="Units of your own.")
 
 
 @app.callback()

@@ -16,7 +16,7 @@ from vdfmu.engine.federation import Federation
 from vdfmu.engine.folder import DRAWN, SYSTEM_OUTPUTS, keep, known_formats, replacing_results, write_summary
 from vdfmu.engine.ssp.read import DEFAULT, load_ssp
 from vdfmu.errors import CosimError, UsageError, VdfmuError
-from vdfmu.progress import Shown, called, with_bars
+from vdfmu.progress import Shown, doing, report, with_progress
 
 
 def default_folder(package: str | os.PathLike[str]) -> Path:
@@ -24,7 +24,7 @@ def default_folder(package: str | os.PathLike[str]) -> Path:
     return Path("results") / f"{Path(package).stem}_ssp"
 
 
-@with_bars
+@with_progress
 def run_system(
     package: str | os.PathLike[str],
     *,
@@ -118,7 +118,7 @@ def run_system(
                 time_limit=time_limit, memory_limit=memory_limit, log=log,
                 stream=[partial / f"results.{form}" for form in formats], about=summary,
                 federation=federation, observer=observer,
-                progress=bound(called(progress), "co-simulation"),
+                progress=bound(report, "co-simulation"),
             )  # fmt: skip
         except (CosimError, Interrupted) as error:
             keep(error, partial)
@@ -131,7 +131,8 @@ def run_system(
             if plot:
                 from vdfmu.engine.picture import signals_figure  # takes long to import
 
-                signals_figure(results.thinned(DRAWN), partial, () if record else copies)
+                with doing("picture"):
+                    signals_figure(results.thinned(DRAWN), partial, () if record else copies)
         except VdfmuError:
             raise
         except Exception as error:

@@ -14,6 +14,7 @@ from vdfmu.fmu.content import BACKENDS, FMI_VERSIONS, Content
 from vdfmu.fmu.native import native_available
 from vdfmu.model import Robot, check_robot
 from vdfmu.once import one_job
+from vdfmu.progress import Shown, with_progress
 from vdfmu.unit.base import Unit, unit_name
 from vdfmu.unit.requirements import unmet
 from vdfmu.units import find_unit, shipped_units
@@ -58,6 +59,7 @@ def choose_backend(backend: str | None) -> str:
 Units = Sequence[str | os.PathLike[str] | type[Unit]]
 
 
+@with_progress
 @one_job()
 def build_fmus(
     robot: Robot | None,
@@ -68,6 +70,7 @@ def build_fmus(
     backend: str | None = None,
     fmi_version: str = "2.0",
     platforms: Sequence[str] | str | None = None,
+    progress: Shown = None,
 ) -> dict[str, Path]:
     """Build FMUs of units, each ``<Name>.fmu``.
 
@@ -93,6 +96,8 @@ def build_fmus(
         Python FMUs are of FMI 2.0.
     platforms : sequence of str, or "all", optional
         Platforms of native FMUs; default that of this machine.
+    progress : callable or bool, optional
+        Called with stage, done, total; True shows bars, on the terminal or in the notebook.
 
     Returns
     -------

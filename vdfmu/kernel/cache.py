@@ -23,6 +23,7 @@ from platformdirs import user_cache_path
 
 from vdfmu.errors import UsageError
 from vdfmu.interrupt import InterruptGuard
+from vdfmu.progress import LOG
 
 _LINE = 65
 """Length of the digest and its end of line, which come before the content."""
@@ -111,6 +112,7 @@ def load(path: Path) -> bytes | None:
             data = file.read()
     except OSError:
         return None
+    LOG.info("from the cache: %s/%s", path.parent.name, path.name[:16])
     digest, content = data[:_LINE], data[_LINE:]
     if digest != _digest(path, content):
         return None

@@ -53,6 +53,12 @@ _POLICY = (
 )
 """With which a browser refuses every request to a network; it runs WebAssembly, and workers made by the page."""
 
+_ALONE = (
+    "body { max-width: none; padding: 0 } body > :not(#arm, noscript) { display: none } #arm { margin: 0 } "
+    "@media (min-width: 560px) { .stage { grid-template-columns: minmax(0, 1fr) 16rem } .canvas { height: 58vh } }"
+)
+"""Style of a page with the arm alone."""
+
 
 class Run(NamedTuple):
     """A run that a page shows."""
@@ -123,8 +129,13 @@ def write_report(runs: Sequence[Run], path: Path, *, simulate: bool = False) -> 
     return path
 
 
-def report_page(runs: Sequence[Run], *, simulate: bool = False) -> bytes:
-    """Return the page of one run or of several; `simulate` as of :func:`write_report`."""
+def arm_page(run: Run) -> bytes:
+    """Return a page of which only the arm is seen, for the size of any frame."""
+    return report_page([run], arm_alone=True)
+
+
+def report_page(runs: Sequence[Run], *, simulate: bool = False, arm_alone: bool = False) -> bytes:
+    """Return the page of one run or of several, or of their arms alone; `simulate` as of :func:`write_report`."""
     first = runs[0].summary
     names = _names(runs)
     binaries: dict[str, str] = {}
@@ -138,6 +149,8 @@ def report_page(runs: Sequence[Run], *, simulate: bool = False) -> bytes:
         }
         for name, run in zip(names, runs, strict=True)
     ]
+    if arm_alone:
+        parts = [part | {"figures": [], "signals": [], "simulation": None} for part in parts]
     data = {"runs": parts} | ({"binaries": binaries} if binaries else {})
     diagram = next(filter(None, (system_diagram(run.package) for run in runs)), "")
     facts = (run.summary for run in runs)
@@ -160,7 +173,7 @@ def report_page(runs: Sequence[Run], *, simulate: bool = False) -> bytes:
             f'<script type="module">\n{script()}\n</script>',
         ]
     )
-    head = f'{look()}<link rel="icon" href="data:,"><style>{_text(_VENDOR[1])}</style>'
+    head = f'{look()}<link rel="icon" href="data:,"><style>{_text(_VENDOR[1])}{_ALONE if arm_alone else ""}</style>'
     what = (
         f"{about}, {'one run' if len(runs) == 1 else f'{len(runs)} runs'} of vdfmu {first.get('vdfmu', '')}"
     )

@@ -10,6 +10,7 @@ from vdfmu.data import data_path
 from vdfmu.engine.cosim.master import simulate
 from vdfmu.engine.ssp.read import load_ssp
 from vdfmu.files import regular_target, replacing
+from vdfmu.progress import counted
 from vdfmu.scenario import Scenario
 from vdfmu.scenario.parts import build_parts
 from vdfmu.ssp.versions import FMI_OF_SSP
@@ -60,7 +61,7 @@ def write_reference(scenario: Scenario, folder: Path, values: Mapping[str, Mappi
         if connector.kind == "output"
     ]
     stride = 1
-    for algorithm, table in tables.items():
+    for algorithm, table in counted("results", tables.items(), len(tables)):
         results = simulate(system, algorithm=algorithm, record=record)
         thin = results.thinned(ROWS)
         thin.write(table)

@@ -31,7 +31,7 @@ from vdfmu.errors import CosimError, UsageError
 from vdfmu.fmu.build import build_notes, choose_backend
 from vdfmu.model import Robot, load_robot
 from vdfmu.once import one_job
-from vdfmu.progress import Progress, Shown, called, showing, with_bars
+from vdfmu.progress import Shown, doing, report, with_progress
 from vdfmu.report.content import arm_of
 from vdfmu.report.page import NAME, Run, write_report
 from vdfmu.scenario import Scenario, load_scenario
@@ -126,7 +126,7 @@ def prepare(
     return scenario
 
 
-@with_bars
+@with_progress
 @one_job()
 def run(
     scenario: Scenario | str | os.PathLike[str],
@@ -224,7 +224,6 @@ def run(
     known_formats(formats)
     known_pictures(pictures)
     folder = Path(out) if out is not None else Path("results") / scenario.name
-    report = called(progress)
     if scenario.kind == "contrast":
         if observer is not None:
             raise UsageError(
@@ -257,11 +256,9 @@ def run(
         for note in (*model_notes(scenario), *build_notes(scenario.robot, backend)):
             log(LogMessage("", 0.0, "note", "", f"{scenario.robot.name}: {note}"))
     with replacing_results(folder, RUN_OUTPUTS, overwrite) as partial:
-        report("build", 0, 1)
-        with temporary_folder("vdfmu_fmus_") as fmus, showing(report):
+        with doing("build"), temporary_folder("vdfmu_fmus_") as fmus:
             built = cached_fmus(scenario, fmus, backend, fmi_version)
             package = write_ssp(scenario, built, partial / "system.ssp", values, mixed=True)
-        report("build", 1, 1)
         summary = run_facts(scenario) | {
             "backend": backend,
             "fmi": fmi_version,
@@ -288,15 +285,16 @@ def run(
         summary |= implied_gains(scenario.paper, scenario.robot, values)
         write_summary(summary, partial)
         if reference:
-            summary |= _references(scenario, package, values, results, report)
-        if has_signals(results, *_DRAWN):
-            from vdfmu.report.plots import run_figures  # takes long to import
+            summary |= _references(scenario, package, values, results)
+        with doing("figures"):
+            if has_signals(results, *_DRAWN):
+                from vdfmu.report.plots import run_figures  # takes long to import
 
-            run_figures(results.thinned(DRAWN), scenario, partial, pictures)
-        else:
-            from vdfmu.engine.picture import signals_figure
+                run_figures(results.thinned(DRAWN), scenario, partial, pictures)
+            else:
+                from vdfmu.engine.picture import signals_figure
 
-            signals_figure(results.thinned(DRAWN), partial, pictures=pictures)
+                signals_figure(results.thinned(DRAWN), partial, pictures=pictures)
         _write(results, scenario, partial, simulate)
         return results
 
@@ -313,12 +311,14 @@ def _run_contrast(
 ) -> Results:
     from vdfmu.report.plots import run_figures
 
-    study = contrast(scenario)
-    results = study.results()
+    with doing("torques"):
+        study = contrast(scenario)
+        results = study.results()
     results.summary = run_facts(scenario) | study.summary(dict(scenario.paper))
     for form in formats:
         results.write(folder / f"results.{form}")
-    run_figures(study, scenario, folder, pictures)
+    with doing("figures"):
+        run_figures(study, scenario, folder, pictures)
     _write(results, scenario, folder)
     return results
 
@@ -326,7 +326,8 @@ def _run_contrast(
 def _write(results: Results, scenario: Scenario, folder: Path, simulate: bool = False) -> None:
     """Write the page and the summary of a complete run."""
     page = [Run(scenario.name, results, results.summary, folder / "system.ssp")]
-    write_report(page, folder / NAME, simulate=simulate)
+    with doing("page"):
+        write_report(page, folder / NAME, simulate=simulate)
     write_summary(results.summary, folder)
 
 
@@ -335,7 +336,6 @@ def _references(
     package: Path,
     values: Mapping[str, Mapping[str, Any]],
     results: Results,
-    report: Progress,
 ) -> dict[str, Any]:
     """Solve the sampled reference of the algorithm, if it samples, and the continuous one, and compare.
 
@@ -372,9 +372,9 @@ def _references(
         except UsageError as error:  # of an algebraic loop, which the run may have solved
             found["no_reference"] = str(error).rstrip(".")
             continue
-        report(stage, 1, 1)
         if len(differences) == 1 and differences[key].get("max_position_difference_rad", 0.0) > visible:
-            separation = _separation(scenario, package, values, results)
+            with doing("separation"):
+                separation = _separation(scenario, package, values, results)
             if separation > visible:
                 found["separation"] = {"change": _NUDGE, "max_position_difference_rad": separation}
         if "separation" in found:

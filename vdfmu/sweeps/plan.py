@@ -16,7 +16,7 @@ from vdfmu import __version__
 from vdfmu.batch.program import LANES, Program
 from vdfmu.engine.cosim.inputs import read_inputs
 from vdfmu.errors import UsageError
-from vdfmu.progress import Progress
+from vdfmu.progress import counted
 from vdfmu.sweeps.axes import Axis, is_option, read_axes
 from vdfmu.sweeps.checks import check_overlap, default_measures, recorded, signals_of, try_measures
 from vdfmu.sweeps.job import Binding, Job, Task, WiredSystem
@@ -71,7 +71,6 @@ def make_plan(
     options: Mapping[str, Any] | None = None,
     backend: str | None = None,
     engine: str | None = None,
-    progress: Progress | None = None,
 ) -> Plan:
     """Plan a study; arguments as of `vdfmu.sweep`, `options` those of `vdfmu.study.run.prepare`.
 
@@ -101,9 +100,7 @@ def make_plan(
         engine = "fmu" if count < _FEW * len(combinations) or backend == "python" else ""
     systems: list[WiredSystem] = []
     measures: list[Measure] = [] if measure is None else read_measures(measure)
-    for number, combination in enumerate(combinations):
-        if progress is not None:
-            progress("systems", number, len(combinations))
+    for combination in counted("systems", combinations, len(combinations)):
         switched = dict(zip((axis.target for axis in switches), combination, strict=True))
         systems.append(
             wire(
@@ -116,8 +113,6 @@ def make_plan(
                 engine,
             )
         )
-    if progress is not None:
-        progress("systems", len(systems), len(systems))
     record: list[str] = []
     units: dict[str, str] = {}
     for system in systems:

@@ -12,7 +12,7 @@ from vdfmu.engine.cosim.inputs import Inputs
 from vdfmu.errors import UsageError, VdfmuError
 from vdfmu.interrupt import InterruptGuard
 from vdfmu.once import one_job
-from vdfmu.progress import Shown, called, with_bars
+from vdfmu.progress import Shown, report, with_progress
 from vdfmu.sweeps.chunks import Chunks
 from vdfmu.sweeps.job import Job
 from vdfmu.sweeps.ledger import Ledger
@@ -21,7 +21,7 @@ from vdfmu.sweeps.plan import make_plan, name_of
 from vdfmu.sweeps.table import Sweep
 
 
-@with_bars
+@with_progress
 @one_job()
 def sweep(
     scenario: Any,
@@ -129,11 +129,10 @@ def sweep(
     plan = make_plan(
         scenario, over, sample=os.fspath(sample), n=n, seed=seed, measure=measure, keep=keep, settings=settings,
         options={name: value for name, value in options.items() if value is not None}, backend=backend,
-        engine=engine, progress=called(progress),
+        engine=engine,
     )  # fmt: skip
     folder = default_folder(scenario) if out is None else Path(out)
     job = packed(plan.job)
-    report = called(progress)
     with Ledger(folder, plan.facts, plan.key, plan.points, overwrite) as ledger:
         done = ledger.done()
         if retry:

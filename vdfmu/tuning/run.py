@@ -14,7 +14,7 @@ from vdfmu.engine.cosim.inputs import Inputs
 from vdfmu.errors import UsageError, VdfmuError
 from vdfmu.files import replacing
 from vdfmu.once import one_job
-from vdfmu.progress import Shown, called, with_bars
+from vdfmu.progress import Shown, doing, report, with_progress
 from vdfmu.scenario.values import group_value
 from vdfmu.study.run import prepare
 from vdfmu.sweeps.ledger import Ledger
@@ -68,7 +68,7 @@ class Tuned:
         return rows
 
 
-@with_bars
+@with_progress
 @one_job()
 def tune(
     scenario: Any,
@@ -184,7 +184,6 @@ def tune(
     plan = problem.plan
     plan.facts["search"] = {"method": method, "budget": budget, "scipy": scipy.__version__}
     folder = Path("results") / f"tune_{plan.facts['scenario']}" if out is None else Path(out)
-    report = called(progress)
     with Ledger(folder, plan.facts, plan.key, {}, overwrite) as ledger:
         ledger.reopen()
         known = Sweep(folder) if any(folder.rglob("*.parquet")) else None
@@ -214,7 +213,8 @@ def tune(
             found.notes.append(
                 "no values within the limits and the margin were found; a larger budget may find some."
             )
-        _write(found, evaluations.scores)
+        with doing("picture"):
+            _write(found, evaluations.scores)
     return found
 
 

@@ -13,6 +13,7 @@ from vdfmu.engine.cosim.observer import Observer
 from vdfmu.engine.cosim.results import Results
 from vdfmu.engine.cosim.simulator import Simulator
 from vdfmu.engine.ssp.structure import System
+from vdfmu.progress import Steps
 
 if TYPE_CHECKING:
     from vdfmu.engine.federation import Federation
@@ -32,7 +33,7 @@ def simulate(
     inputs: Inputs = None,
     input_hold: bool = False,
     record: Sequence[str] | None = None,
-    progress: Callable[[int, int], None] | None = None,
+    progress: Steps | bool | None = None,
     log: Callable[[LogMessage], None] | None = None,
     strict: bool = False,
     ignore_unmatched: bool = False,
@@ -84,8 +85,9 @@ def simulate(
     record : sequence of str, optional
         Names of signals to record, with ``*`` for any text. Default: all outputs and connected inputs; text is not
         recorded.
-    progress : callable, optional
-        Called as ``progress(k, n)`` at the start, at the end and at most 100 times in between.
+    progress : callable or bool, optional
+        Called as ``progress(k, n)`` at the start, at the end and at most 100 times in between; True shows a bar, on the
+        terminal or in the notebook.
     log : callable, optional
         Receives each `LogMessage` of the units. Default: the logger ``vdfmu.engine.cosim``.
     strict, ignore_unmatched : bool

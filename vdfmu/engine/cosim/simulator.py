@@ -24,6 +24,7 @@ from vdfmu.engine.cosim.schedule import DEFAULT
 from vdfmu.engine.ssp.read import load_ssp
 from vdfmu.engine.ssp.structure import System
 from vdfmu.errors import UsageError
+from vdfmu.progress import Steps, shown_steps
 
 if TYPE_CHECKING:
     from vdfmu.engine.federation import Federation
@@ -116,7 +117,7 @@ class Simulator:
         step: float | None = None,
         parameters: Mapping[str, Value] | None = None,
         record: Sequence[str] | None = None,
-        progress: Callable[[int, int], None] | None = None,
+        progress: Steps | bool | None = None,
         stream: Path | Sequence[Path] | None = None,
         about: Mapping[str, Any] | None = None,
         observer: Observer | None = None,
@@ -161,7 +162,8 @@ class Simulator:
                 "isolated": run.isolated, "notes": [*checked.notes, *reach],
             }  # fmt: skip
             run.stepper = run.components.couple(self._adaptive, self._convergence, end - begin, record)
-            run.results = run.steps(begin, end, step, n, record, progress, files, observer)
+            with shown_steps(progress, "co-simulation") as advance:
+                run.results = run.steps(begin, end, step, n, record, advance, files, observer)
         except BaseException as error:
             failed, self._run = self._run, None
             if failed is not None:

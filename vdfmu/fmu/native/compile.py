@@ -12,6 +12,7 @@ import re
 import struct
 import subprocess
 import tempfile
+import time
 from collections.abc import Generator, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor, as_completed
 from contextlib import contextmanager
@@ -27,7 +28,7 @@ from vdfmu.errors import FmuError
 from vdfmu.fmu.native.platforms import PLATFORMS, WASM, Platform, this_platform
 from vdfmu.kernel.cache import COMPILER, cache_folder, load, store, trusted
 from vdfmu.process import end_group
-from vdfmu.progress import counted
+from vdfmu.progress import LOG, counted
 from vdfmu.temporary import temporary_folder
 
 _FLAGS = (
@@ -281,7 +282,7 @@ class _Workshop:
     def _run(self, job: Job, place: Path, what: str, arguments: Sequence[str]) -> None:
         command = [_zig(), "cc", "-target", job.target.target, *arguments]
         # in a session of its own a process does not get Ctrl-C, and its children end with it
-        environment = self._environment
+        environment, began = self._environment, time.perf_counter()
         process = subprocess.Popen(
             command, cwd=place, env=environment, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL,
             stderr=subprocess.PIPE, start_new_session=os.name == "posix",
@@ -294,6 +295,7 @@ class _Workshop:
         finally:
             self._running.discard(process)
         if process.returncode == 0:
+            LOG.info("%s: zig %s: %.2f s", job.name, " ".join(command[1:]), time.perf_counter() - began)
             return
         words = output.decode("utf-8", "replace")
         full = "NoSpaceLeft" in words or "No space left" in words

@@ -1,0 +1,235 @@
+"""What a command shows of its work: a line that moves, and what --quiet and --verbose leave and add."""
+
+from __future__ import annotations
+
+import fcntl
+import os
+import re
+import signal
+import struct
+import subprocess
+import sys
+import termios
+import time
+from typing import NamedTuple
+
+import pytest
+import typer.main
+from typer.testing import CliRunner
+
+from vdfmu.cli.commands import app
+
+pty = pytest.importorskip("pty", reason="Windows has no pseudo-terminals of this kind")
+WORKS = """
+import sys, time
+from vdfmu.cli.app import App
+from vdfmu.cli.terminal import say, say_notes
+from vdfmu.progress import doing
+
+app = App()
+
+@app.command("works")
+def works(how: str):
+    if how == "prints":
+        say("first")
+    with doing("a long stage of the work"):
+        time.sleep(1.5)
+    if how == "fails":
+        raise SystemExit("error: failed")
+    say_notes(["a note"])
+    say("last")
+
+@app.command("other")
+def other():
+    pass
+
+import vdfmu.cli.commands
+vdfmu.cli.commands.app = app
+sys.argv[0] = "vdfmu"
+from vdfmu.cli import main
+main()
+"""
+"""Commands that take 1.5 s."""
+
+
+class Shown(NamedTuple):
+    """What a terminal got: bytes, exit code, standard output if that was a pipe, longest time without a byte [s]."""
+
+    text: str
+    code: int
+    output: bytes
+    silent: float
+
+
+def on_terminal(command, *, width=100, stop=0.0, pipe=False, cwd=None, **environment):
+    """Run a command on a pseudo-terminal, with Ctrl-C after a time [s]."""
+    ours, theirs = pty.openpty()
+    fcntl.ioctl(theirs, termios.TIOCSWINSZ, struct.pack("HHHH", 40, width, 0, 0))
+    inherited = {name: text for name, text in os.environ.items() if name not in ("NO_COLOR", "COLUMNS")}
+    process = subprocess.Popen(
+        command, cwd=cwd, env=inherited | {"TERM": "xterm"} | environment, stdin=theirs,
+        stdout=subprocess.PIPE if pipe else theirs, stderr=theirs,
+    )  # fmt: skip
+    os.close(theirs)
+    shown, last, silent = bytearray(), time.monotonic(), 0.0
+    began = last
+    while block := _read(ours):
+        now = time.monotonic()
+        silent, last = max(silent, now - last), now
+        shown += block
+        if stop and now - began > stop and b"\xe2\x94\x81" in shown:
+            process.send_signal(signal.SIGINT)
+            stop = 0.0
+    os.close(ours)
+    output = process.stdout.read() if process.stdout else b""
+    return Shown(shown.decode(), process.wait(120), output, silent)
+
+
+def _read(end):
+    """Read from a pseudo-terminal; nothing if nobody can write to it any more, of which Linux makes an error."""
+    try:
+        return os.read(end, 65536)
+    except OSError:
+        return b""
+
+
+def plain(text):
+    """Lines without what moves the cursor and colours them."""
+    return [line for line in re.sub(r"\x1b\[[0-9;?]*[A-Za-z]", "\n", text).splitlines() if line.strip()]
+
+
+def works(*words, **options):
+    return on_terminal([sys.executable, "-c", WORKS, "works", *words], **options)
+
+
+def test_a_line_and_a_bar_move_while_a_command_works():
+    shown = works("prints")
+    frames = {line for line in re.split(r"\x1b\[2K|\r|\n", shown.text) if "━" in line}
+    assert len([frame for frame in frames if "works" in frame]) > 5  # ten in a second
+    assert any("a long stage" in frame for frame in frames)
+    # from half a second on, and never a second without anything: imports and the waiting of one line add some 0.5 s
+    assert shown.silent < 2.0
+    assert [line for line in plain(shown.text) if line in ("first", "note: a note", "last")] == [
+        "first",
+        "note: a note",
+        "last",
+    ]
+    assert shown.text.rstrip().endswith("last")
+    assert shown.text.count("\x1b[?25h") == shown.text.count("\x1b[?25l") > 0  # the cursor is back
+
+
+def test_results_go_to_the_pipe_and_bars_to_the_terminal():
+    shown = works("prints", pipe=True)
+    assert shown.output == b"first\nlast\n"
+    assert "a long stage" in shown.text
+    assert "last" not in shown.text
+
+
+@pytest.mark.parametrize(("how", "stop", "end"), [("fails", 0.0, "error: failed"), ("ends", 1.0, "stopped")])
+def test_an_error_and_ctrl_c_begin_a_line_of_their_own_with_the_cursor_shown(how, stop, end):
+    shown = works(how, stop=stop)
+    assert shown.code in (1, 130)
+    assert plain(shown.text)[-1] == end
+    assert shown.text.rindex("\x1b[?25h") > shown.text.rindex("\x1b[?25l")
+
+
+def test_a_narrow_terminal_without_colours_and_unicode():
+    shown = works("ends", width=40, PYTHONIOENCODING="ascii", NO_COLOR="1")
+    assert shown.text.isascii()
+    assert "----" in shown.text
+    assert not re.search(r"\x1b\[[0-9;]*m", shown.text.replace("\x1b[0m", "").replace("\x1b[1m", ""))
+    assert max(map(len, plain(shown.text))) <= 40
+    assert not [line for line in plain(works("ends", TERM="dumb").text) if "\x1b" in line]
+
+
+def test_every_command_takes_quiet_and_verbose():
+    def leaves(command):
+        inner = getattr(command, "commands", {})
+        return [leaf for below in inner.values() for leaf in leaves(below)] if inner else [command]
+
+    top = typer.main.get_command(app)
+    found = leaves(top)
+    assert len(found) > 20
+    for command in (top, *found):
+        options = {option for parameter in command.params for option in parameter.opts}
+        assert {"--quiet", "-q", "--verbose", "-v"} <= options, command.name
+
+
+@pytest.fixture
+def told(tmp_path, monkeypatch):
+    """Run a command in a folder: lines of standard output and of standard error."""
+    monkeypatch.chdir(tmp_path)
+
+    def run(*words):
+        done = CliRunner().invoke(app, list(words))
+        assert done.exit_code == 0, done.output
+        return done.stdout.splitlines(), done.stderr.splitlines()
+
+    return run
+
+
+def test_quiet_leaves_one_line_of_a_run_and_verbose_adds_what_is_done(told):
+    words = ("run", "planar_tracking", "--stop", "0.01", "--no-reference")
+    quiet = told(*words, "--quiet")
+    files = "errors.png, report.html, results.csv, summary.json, system.ssp, tool.png, torques.png"
+    assert quiet == ([f"Written to results/planar_tracking: {files}"], [])
+    output, said = told("--verbose", *words)
+    assert output[-1] == quiet[0][-1]
+    assert len(output) > 10
+    for what in (
+        r"vdfmu \S+, Python ",
+        r"from the cache: \w",
+        r"co-simulation, 10: \d",
+        "figures: ",
+        "written: ",
+    ):
+        assert any(re.match(rf" +\d+\.\d\d s  {what}", line) for line in said), what
+
+
+@pytest.mark.parametrize(
+    "words", ["modes planar_2dof", "check robot.toml", "robot reach planar_2dof -o r.toml --overwrite"]
+)
+def test_quiet_leaves_the_result_of_a_command_that_prints_it(told, tmp_path, words):
+    from vdfmu.data import data_path
+
+    (tmp_path / "robot.toml").write_bytes((data_path("models") / "robots" / "planar_2dof.toml").read_bytes())
+    output, _ = told(*words.split(), "-v")
+    assert output
+    assert told(*words.split())[0] == output
+    assert told("--quiet", *words.split()) == (output, [])
+    assert told(*words.split(), "-q") == (output, [])
+
+
+def test_verbose_says_where_an_error_is_from_and_quiet_keeps_the_error(tmp_path):
+    def said(*words):
+        command = [sys.executable, "-m", "vdfmu.cli", "run", "nope", *words]
+        done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=60, check=False)
+        assert (done.returncode, done.stdout) == (2, "")
+        return done.stderr
+
+    short, long = said("--quiet"), said("-v")
+    assert short.startswith("error: no scenario 'nope'")
+    assert long.splitlines()[1].startswith("Traceback")
+    assert long.endswith(short)
+
+
+LONG = (
+    "build planar_tracking --out fmus", "run planar_tracking --stop 1", "ssp planar_tracking",
+    "simulate planar_tracking.ssp --plot", "check planar_tracking.ssp", "margins planar_tracking",
+    "modes planar_2dof --path planar_tracking", "robot reach ur5e_6dof",
+    "sweep planar_tracking --over plant.K_f0=*lin(0.5,2,4) --stop 0.2", "sweep report results/sweep_planar_tracking",
+)  # fmt: skip
+"""From a cold cache on, each of more than 1 s on two cores."""
+
+
+@pytest.mark.heavy
+def test_no_command_is_silent_for_long(tmp_path):
+    for words in LONG:
+        command = [sys.executable, "-m", "vdfmu.cli", *words.split()]
+        shown = on_terminal(command, cwd=tmp_path, VDFMU_CACHE_DIR=str(tmp_path / "cache"))
+        assert shown.code == 0, shown.text
+        word = words.split()[0]
+        assert "━" in shown.text, words
+        assert any(line.startswith(word) for line in plain(shown.text)), words
+        # measured: 1 s at most, the start of Python and C that keeps the interpreter; others may use the processors
+        assert shown.silent < 3.0, words

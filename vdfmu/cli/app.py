@@ -1,0 +1,112 @@
+"""Commands that show what they do: ``--quiet``, ``--verbose`` and the line that moves, of all by one mechanism."""
+
+from __future__ import annotations
+
+import inspect
+import logging
+import platform
+import time
+from collections.abc import Callable
+from functools import wraps
+from typing import Annotated, Any
+
+import typer
+
+from vdfmu import __version__
+from vdfmu.bars import Bars, errors
+from vdfmu.cli.terminal import console
+from vdfmu.progress import LOG, showing
+
+_Decorator = Callable[[Callable[..., Any]], Callable[..., Any]]
+QuietOption = Annotated[
+    bool,
+    typer.Option(
+        "--quiet",
+        "-q",
+        help="Print the result only: no bars, notes, warnings, and no tables that are in the files written.",
+    ),
+]
+VerboseOption = Annotated[
+    bool,
+    typer.Option(
+        "--verbose", "-v", help="Say what is done and how long it takes, and where errors come from."
+    ),
+]
+
+
+class App(typer.Typer):
+    """An app or a group of commands."""
+
+    def command(self, name: str | None = None, **options: Any) -> _Decorator:
+        """Register a command, as typer does."""
+        register = super().command(name, **options)
+
+        def shown(function: Callable[..., Any]) -> Callable[..., Any]:
+            words = (self.info.name, name or function.__name__)
+            return register(
+                showing_signs(" ".join(word for word in words if isinstance(word, str)))(function)
+            )
+
+        return shown
+
+
+def look(quiet: bool = False, verbose: bool = False) -> None:
+    """Let notes, warnings and bars not be seen, or details too."""
+    if quiet:
+        errors.quiet = True
+        LOG.setLevel(logging.ERROR)
+    elif verbose and not LOG.isEnabledFor(logging.INFO):
+        from vdfmu.cli.doctor import installed
+
+        LOG.setLevel(logging.INFO)
+        LOG.addHandler(_Lines())
+        there, _ = installed("")
+        LOG.info("vdfmu %s, Python %s, %s", __version__, platform.python_version(), ", ".join(there))
+
+
+def look_anew() -> None:
+    """Forget what was said of how to look, in a process that runs several commands."""
+    errors.quiet = False
+    LOG.setLevel(logging.NOTSET)
+    for handler in list(LOG.handlers):
+        if isinstance(handler, _Lines):
+            LOG.removeHandler(handler)
+
+
+def showing_signs(title: str) -> _Decorator:
+    """Give a command the options of all, and bars below a title while it runs."""
+
+    def shown(function: Callable[..., Any]) -> Callable[..., Any]:
+        @wraps(function)
+        def command(*, quiet: bool, verbose: bool, **options: Any) -> None:
+            look(quiet, verbose)
+            with Bars(title) as bars, showing(bars.update):
+                console.bars = bars
+                try:
+                    function(**options)
+                finally:
+                    console.bars = None
+
+        given = inspect.signature(function, eval_str=True)
+        more = [
+            inspect.Parameter(word, inspect.Parameter.KEYWORD_ONLY, default=False, annotation=option)
+            for word, option in (("quiet", QuietOption), ("verbose", VerboseOption))
+        ]
+        parameters = [one.replace(kind=inspect.Parameter.KEYWORD_ONLY) for one in given.parameters.values()]
+        command.__signature__ = given.replace(parameters=[*parameters, *more])  # type: ignore[attr-defined]
+        return command
+
+    return shown
+
+
+class _Lines(logging.Handler):
+    """Prints what is logged above the bars, with the time since the command began."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._began = time.perf_counter()
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Print a record."""
+        seconds = time.perf_counter() - self._began
+        errors.print(f"{seconds:8.2f} s  {record.getMessage()}", markup=False, soft_wrap=True)
