@@ -23,7 +23,7 @@ pty = pytest.importorskip("pty", reason="Windows has no pseudo-terminals of this
 WORKS = """
 import sys, time
 from vdfmu.cli.app import App
-from vdfmu.cli.terminal import say, say_notes
+from vdfmu.cli.terminal import console, say, say_notes
 from vdfmu.progress import doing
 
 app = App()
@@ -32,6 +32,9 @@ app = App()
 def works(how: str):
     if how == "prints":
         say("first")
+    if how == "waits":
+        say("waiting")
+        console.leave()
     with doing("a long stage of the work"):
         time.sleep(1.5)
     if how == "fails":
@@ -116,6 +119,20 @@ def test_a_line_and_a_bar_move_while_a_command_works():
     ]
     assert shown.text.rstrip().endswith("last")
     assert shown.text.count("\x1b[?25h") == shown.text.count("\x1b[?25l") > 0  # the cursor is back
+
+
+def test_nothing_moves_while_a_command_waits_for_the_user():
+    shown = works("waits")
+    assert shown.code == 0
+    assert "━" not in shown.text.partition("waiting")[2]
+
+
+@pytest.mark.parametrize(
+    "words", ["sweep -q plot nowhere", "sweep --verbose plot nowhere", "sweep plot nowhere -q"]
+)
+def test_options_of_all_may_come_before_the_command_of_a_group(words):
+    done = CliRunner().invoke(app, words.split())
+    assert str(done.exception).startswith("nowhere"), done.exception
 
 
 def test_results_go_to_the_pipe_and_bars_to_the_terminal():

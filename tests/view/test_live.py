@@ -8,15 +8,19 @@ import urllib.request
 
 import numpy as np
 import pytest
+import typer
 from typer.testing import CliRunner
 
 import vdfmu
+from vdfmu.bars import Bars, errors
 from vdfmu.cli.commands import app
-from vdfmu.errors import UsageError
+from vdfmu.cli.terminal import console
+from vdfmu.cli.view import live_view
+from vdfmu.errors import CosimError, UsageError
 from vdfmu.report.content import arm_of
 from vdfmu.view.live import HEAD, LiveView
 from vdfmu.view.live_server import Server
-from vdfmu.view.scene import open_server
+from vdfmu.view.scene import Arm, open_server, stage
 from vdfmu.view.shapes import Chain
 
 NAMES = [
@@ -157,3 +161,64 @@ def test_what_is_wrong_is_said_before_the_run(monkeypatch, tmp_path):
         assert isinstance(done.exception, UsageError)
         assert "'pip install vdfmu[view]'" in str(done.exception)
     assert list(tmp_path.iterdir()) == []
+
+
+def test_quiet_leaves_the_address_of_a_view_and_bars_end_before_it_waits(monkeypatch, capsys):
+    seen = []
+
+    class View:
+        def __init__(self, say, **_):
+            self.say = say
+
+        def __enter__(self):
+            self.say("Live view: http://127.0.0.1:1")
+            return self
+
+        def __exit__(self, *_):
+            pass
+
+        def stay(self):
+            seen.append(console.bars)
+            self.say("note: a note")
+
+    monkeypatch.setattr("vdfmu.view.live.LiveView", View)
+    monkeypatch.setattr(errors, "quiet", True)
+    monkeypatch.setattr(console, "bars", Bars("run"))
+    with live_view(True, None, None):
+        pass
+    with pytest.raises(typer.Exit) as end, live_view(True, None, None):
+        raise CosimError("plant", "fmi2DoStep", 0.5, "it failed")
+    assert end.value.exit_code == 1
+    assert seen == [None, None]
+    output = capsys.readouterr()
+    assert output.out.splitlines() == ["Live view: http://127.0.0.1:1"] * 2
+    assert output.err.startswith("error: plant")
+
+
+def test_the_foot_of_an_arm_that_hangs_is_above_it():
+    for name, sign in (("snake_24dof", 1.0), ("planar_2dof", -1.0)):
+        chain, server = Chain(arm_of(vdfmu.load_robot(name), {})), open_server(None, "test")
+        try:
+            stage(server, chain, chain.points(np.zeros(chain.n)))
+            foot = server.scene._handle_from_node_name["/foot"]
+            assert np.sign(np.dot(foot.position, chain.up)) == sign
+        finally:
+            server.stop()
+
+
+def test_all_meshes_that_cannot_be_shown_are_named(tmp_path):
+    robot = vdfmu.load_robot("planar_2dof")
+    look = {
+        "shape": "mesh",
+        "size": [1, 1, 1],
+        "color": [1, 1, 1, 1],
+        "offset": [0, 0, 0],
+        "rotation": np.eye(3),
+    }
+    shapes = [look | {"joint": i, "file": f"mesh_{i}.stl"} for i in (1, 2)]
+    server = open_server(None, "test")
+    try:
+        notes = Arm(server, Chain(arm_of(robot, {})), shapes, meshes=tmp_path).notes
+    finally:
+        server.stop()
+    assert [note.partition(" cannot")[0] for note in notes] == ["mesh mesh_1.stl", "mesh mesh_2.stl"]

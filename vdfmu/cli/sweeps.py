@@ -34,10 +34,13 @@ _SHOWN = 5
 
 
 class _Group(TyperGroup):
-    """``vdfmu sweep SCENARIO`` is ``vdfmu sweep run SCENARIO``."""
+    """``vdfmu sweep SCENARIO`` is ``vdfmu sweep run SCENARIO``; options of all may come before either."""
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
-        return super().resolve_command(ctx, args if args[0] in self.commands else ["run", *args])
+        name = next((arg for arg in args if arg not in ("-q", "--quiet", "-v", "--verbose")), "")
+        if name in self.commands:
+            args.remove(name)
+        return super().resolve_command(ctx, [name if name in self.commands else "run", *args])
 
 
 app = App(

@@ -42,6 +42,12 @@ class _Results(Terminal):
         if self.bars is not None and self.is_terminal:
             self.bars.rest()
 
+    def leave(self) -> None:
+        """Let the bars leave the terminal for good: from here on the command waits for the user."""
+        if self.bars is not None:
+            self.bars.__exit__()
+            self.bars = None
+
 
 console = _Results(highlight=False)
 

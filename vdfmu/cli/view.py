@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from vdfmu.cli.terminal import complete_robot, errors, say, say_error
+from vdfmu.cli.terminal import complete_robot, console, say, say_error, say_notes
 from vdfmu.errors import UsageError
 
 if TYPE_CHECKING:
@@ -67,12 +67,12 @@ def view(
         from vdfmu.model.toml_file import locate
 
         arm, notes, folder = load_robot(robot), [], locate(robot, "robots").parent
-    from vdfmu.cli.terminal import say_notes
     from vdfmu.view.robot import RobotView
 
     shown = RobotView(arm, folder, port)
     say_notes([*notes, *shown.notes])
     say(f"{arm.name}: {shown.address}, Ctrl-C ends it")
+    console.leave()
     with InterruptGuard() as guard:
         shown.run(lambda: guard.number != 0)
         shown.close()
@@ -100,14 +100,17 @@ def live_view(
 
         arm = arm_of(load_robot(robot), {})
 
-    def tell(text: str) -> None:
-        errors.print(text, markup=False, soft_wrap=True)
+    def tell(text: str) -> None:  # --quiet leaves the address
+        note = text.removeprefix("note: ")
+        say(text) if note == text else say_notes([note])
 
     with LiveView(port=port, speed=speed, arm=arm, say=tell) as shown:
+        failure: CosimError | None = None
         try:
             yield shown
         except CosimError as error:
-            say_error(error)
-            shown.stay()
-            raise typer.Exit(1) from error
+            say_error(failure := error)
+        console.leave()
         shown.stay()
+        if failure:
+            raise typer.Exit(1) from failure

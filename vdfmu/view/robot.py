@@ -61,7 +61,7 @@ class RobotView:
         shapes = [visual.to_dict() for visual in robot.visuals]
         self.arm = Arm(self._server, chain, shapes, travel=max(rails, default=None), meshes=folder)
         ellipsoids, self.notes = inertia_parts(robot)
-        self.notes += filter(None, [self.arm.note])
+        self.notes += self.arm.notes
         self._groups = self._add_groups(ellipsoids)
         self._add_controls()
         self._pool = ThreadPoolExecutor(1)

@@ -121,7 +121,7 @@ class Arm:
             self.names.append(f"{self.names[-1]}/link_{i + 1}")
             self._links.append(self._scene.add_frame(self.names[-1], show_axes=False))
         self.set(np.zeros(chain.n))
-        self.note = ""
+        self.notes: list[str] = []
         """What of the robot's looks cannot be shown."""
         loaded = [] if meshes is None else self._meshes([v for v in shapes if v["shape"] == "mesh"], meshes)
         parts = [*own_shapes(shapes)]
@@ -171,7 +171,7 @@ class Arm:
                 mesh: Any = trimesh.load(folder / visual["file"], force="mesh")
                 mesh.apply_scale(visual["size"])
             except Exception as error:  # whatever a reader of another's format does with a file
-                self.note = f"mesh {visual['file']} cannot be shown: {error}"
+                self.notes.append(f"mesh {visual['file']} cannot be shown: {error}")
                 continue
             handles.append(
                 self._scene.add_mesh_simple(
@@ -233,12 +233,13 @@ def stage(server: Any, chain: Chain, points: Floats) -> None:
         position=tuple(floor * up), wxyz=tuple(_quaternion(turn)),
     )  # fmt: skip
     r = 0.07 * reach
+    foot = floor if floor > -0.6 * reach else 0.1 * reach  # an arm that hangs has it above
     scene.add_cylinder(
         "foot",
         radius=r,
-        height=-floor,
+        height=abs(foot),
         color=(86, 98, 112),
-        position=floor * up / 2.0,
+        position=foot * up / 2.0,
         wxyz=_quaternion(turn),
     )
     low, high = points.min(axis=0), points.max(axis=0)
