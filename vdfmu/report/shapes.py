@@ -12,6 +12,8 @@ from numpy.typing import ArrayLike
 from vdfmu.arrays import Floats
 from vdfmu.equations.kinematics import joint_placements, poses
 
+_FRAMES = ("offset", "rotation", "tool_offset", "tool_rotation")
+
 
 class Part(NamedTuple):
     """A shape that is fixed to a body."""
@@ -35,13 +37,10 @@ class Chain:
     def __init__(self, arm: Mapping[str, Any]) -> None:
         self.types: list[str] = list(arm["types"])
         self.n = len(self.types)
-        self.offset: Floats = np.array(arm["offset"], dtype=float)
-        self.rotation: Floats = np.array(arm["rotation"], dtype=float)
-        self.tool_offset: Floats = np.array(arm["tool_offset"], dtype=float)
-        self.tool_rotation: Floats = np.array(arm["tool_rotation"], dtype=float)
-        self.ell: Floats = np.array(arm["ell"], dtype=float)
+        self.offset, self.rotation, self.tool_offset, self.tool_rotation, self.ell, gravity = (
+            np.array(arm[name], dtype=np.float64) for name in (*_FRAMES, "ell", "gravity")
+        )
         self.shapes: Sequence[Mapping[str, Any]] = arm["shapes"]
-        gravity: Floats = np.array(arm["gravity"], dtype=float)
         length = float(np.linalg.norm(gravity))
         self.up: Floats = gravity / length if length else np.array([0.0, 0.0, 1.0])
         """Unit vector against the pull of gravity: its parameter is written upward."""
@@ -61,12 +60,7 @@ class Chain:
     def parts(self, travel: ArrayLike, reach: float) -> Iterator[Part]:
         """Yield housings along the axes of the joints, and the robot's own shapes or tubes from joint to joint.
 
-        Parameters
-        ----------
-        travel : (n,) or float [m]
-            Length of the rails of prismatic joints.
-        reach : float [m]
-            To which the radii are in proportion.
+        Rails of prismatic joints are as long as `travel`, (n,) or one for all [m]; radii are shares of `reach` [m].
         """
 
         def radius(place: float) -> float:
@@ -93,15 +87,7 @@ class Chain:
 
 
 def drawing_of(arm: Mapping[str, Any], travel: Floats) -> dict[str, Any]:
-    """Return what the page draws of an arm, ready for JSON.
-
-    Parameters
-    ----------
-    arm : mapping
-        Of :func:`vdfmu.report.content.arm_of`.
-    travel : (n,) [rad or m]
-        Largest absolute position of each joint.
-    """
+    """Return what the page draws of an arm whose joints are at most at +-`travel`, (n,) [rad or m]: ready for JSON."""
     chain = Chain(arm)
     rails = [each for each, kind in zip(travel, chain.types, strict=True) if kind == "prismatic"]
     reach = chain.reach + float(max(rails, default=0.0))
@@ -109,7 +95,7 @@ def drawing_of(arm: Mapping[str, Any], travel: Floats) -> dict[str, Any]:
         part._replace(offset=part.offset.tolist(), rotation=part.rotation.tolist())._asdict()
         for part in chain.parts(travel, reach)
     ]
-    numbers = {key: arm[key] for key in ("types", "offset", "rotation", "tool_offset", "tool_rotation")}
+    numbers = {name: arm[name] for name in ("types", *_FRAMES)}
     return numbers | {"up": chain.up.tolist(), "reach": reach, "parts": parts}
 
 
