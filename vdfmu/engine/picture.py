@@ -48,7 +48,8 @@ def plot(
     results: Results, names: Sequence[str], over: Mapping[str, Results], path: str | Path | None
 ) -> Figure:
     """Draw chosen signals, and write the picture if there is a path; see `Results.plot`."""
-    if not (isinstance(over, Mapping) and all(isinstance(run, Results) for run in over.values())):
+    runs: list[Any] = list(over.values()) if hasattr(over, "values") else [None]
+    if not all(isinstance(run, Results) for run in runs):
         raise UsageError(
             f"plot: expected results by what they are called, over={{'soft': other}}, got {over!r:.60}."
         )
