@@ -80,6 +80,25 @@ def test_the_pages_own_run_equals_the_recorded_one(run, browser):
     assert changes == ["none"] * 5
 
 
+def test_a_run_that_differs_says_what_may_be_why(run, browser):
+    opened(browser, run / "report.html")
+    browser.run(f"""(async () => {{
+        report.runs[0].simulation.recorded.limit = -1;
+        document.querySelector('#simulate button').click();
+        {DONE}
+    }})()""")
+    verdict = words_of(browser, "#simulate li")
+    assert verdict.startswith("fail") and "the run has no reference" in verdict
+
+
+def test_what_was_not_yet_in_sight_is_printed(run, browser):
+    show(browser, run / "report.html")
+    drawn = "report.charts.map(chart => chart.place.querySelector('canvas') !== null)"
+    assert not all(browser.run(drawn))
+    browser.call("Page.printToPDF")
+    assert all(browser.run(drawn))
+
+
 def test_a_slider_draws_the_run_of_the_fmus_with_that_value(run, browser):
     opened(browser, run / "report.html", 1280, 2600)
     table, arm = words_of(browser, "#simulate table"), pixels(browser, ".canvas")
