@@ -14,10 +14,10 @@ import vdfmu
 from vdfmu.cli.commands import app
 from vdfmu.errors import UsageError
 from vdfmu.report.content import arm_of
+from vdfmu.report.shapes import Chain
 from vdfmu.view.live import HEAD, LiveView
 from vdfmu.view.live_server import Server
 from vdfmu.view.scene import open_server
-from vdfmu.view.shapes import Chain
 
 NAMES = [
     f"{name}[{i}]" for name in ("plant.q", "trajectory.q_d", "controller.tau", "plant.kappa") for i in (1, 2)
