@@ -263,6 +263,7 @@ export class Scene3D {
     this.controls.enableDamping = !reducedMotion.matches;
     this.controls.target.copy(centre);
     this.controls.addEventListener("change", () => this.draw());
+    addEventListener("beforeprint", () => this.render()); // of a frame before, nothing is kept
     this.controls.update();
   }
 
