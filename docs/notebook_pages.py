@@ -6,6 +6,7 @@ import base64
 import re
 import sys
 import tempfile
+from contextlib import chdir, redirect_stdout
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +17,10 @@ NOTEBOOKS = sorted(path.stem for path in FOLDER.glob("*.ipynb"))
 
 
 def executed(name: str) -> Any:
-    """Return a notebook with the outputs of a run in an empty folder; nbclient's error says which cell failed."""
+    """Return a notebook with the outputs of a run in an empty folder; nbclient's error says which cell failed.
+
+    Of the arm in a frame, which has its libraries with it, only the name is kept; :func:`page` makes it again.
+    """
     from nbclient import NotebookClient
 
     notebook = nbformat.read(FOLDER / f"{name}.ipynb", 4)
@@ -24,8 +28,9 @@ def executed(name: str) -> Any:
         NotebookClient(notebook, timeout=300, resources={"metadata": {"path": folder}}).execute()
     for cell in notebook.cells:
         cell.metadata.clear()  # when it ran
-        for output in cell.get("outputs", []):
-            output.get("data", {}).pop("text/plain", None) if "text/html" in output.get("data", {}) else None
+        for data in (output.get("data", {}) for output in cell.get("outputs", [])):
+            if "text/html" in data:
+                del data["text/html" if "<iframe" in data["text/html"] else "text/plain"]
     notebook.metadata.pop("widgets", None)
     return notebook
 
@@ -34,11 +39,13 @@ def page(name: str) -> tuple[str, dict[str, bytes]]:
     """Return the page of a notebook in markdown, and its pictures by file name."""
     lines: list[str] = []
     pictures: dict[str, bytes] = {}
+    before: list[str] = []
     for cell in nbformat.read(FOLDER / f"{name}.ipynb", 4).cells:
         if cell.cell_type == "markdown":
             lines += [cell.source, ""]
             continue
         lines += ["```python", cell.source, "```", ""]
+        before.append(cell.source)
         for output in cell.outputs:
             data = output.get("data", {})
             if "image/png" in data:
@@ -47,10 +54,20 @@ def page(name: str) -> tuple[str, dict[str, bytes]]:
                 lines += [f"![{cell.source.splitlines()[-1]}]({file})", ""]
             elif "text/html" in data:
                 lines += [f'<div class="output">{_one_line(data["text/html"])}</div>', ""]
+            elif data.get("text/plain", "").startswith("<the arm of"):
+                lines += [f'<div class="output">{_frame(before)}</div>', ""]
             else:
                 text = output.get("text") or data.get("text/plain", "")
                 lines += ["```text", text.rstrip(), "```", ""]
     return "\n".join(lines), pictures
+
+
+def _frame(cells: list[str]) -> str:
+    """Return what a notebook shows of the last of some cells, after those before have run in an empty folder."""
+    names: dict[str, Any] = {}
+    with tempfile.TemporaryDirectory() as folder, chdir(folder), redirect_stdout(None):
+        exec("\n".join(cells[:-1]), names)
+        return eval(cells[-1], names)._repr_html_()
 
 
 def _one_line(html: str) -> str:

@@ -168,6 +168,7 @@ def test_results_show_what_is_in_them(results):
     assert "a.&lt;b&gt;" in html
     assert "<b>" not in html.replace("<tbody>", "")
     assert "Results of mine: 1 signals, 2 rows" in html
+    assert made([0.0, 1.0], q=-0.0).contents()._repr_html_().count("<td>0</td>") == 2  # and none of -0
     assert "0 rows" in repr(Results(np.empty(0), [Signal("a", "real", "m", 0)], {"real": np.empty((0, 1))}))
 
 
@@ -223,3 +224,8 @@ def test_runs_over_each_other_in_one_picture(tmp_path):
         one.plot(path=tmp_path / "q.jpg")
     with pytest.raises(UsageError, match=r"no signal 'a\.x'"):
         one.plot("a.x")
+    for wrong in (other, {"twice": "q.csv"}):
+        with pytest.raises(
+            UsageError, match=r"expected results by what they are called, over=\{'soft': other\}"
+        ):
+            one.plot("a.q", over=wrong)

@@ -179,6 +179,8 @@ FOUND = """new Promise((done, failed) => {
 SEARCHES = {
     "anti-resonances": ("modes.html", "Bode plot"),
     "stiffness": ("drives.html", "From the catalogue to the law"),
+    "wasm": ("native.html", "vdfmu build tracking --fmi 3.0 --platform wasm32"),
+    "WebAssembly": ("native.html", "The same C as a module of WebAssembly"),
     "own controller": ("tutorials/own-controller.html", "A controller of your own"),
 }
 """What is looked for, a page that must be found, and words beside it."""

@@ -417,6 +417,7 @@ def test_a_circle_that_does_not_fit_is_named(planar):
             lambda arm: motions.waypoints([[0.0, 0.0], [1.0]], duration=1.0),
             ["points: expected a number, or a list"],
         ),
+        (lambda arm: motions.rest("here", 1.0), ["q: expected a number, or a list"]),
         (
             lambda arm: motions.samples([0.0, "x"], None),
             ["times: expected a number, or a list or rows of them"],
@@ -455,3 +456,8 @@ def test_a_circle_of_degrees_is_refused_before_it_is_worked_out(planar):
         UsageError, match=r"angle: expected at most 10 turns, 62.83 rad, got 720 rad. As degrees .* 12.57"
     ):
         motions.circle(planar, [0.3, 0.8], [0.6, 0, 0.5], [0, -1, 0], angle=720.0, duration=2.0)
+
+
+def test_arguments_that_a_motion_has_not_are_told_with_its_name():
+    with pytest.raises(TypeError, match=r"waypoints\(\) got an unexpected keyword argument 'speed'"):
+        motions.waypoints([[0.0], [1.0]], speed=1.0)

@@ -180,6 +180,24 @@ def test_what_can_be_pressed_has_a_name(run, browser):
     assert {("slider", "Time"), ("button", "Play"), ("combobox", "Signal")} <= names
 
 
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_a_button_that_is_up_can_be_read(run, browser, scheme):
+    show(browser, run / "report.html", scheme=scheme)
+    contrast = browser.run("""(() => {
+        const chip = document.querySelector("#arm .chip");
+        if (chip.getAttribute("aria-pressed") === "true") chip.click();
+        const [ink, card] = [chip, chip.closest(".card")].map((e) => getComputedStyle(e)), share = Number(ink.opacity);
+        const numbers = (colour) => colour.match(/\\d+/g).slice(0, 3).map(Number);
+        const [front, back] = [numbers(ink.color), numbers(card.backgroundColor)];
+        const linear = (v) => (v <= 0.03928 ? v / 12.92 : ((v + 0.055) / 1.055) ** 2.4);
+        const light = (colour) => colour.map((v) => linear(v / 255))
+            .reduce((sum, v, k) => sum + [0.2126, 0.7152, 0.0722][k] * v, 0);
+        const both = [light(front.map((v, k) => share * v + (1 - share) * back[k])), light(back)].sort((a, b) => a - b);
+        return (both[1] + 0.05) / (both[0] + 0.05);
+    })()""")
+    assert contrast >= 4.5  # of WCAG 2, level AA, for small text
+
+
 def test_reduced_motion_is_respected(run, browser):
     show(browser, run / "report.html", motion="reduce")
     assert not browser.run("report.player.scene.controls.enableDamping")

@@ -20,7 +20,7 @@ from vdfmu.engine.cosim.results import Results, Signal
 from vdfmu.errors import UsageError
 from vdfmu.report import content, page
 from vdfmu.report.checks import checks
-from vdfmu.report.content import EXTREMES, FRAMES, content_of
+from vdfmu.report.content import EXTREMES, FRAMES, arm_of, content_of
 from vdfmu.report.page import MODULES, WORKER, Run, newest_run, read_run, report_page, script, write_report
 from vdfmu.thinning import extremes
 
@@ -166,6 +166,25 @@ def test_figures_and_frames_are_sums_of_outputs(planar, master):
 def test_the_arm_has_the_values_of_the_run(planar):
     _, results = planar
     assert results.summary["arm"]["offset"] == [[0.0, 0.0, 0.0], [0.6, 0.0, 0.0]]
+
+
+def test_rails_reach_as_far_as_the_run_and_the_page_has_what_it_draws():
+    arm = arm_of(vdfmu.load_robot("slider_3dof"), {})
+    signals = [Signal(f"plant.q[{i + 1}]", "real", unit, i) for i, unit in enumerate(("rad", "m", "rad"))]
+    q = np.array([[9.0, 0.1, 0.0], [0.0, -0.3, -5.0], [1.0, 0.2, 0.0]])
+    results = Results(np.arange(3.0), signals, {"real": q}, {"joints": 3, "arm": arm})
+    drawn = content_of(results, results.summary)["arm"]
+    assert not {"shapes", "gravity", "ell"} & set(drawn)
+    assert drawn["up"] == [0.0, 0.0, 1.0]
+    lengths = np.linalg.norm([*arm["offset"], arm["tool_offset"]], axis=1)
+    assert drawn["reach"] == pytest.approx(lengths.sum() + 0.3)
+    boxes = [part for part in drawn["parts"] if part["shape"] == "box"]
+    assert [(part["body"], part["colour"]) for part in boxes] == [(1, "light"), (2, "joint")]
+    r = 0.06 * drawn["reach"] * (1.0 - 0.42 / 2.0)  # of the second of three joints
+    np.testing.assert_allclose(boxes[0]["size"], [1.5 * r, 1.5 * r, 0.3 + 2.0 * r])
+    # the rail begins at the joint and leads along its axis
+    offset, axis = np.array(arm["offset"][1]), np.array(arm["rotation"][1])[:, 2]
+    np.testing.assert_allclose(boxes[0]["offset"], offset + 0.15 * axis)
 
 
 def test_the_page_of_a_folder_is_that_of_the_run(planar, tmp_path):

@@ -7,6 +7,7 @@ import gzip
 import json
 import re
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,10 +16,16 @@ import pytest
 
 import vdfmu
 from tests.page.browser import Browser
+from vdfmu.engine.cosim.check import check_system
+from vdfmu.engine.cosim.checked import Checked
 from vdfmu.engine.cosim.results import Results
+from vdfmu.engine.ssp.read import load_ssp
 from vdfmu.report import simulation
 from vdfmu.report.page import read_run, write_report
-from vdfmu.report.simulation import ROWS, simulation_of
+from vdfmu.report.simulation import ROWS, knobs, simulation_of
+from vdfmu.scenario import load_scenario
+from vdfmu.scenario.parts import cached_fmus
+from vdfmu.ssp.write import write_ssp
 
 # ------------------------------------------------------------------ without a browser
 
@@ -123,6 +130,59 @@ def test_knobs_are_parameters_of_the_run(planar, made):
         for target in (*knob["targets"], *knob["known"]):
             own = [name.partition("[")[0] for name in parameters[target["unit"]]]
             assert target["name"] in own
+
+
+def checked(name: str, folder: Path) -> Checked:
+    """Return the system of a scenario, of units that need no compiler."""
+    scenario = load_scenario(name)
+    package = write_ssp(scenario, cached_fmus(scenario, folder, "python"), folder / "arm.ssp")
+    return check_system(load_ssp(package), algorithm=scenario.master)
+
+
+def test_friction_is_that_of_the_rotors_too(tmp_path):
+    system = checked("tracking_split", tmp_path)
+    (friction,) = [knob for knob in knobs(system) if knob["words"] == "Friction"]
+    assert [target["name"] for target in friction["targets"]] == ["f_c", "f_s", "f_v", "f_ck"]
+    assert {"unit": "feedforward", "name": "f_ck"} in friction["known"]
+
+
+def test_sliders_of_two_arms_say_of_which_and_each_feedforward_knows_its_own(tmp_path):
+    one = checked("planar_tracking", tmp_path)
+    units = {f"{name}{suffix}": d for suffix in ("", "_2") for name, d in one.descriptions.items()}
+    links = [
+        replace(link, start=(link.start[0] + suffix, link.start[1]), end=(link.end[0] + suffix, link.end[1]))
+        for suffix in ("", "_2")
+        for link in one.links
+    ]
+    both = replace(one, descriptions=units, links=tuple(links))
+    words = [knob["words"] for knob in knobs(both)]
+    assert len(words) == len(set(words)) == 12
+    assert {"Proportional gains, controller", "Proportional gains, controller_2"} <= set(words)
+    masses = [knob for knob in knobs(both) if knob["words"].startswith("Masses")]
+    assert [{target["unit"] for target in knob["known"]} for knob in masses] == [
+        {"feedforward"},
+        {"feedforward_2"},
+    ]
+
+
+def test_a_run_without_references_says_why_its_loop_may_differ(planar, made):
+    recorded = found_in(planar)[0]["recorded"]
+    assert recorded["note"] == "" and "was not found out: the run has no reference" in recorded["doubt"]
+    assert found_in(planar, reference={"sampled": {}})[0]["recorded"]["doubt"] == ""
+
+
+def test_a_page_of_several_runs_stays_below_its_size(planar, made, monkeypatch):
+    run, binaries = read_run(planar), dict[str, str]()
+    assert "units" in simulation_of(run.results, run.summary, run.package, binaries)
+    monkeypatch.setattr(simulation, "MOST_MODULES", sum(map(len, binaries.values())))
+    assert "units" in simulation_of(run.results, run.summary, run.package, binaries)  # it adds nothing
+    before = dict(binaries)
+    monkeypatch.setattr(
+        simulation, "compile_libraries", lambda asked: [f"other {job.name}".encode() for job in asked]
+    )
+    found = simulation_of(run.results, run.summary, run.package, binaries)
+    assert re.search(r"larger than 1 MB; make a page of this run alone\.$", found["reason"])
+    assert binaries == before
 
 
 @pytest.mark.parametrize(

@@ -80,6 +80,25 @@ def test_the_pages_own_run_equals_the_recorded_one(run, browser):
     assert changes == ["none"] * 5
 
 
+def test_a_run_that_differs_says_what_may_be_why(run, browser):
+    opened(browser, run / "report.html")
+    browser.run(f"""(async () => {{
+        report.runs[0].simulation.recorded.limit = -1;
+        document.querySelector('#simulate button').click();
+        {DONE}
+    }})()""")
+    verdict = words_of(browser, "#simulate li")
+    assert verdict.startswith("fail") and "the run has no reference" in verdict
+
+
+def test_what_was_not_yet_in_sight_is_printed(run, browser):
+    show(browser, run / "report.html")
+    drawn = "report.charts.map(chart => chart.place.querySelector('canvas') !== null)"
+    assert not all(browser.run(drawn))
+    browser.call("Page.printToPDF")
+    assert all(browser.run(drawn))
+
+
 def test_a_slider_draws_the_run_of_the_fmus_with_that_value(run, browser):
     opened(browser, run / "report.html", 1280, 2600)
     table, arm = words_of(browser, "#simulate table"), pixels(browser, ".canvas")
@@ -204,10 +223,10 @@ def test_the_last_of_many_moves_is_shown(run, browser):
 
 def test_a_slow_run_ends_for_a_newer_one(run, browser):
     opened(browser, run / "report.html")
-    browser.run(
-        "report.simulation.seconds = 2; report.runs[0].simulation.steps = 2e5; report.runs[0].simulation.stop = 200"
-    )
+    # the runs before were fast; this one takes seconds, of which the page waits one
+    browser.run("report.runs[0].simulation.steps = 2e5; report.runs[0].simulation.stop = 200")
     browser.run(f"""(async () => {{
+        report.first = report.simulation.worker.worker;
         const slider = document.querySelector(".knob input");
         const move = (place) => {{ slider.value = place; slider.dispatchEvent(new Event("input")); }};
         move(-30);
@@ -217,6 +236,7 @@ def test_a_slow_run_ends_for_a_newer_one(run, browser):
         move(-60);
         {DONE}
     }})()""")
+    assert browser.run("report.first !== report.simulation.worker.worker")  # it was ended
     assert simulated(browser, 1).shape == (6, 1001)
     assert browser.run("report.simulation.changes()[0].factor") == 0.251
 
@@ -310,7 +330,7 @@ def test_the_whole_study_again(browser, tmp_path, capsys):
         slider.value = -20;
         slider.dispatchEvent(new Event("input"));
         {DONE}
-        return [report.simulation.seconds, (performance.now() - began) / 1e3];
+        return [report.runs.at(-1).result.seconds, (performance.now() - began) / 1e3];
     }})()""")
     with capsys.disabled():
         print(f"\n10 s simulated in {times[0]:.2f} s, from slider to figures {times[1]:.2f} s")

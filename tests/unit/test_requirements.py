@@ -73,3 +73,23 @@ def test_what_is_no_parameter_is_not_required(name):
     unit = type("Early", (_Early,), {"requirements": lambda self: {"k": ("more", getattr(self, name))}})
     with pytest.raises(UnitError, match=f"requirements.* {name} is no parameter with numbers"):
         traced_requirements(Interface(unit, None))
+
+
+@pytest.mark.parametrize(
+    ("returned", "got"),
+    [
+        (None, "None"),
+        (["k"], r"\['k'\]"),
+        ({"stiffness": ("k > 0", 1.0)}, "'stiffness', which is no parameter"),
+        ({"y": ("k > 0", 1.0)}, "'y', which is no parameter"),
+        ({"k": 1.0}, "'k': 1.0"),
+        ({"k": ("k > 0", np.ones(3))}, r"'k': \('k > 0', array"),
+    ],
+)
+def test_requirements_of_another_form_are_told_with_what_is_expected(returned, got):
+    unit = type("Early", (_Early,), {"requirements": lambda self: returned})
+    words = f"requirements.. of Early: expected a parameter's name to what is expected of it and one number.*got {got}"
+    with pytest.raises(UnitError, match=words):
+        traced_requirements(Interface(unit, None))
+    with pytest.raises(UnitError, match=words):
+        unit().simulate(stop=0.1)

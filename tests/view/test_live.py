@@ -18,10 +18,10 @@ from vdfmu.cli.terminal import console
 from vdfmu.cli.view import live_view
 from vdfmu.errors import CosimError, UsageError
 from vdfmu.report.content import arm_of
+from vdfmu.report.shapes import Chain
 from vdfmu.view.live import HEAD, LiveView
 from vdfmu.view.live_server import Server
 from vdfmu.view.scene import Arm, open_server, stage
-from vdfmu.view.shapes import Chain
 
 NAMES = [
     f"{name}[{i}]" for name in ("plant.q", "trajectory.q_d", "controller.tau", "plant.kappa") for i in (1, 2)
@@ -218,7 +218,7 @@ def test_all_meshes_that_cannot_be_shown_are_named(tmp_path):
     shapes = [look | {"joint": i, "file": f"mesh_{i}.stl"} for i in (1, 2)]
     server = open_server(None, "test")
     try:
-        notes = Arm(server, Chain(arm_of(robot, {})), shapes, meshes=tmp_path).notes
+        notes = Arm(server, Chain(arm_of(robot, {})), visuals=shapes, folder=tmp_path).notes
     finally:
         server.stop()
     assert [note.partition(" cannot")[0] for note in notes] == ["mesh mesh_1.stl", "mesh mesh_2.stl"]

@@ -10,8 +10,9 @@ import pytest
 import vdfmu
 from vdfmu.analysis.modes import middle_pose
 from vdfmu.report.content import arm_of
+from vdfmu.report.shapes import Chain, own_shapes, turn_to
 from vdfmu.view.robot import displacement
-from vdfmu.view.shapes import Chain, blend, half_axes, housings, inertia_parts, own_shapes, tubes, turn_to
+from vdfmu.view.shapes import blend, half_axes, inertia_parts, rgb
 
 ROBOTS = vdfmu.robot_names()
 
@@ -74,13 +75,13 @@ def test_frames_and_tubes_lead_to_the_end_effector_of_the_equations(name):
     # a product of at most 24 rotations of entries of at most 1, at a reach of some metres: 24 * 2^-52 * 5 m
     np.testing.assert_allclose(points[-1], vdfmu.forward_kinematics(robot, q)[0], atol=3e-14)
     ends = [*chain.offset, chain.tool_offset]
-    for tube in tubes(chain):
+    parts = list(chain.parts(0.5, chain.reach))
+    for tube in (part for part in parts if part.shape == "capsule"):
         half = tube.rotation[:, 2] * tube.size[1] / 2.0
         # one rounding of each number
         np.testing.assert_allclose(tube.offset - half, 0.0, atol=1e-15)
         np.testing.assert_allclose(tube.offset + half, ends[tube.body], atol=1e-15)
-    marked = [part.joint for part in housings(chain, 0.5) if part.joint is not None]
-    assert marked == list(range(robot.n))
+    assert [part.body for part in parts if part.colour == "joint"] == list(range(1, robot.n + 1))
 
 
 def test_up_is_against_gravity_and_a_turn_is_a_rotation():
@@ -101,8 +102,12 @@ def test_shapes_of_the_file_keep_their_place_and_colour():
     shape = {"joint": 1, "shape": "box", "size": [1.0, 2.0, 3.0], "offset": [0.1, 0.2, 0.3]}
     shape |= {"rotation": np.eye(3).tolist(), "color": [1.0, 0.5, 0.0, 1.0]}
     (part,) = own_shapes([shape, shape | {"shape": "mesh"}])
-    assert (part.body, part.shape, part.size, part.colour) == (1, "box", [1.0, 2.0, 3.0], (255, 128, 0))
-    assert blend(0.0) == (163, 174, 186)
+    assert (part.body, part.shape, part.size, part.colour) == (1, "box", [1.0, 2.0, 3.0], "#ff8000")
+    assert rgb(part.colour) == (255, 128, 0)
+    arm = arm_of(vdfmu.load_robot("planar_2dof"), {}) | {"shapes": [shape]}
+    assert [each.shape for each in Chain(arm).parts(0.0, 1.0) if each.colour == "#ff8000"] == ["box"]
+    assert all(each.shape != "capsule" for each in Chain(arm).parts(0.0, 1.0))  # no tubes beside them
+    assert blend(0.0) == rgb("joint") == (163, 174, 186)
     assert blend(2.0) == blend(1.0) != blend(-1.0)
     assert blend(float("nan")) == blend(0.0)
 

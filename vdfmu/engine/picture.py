@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from vdfmu import style
 from vdfmu.engine.cosim.results import Results
+from vdfmu.errors import UsageError
 
 PANELS = 12
 """Panels of a picture; more would be too small to read."""
@@ -47,6 +48,11 @@ def plot(
     results: Results, names: Sequence[str], over: Mapping[str, Results], path: str | Path | None
 ) -> Figure:
     """Draw chosen signals, and write the picture if there is a path; see `Results.plot`."""
+    runs: list[Any] = list(over.values()) if hasattr(over, "values") else [None]
+    if not all(isinstance(run, Results) for run in runs):
+        raise UsageError(
+            f"plot: expected results by what they are called, over={{'soft': other}}, got {over!r:.60}."
+        )
     wanted = [signal for name in names or results.names for signal in results.members(name)]
     figure = draw_signals(results, set(results.names).difference(wanted), over)
     if path is not None:

@@ -68,16 +68,22 @@ def frames(robot: Any) -> dict[str, Any]:
     }
 
 
+def poses(robot: Any, q: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Origins (3,) [m] and rotations (3, 3) of {I}, every {B_i} and {O} in {I}, by the products of (34)-(36)."""
+    p, R = np.zeros(3), np.eye(3)
+    found = [(p, R)]
+    for R_AB, p_AB in [*joint_placements(robot, q), (robot.tool_rotation, robot.tool_offset)]:
+        p, R = p + R @ p_AB, R @ R_AB
+        found.append((p, R))
+    return found
+
+
 def end_effector_pose(robot: Any, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Pose of the end-effector frame {O} in {I}, by the product of (34)-(36).
+    """Pose of the end-effector frame {O} in {I}, the last of :func:`poses`.
 
     Returns
     -------
     p_O : (3,) [m] position of the origin of {O} in {I}
     R_O : (3, 3) rotation of {O} in {I}
     """
-    p, R = np.zeros(3), np.eye(3)
-    for R_AB, p_AB in joint_placements(robot, q):
-        p = p + R @ p_AB
-        R = R @ R_AB
-    return p + R @ robot.tool_offset, R @ robot.tool_rotation
+    return poses(robot, q)[-1]

@@ -27,7 +27,10 @@ def of_numbers(make: Callable[P, R]) -> Callable[P, R]:
 
     @wraps(make)
     def checked(*args: P.args, **kwargs: P.kwargs) -> R:
-        given = bound(*args, **kwargs).arguments
+        try:
+            given = bound(*args, **kwargs).arguments
+        except TypeError:  # in Python's words, which name the function
+            return make(*args, **kwargs)
         problems = [
             f"{name}: expected {expected}, got {shown(value)}."
             for name, value in given.items()

@@ -15,6 +15,7 @@ from scipy.interpolate import make_interp_spline
 
 from vdfmu.arrays import Floats
 from vdfmu.errors import UsageError
+from vdfmu.motion.arguments import of_numbers
 from vdfmu.units._played import Cycle, Played
 
 DEGREE = 5
@@ -232,6 +233,7 @@ def spline(t: Floats, q: Floats) -> Motion:
     return Motion(knots, np.moveaxis(coefficients, 0, 1).copy())
 
 
+@of_numbers
 def rest(q: Floats, seconds: float) -> Motion:
     """Return a motion that stands still at `q`, (n,) [rad or m], for some `seconds`."""
     if np.ndim(seconds) or not 0.0 < seconds < np.inf:

@@ -29,7 +29,7 @@ _LOADER = (
     "<script>(async () => {{ const bytes = Uint8Array.from(atob('{}'), (c) => c.charCodeAt(0)); "
     "const page = new Blob([bytes]).stream().pipeThrough(new DecompressionStream('gzip')); "
     "document.write(await new Response(page).text()); document.close(); "
-    "addEventListener('load', () => {{ if (frameElement) frameElement.style.height = "
+    "addEventListener('report', () => {{ if (frameElement) frameElement.style.height = "
     "document.getElementById('arm').offsetHeight + 2 + 'px'; }}); }})()</script>"
 )
 """Unpacks the page, and gives its frame the height of the arm's section."""

@@ -21,6 +21,7 @@ from vdfmu.engine.cosim.results import Results, Signal
 from vdfmu.equations.kinematics import frames
 from vdfmu.model import Robot
 from vdfmu.report.joints import UNITS
+from vdfmu.report.shapes import drawing_of
 from vdfmu.thinning import extremes
 
 FRAMES = 1000
@@ -90,7 +91,7 @@ _FIGURES = (
 
 
 def arm_of(robot: Robot, values: Mapping[str, Any]) -> dict[str, Any]:
-    """Return what draws a robot: geometry, ratios, and the shapes of its file but for meshes.
+    """Return the facts of which a robot is drawn: geometry, ratios, and the shapes of its file but for meshes.
 
     Parameters
     ----------
@@ -122,9 +123,9 @@ def content_of(results: Results, summary: Mapping[str, Any]) -> dict[str, Any]:
     Returns
     -------
     dict
-        ``arm``: of :func:`arm_of`, None without one. ``frames``: time and, for the arm, joint positions, tracking
-        errors, control torques and torsion at every k-th row. ``figures`` and ``signals``: lists of figures, with
-        rows, time and values as base64 of little-endian numbers, curve by curve.
+        ``arm``: of :func:`vdfmu.report.shapes.drawing_of`, None without one. ``frames``: time and, for the arm,
+        joint positions, tracking errors, control torques and torsion at every k-th row. ``figures`` and ``signals``:
+        lists of figures, with rows, time and values as base64 of little-endian numbers, curve by curve.
     """
     arm: Mapping[str, Any] | None = summary.get("arm")
     n = len(arm["types"]) if arm else int(summary.get("joints", 0))
@@ -139,7 +140,7 @@ def content_of(results: Results, summary: Mapping[str, Any]) -> dict[str, Any]:
     }
     drawn = _contrast_figures if summary.get("kind") == "contrast" else _figures
     copies = {signal.name: signal for signal in results.signals if signal.of}
-    frames = _Table()
+    frames, travel = _Table(), np.zeros(n)
     tables = {
         "figures": [_Table(figure) for figure in drawn(results, summary, sums if shown else {})],
         "signals": [_Table(figure) for figure in _groups(results, n, copies)],
@@ -148,7 +149,10 @@ def content_of(results: Results, summary: Mapping[str, Any]) -> dict[str, Any]:
         even = np.arange(-k * _BLOCK % stride, len(part), stride)  # every k-th row of the whole
         if k == parts - 1:
             even = np.union1d(even, len(part) - 1)
-        frames.add(part.time, [_values(curves, part) for curves in motion.values()], even)
+        moved = {name: _values(curves, part) for name, curves in motion.items()}
+        frames.add(part.time, [*moved.values()], even)
+        if shown:
+            travel = np.maximum(travel, np.abs(moved["q"]).max(axis=1))
         for table in itertools.chain(*tables.values()):
             values = _values(table.curves, part)
             buckets = max(1, EXTREMES // (len(values) * parts))
@@ -156,7 +160,7 @@ def content_of(results: Results, summary: Mapping[str, Any]) -> dict[str, Any]:
             table.add(part.time, [values], np.unique(np.concatenate(rows)))
     motion_recipes = {name: _recipes(curves, copies) for name, curves in motion.items()}
     return {
-        "arm": shown,
+        "arm": shown and drawing_of(shown, travel),
         "frames": frames.packed(list(motion)) | {"recipes": motion_recipes},
         **{
             kind: [table.packed(["values"]) | {"recipes": _recipes(table.curves, copies)} for table in found]

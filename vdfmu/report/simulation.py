@@ -39,6 +39,10 @@ LIMIT = 1e-9
 """Difference [rad, m] below which the page's own run is the recorded one. Its sin, cos and tanh are others: 1e-15."""
 _APART = 3.0
 """Times what separates a run from itself with a small change: both are as far apart as they can get, at other times."""
+_UNKNOWN = (
+    "Whether single solutions of this loop separate, whose last digits grow, was not found out: the run has no "
+    "reference."
+)
 _SEPARATES = "Single solutions of this loop separate: two runs whose last digits differ are as far apart after a while."
 MOST_VALUES = 20_000_000
 """Values of a run that a page keeps, 160 MB."""
@@ -49,6 +53,8 @@ NOT_MADE = (
 """In the place of one."""
 MOST_C = 2_400_000
 """Bytes of generated C of a run, of which compressed modules have a fifth: with it a page stays below 1 MB."""
+MOST_MODULES = 660_000
+"""Characters of the compressed modules of a page of several runs, for the same reason."""
 MASTERS = ("gauss-seidel", "jacobi")
 _FUNCTIONS = (
     "fmi2Instantiate", "fmi2SetupExperiment", "fmi2EnterInitializationMode", "fmi2ExitInitializationMode",
@@ -81,7 +87,7 @@ KNOBS = (
     Knob("Masses and inertias of the links", "Plant", ("mass", "inertia"), 0.5, 2.0, True),
     Knob("Mass of the payload", "Plant", ("payload_mass",), 0.0, 3.0, True),
     Knob("Stiffness of the drives", "Plant", ("K_f0", "K_w0"), 0.2, 5.0, True),
-    Knob("Friction", "Plant", ("f_c", "f_s", "f_v"), 0.0, 3.0, True),
+    Knob("Friction", "Plant", ("f_c", "f_s", "f_v", "f_ck", "mu_l"), 0.0, 3.0, True),
     Knob("Duration of the motion", "Trajectory", ("T",), 0.5, 2.0),
     Knob("Speed of the motion", "", ("speed",), 0.5, 2.0),
 )
@@ -163,11 +169,14 @@ def _modules(checked: Checked, binaries: dict[str, str]) -> dict[str, str]:
     size = sum(len(c) for job in jobs for name, c in job.sources.items() if name.startswith("kernel_"))
     if size > MOST_C:
         raise _CannotError(f"its units, {size / 1e6:.1f} MB of C, would make the page larger than 1 MB")
-    found: dict[str, str] = {}
-    for source, module in zip(sources, compile_libraries(jobs), strict=True):
-        digest = found[source] = sha256(module).hexdigest()[:16]
-        if digest not in binaries:
-            binaries[digest] = compressed(module)
+    modules = dict(zip(sources, compile_libraries(jobs), strict=True))
+    found = {source: sha256(module).hexdigest()[:16] for source, module in modules.items()}
+    added = {found[source]: compressed(module) for source, module in modules.items()}
+    if binaries and sum(map(len, (binaries | added).values())) > MOST_MODULES:
+        raise _CannotError(
+            "with its units too the page would be larger than 1 MB; make a page of this run alone"
+        )
+    binaries |= added
     return found
 
 
@@ -220,7 +229,7 @@ def _simulation(
         "step": step,
         "steps": steps,
         "last": step if time + step == stop else largest_step(time, stop),
-        "knobs": list(_knobs(checked)),
+        "knobs": list(knobs(checked)),
         "recorded": _recorded(results, summary, [".".join(port) for port in places]),
     }
 
@@ -276,27 +285,33 @@ def _carried(link: Link, names: Sequence[str]) -> list[float]:
     return [*ends, link.conversion.factor, link.conversion.offset]
 
 
-def _knobs(checked: Checked) -> Iterator[dict[str, Any]]:
-    """Yield what the page may change: groups of parameters of which one is not zero."""
+def knobs(checked: Checked) -> Iterator[dict[str, Any]]:
+    """Yield what the page may change, ready for JSON: groups of parameters of which one is not zero."""
     models = {name: description.identifier for name, description in checked.descriptions.items()}
+    joined = {(link.start[0], link.end[0]) for link in checked.links}
+    groups: dict[str, dict[str, list[float]]] = {}
+    for unit in models:
+        for v, value in _parameters(checked, unit).items():
+            groups.setdefault(unit, {}).setdefault(v.name.partition("[")[0], []).append(value)
     for knob in KNOBS:
-        for unit, model in models.items():
-            if model != (knob.model or model):
-                continue
-            groups: dict[str, list[float]] = {}
-            for v, value in _parameters(checked, unit).items():
-                groups.setdefault(v.name.partition("[")[0], []).append(value)
-            names = [name for name in knob.names if any(groups.get(name, ()))]
-            if not names:
-                continue
-            knowing = [name for name, other in models.items() if knob.known and other == "Feedforward"]
+        found = {
+            unit: names
+            for unit, own in groups.items()
+            if models[unit] == (knob.model or models[unit])
+            and (names := [name for name in knob.names if any(own.get(name, ()))])
+        }
+        for unit, names in found.items():
+            knowing = [
+                name
+                for name, other in models.items()
+                if knob.known and other == "Feedforward" and (len(found) == 1 or (unit, name) in joined)
+            ]
             units = [v.unit for v in _parameters(checked, unit) if v.name.partition("[")[0] == names[0]]
             yield {
                 "key": f"{unit}.{names[0]}",
-                "words": knob.words,
-                "symbol": names[0],
+                "words": knob.words if len(found) == 1 else f"{knob.words}, {unit}",
                 "units": [measure.name if measure else "" for measure in units],
-                "values": groups[names[0]],
+                "values": groups[unit][names[0]],
                 "targets": [{"unit": unit, "name": name} for name in names],
                 "known": [{"unit": other, "name": name} for other in knowing for name in names],
                 "least": knob.least,
@@ -321,4 +336,5 @@ def _recorded(results: Results, summary: Mapping[str, Any], names: Sequence[str]
         "unit": ", ".join(dict.fromkeys(results.units[name] for name in judged)),
         "limit": max(LIMIT, _APART * separation),
         "note": _SEPARATES if separation else "",
+        "doubt": "" if summary.get("reference") else _UNKNOWN,
     }

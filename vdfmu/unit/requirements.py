@@ -6,7 +6,9 @@ from collections.abc import Mapping
 from typing import Any
 
 import casadi as ca
+import numpy as np
 
+from vdfmu.errors import UnitError
 from vdfmu.kernel.requirements import STRICT, Requirement, margins, requirements
 from vdfmu.kernel.structure import Parameter, set_parameters
 from vdfmu.kernel.trace import traced_function
@@ -14,6 +16,7 @@ from vdfmu.scalar.symbol import to_sx
 from vdfmu.unit.base import Unit
 from vdfmu.unit.evaluate import Floats, Plain
 from vdfmu.unit.interface import Interface
+from vdfmu.unit.place import place
 from vdfmu.unit.trace import SymbolicWatch, run
 
 
@@ -25,8 +28,7 @@ def unmet(interface: Interface, memory: Floats) -> list[str]:
         robot = set_parameters(interface.robot, memory[interface.slice("p")])
         found += zip(listed, margins(robot, listed), strict=True)
     if interface.unit.requirements is not Unit.requirements:
-        own = Plain(interface, memory).requirements()
-        found += zip(_listed(interface, own), (size - STRICT for _, size in own.values()), strict=True)
+        found += _listed(interface, Plain(interface, memory).requirements())
     problems: list[str] = []
     for requirement, margin in found:
         if not margin >= 0.0:
@@ -46,17 +48,38 @@ def traced_requirements(interface: Interface) -> tuple[list[Requirement], ca.Fun
         return [], None
     unit = interface.unit(interface.robot)
     watch = SymbolicWatch(unit, "requirements", {})
-    found = run(unit, "requirements", watch)
-    sizes = ca.vertcat(*(to_sx(size) - STRICT for _, size in found.values()))
+    found = _listed(interface, run(unit, "requirements", watch))
+    sizes = ca.vertcat(*(to_sx(margin) for _, margin in found))
     inputs = {name: watch.symbols[name] for name in watch.reads}
     function = traced_function(f"{interface.name}_requirements", inputs, {"margin": sizes})
-    return _listed(interface, found), function
+    return [requirement for requirement, _ in found], function
 
 
-def _listed(interface: Interface, found: Mapping[str, tuple[str, Any]]) -> list[Requirement]:
-    return [
-        Requirement(
-            expected, tuple(Parameter(group, v.index) for v in interface.memory[interface.groups[group]])
+def _listed(interface: Interface, found: Any) -> list[tuple[Requirement, Any]]:
+    """Return requirements with their margins; UnitError if the method returned something else."""
+    if not isinstance(found, Mapping):
+        raise _other(interface, repr(found))
+    listed: list[tuple[Requirement, Any]] = []
+    for group, one in found.items():
+        match one:
+            case (str() as expected, size) if np.ndim(size) == 0:
+                pass
+            case _:
+                raise _other(interface, f"{group!r}: {one!r}")
+        parameters = [
+            v for v in interface.memory[interface.groups.get(group, slice(0))] if v.causality == "parameter"
+        ]
+        if not parameters:
+            raise _other(interface, f"{group!r}, which is no parameter")
+        listed.append(
+            (Requirement(expected, tuple(Parameter(group, v.index) for v in parameters)), size - STRICT)
         )
-        for group, (expected, _) in found.items()
-    ]
+    return listed
+
+
+def _other(interface: Interface, got: str) -> UnitError:
+    unit = interface.unit
+    return UnitError(
+        f"{place(unit, 'requirements')}: requirements() of {unit.__name__}: expected a parameter's name to what is "
+        f'expected of it and one number, such as {{"k": ("k > 0", self.k)}}, got {got}.'
+    )

@@ -21,9 +21,9 @@ from vdfmu.engine.cosim.isolated import mapped
 from vdfmu.errors import UsageError
 from vdfmu.process import private_pipes
 from vdfmu.report.joints import UNITS
+from vdfmu.report.shapes import Chain
 from vdfmu.view.live import HEAD
 from vdfmu.view.scene import PERIOD, Arm, address, clear, open_server, stage
-from vdfmu.view.shapes import Chain
 
 QUANTITIES = {"torque": "Torque, link side", "error": "Tracking error", "torsion": "Torsion"}
 _NUMBERS = 0.2
@@ -57,9 +57,9 @@ class Scene:
         self._server, self.chain = server, (chain := Chain(arm))
         self.start, self.stop = start, stop
         stage(server, chain, np.vstack([chain.points(np.zeros(chain.n)), 0.8 * chain.reach * chain.up]))
-        self._arm = Arm(server, chain, arm["shapes"])
+        self._arm = Arm(server, chain)
         self._arm.frame(chain.n, "tool", 0.1 * chain.reach, chain.tool_offset, chain.tool_rotation)
-        self._ghost = Arm(server, chain, arm["shapes"], "desired", ghost=True) if "q_d" in given else None
+        self._ghost = Arm(server, chain, "desired", ghost=True) if "q_d" in given else None
         self._peaks: dict[str, Floats] = {}
         self._time: list[float] = []
         self._curves: dict[str, list[Floats]] = {}

@@ -19,8 +19,9 @@ from vdfmu.errors import VdfmuError
 from vdfmu.model import Robot
 from vdfmu.report.content import arm_of
 from vdfmu.report.joints import UNITS
+from vdfmu.report.shapes import Chain, turn_to
 from vdfmu.view.scene import PERIOD, Arm, address, open_server, stage
-from vdfmu.view.shapes import Chain, centres, inertia_parts, turn_to
+from vdfmu.view.shapes import centres, inertia_parts
 
 _REST = 0.3
 """Time for which the sliders rest before modes are worked out anew [s]."""
@@ -56,10 +57,9 @@ class RobotView:
         travel = [0.5] * chain.n
         if robot.limits:
             travel = np.maximum(np.abs(robot.q_min), np.abs(robot.q_max)).tolist()
-        rails = [each for each, kind in zip(travel, chain.types, strict=True) if kind == "prismatic"]
         stage(self._server, chain, chain.points(self._q))
-        shapes = [visual.to_dict() for visual in robot.visuals]
-        self.arm = Arm(self._server, chain, shapes, travel=max(rails, default=None), meshes=folder)
+        visuals = [visual.to_dict() for visual in robot.visuals]
+        self.arm = Arm(self._server, chain, travel=travel, visuals=visuals, folder=folder)
         ellipsoids, self.notes = inertia_parts(robot)
         self.notes += self.arm.notes
         self._groups = self._add_groups(ellipsoids)
@@ -89,9 +89,7 @@ class RobotView:
             for i, p in centres(self.robot)
         ]
         groups["Ellipsoids of inertia"] = [
-            self.arm.add(
-                part._replace(colour=(124, 58, 237)), f"inertia_{k}", opacity=0.45, cast_shadow=False
-            )
+            self.arm.add(part, f"inertia_{k}", opacity=0.45, cast_shadow=False)
             for k, part in enumerate(ellipsoids)
         ]
         if not chain.weightless:

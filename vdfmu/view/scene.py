@@ -15,7 +15,8 @@ import numpy as np
 
 from vdfmu.arrays import Floats
 from vdfmu.errors import UsageError
-from vdfmu.view.shapes import Chain, Colour, Part, blend, housings, own_shapes, tubes, turn_to
+from vdfmu.report.shapes import Chain, Part, own_shapes, turn_to
+from vdfmu.view.shapes import Colour, blend, rgb
 
 HOST = "127.0.0.1"
 PERIOD = 1.0 / 30.0
@@ -90,27 +91,27 @@ class Arm:
     ----------
     server : viser.ViserServer
     chain : Chain
-    shapes : sequence of mappings
-        Tables ``[[visuals]]`` of the robot file; see `meshes`.
     name : str
         In the tree of the scene.
     ghost : bool, optional
         Whether it is transparent.
-    travel : float [m], optional
+    travel : (n,) [m], optional
         Length of the rails of prismatic joints; default a third of the reach.
-    meshes : Path, optional
-        Folder of the robot file, from which its meshes are named.
+    visuals : sequence of mappings, optional
+        Tables ``[[visuals]]`` of the robot file, for its meshes.
+    folder : Path, optional
+        Of the robot file, from which its meshes are named.
     """
 
     def __init__(
         self,
         server: Any,
         chain: Chain,
-        shapes: Sequence[Mapping[str, Any]],
         name: str = "arm",
         ghost: bool = False,
-        travel: float | None = None,
-        meshes: Path | None = None,
+        travel: Sequence[float] | None = None,
+        visuals: Sequence[Mapping[str, Any]] = (),
+        folder: Path | None = None,
     ) -> None:
         self._server, self._scene, self.chain = server, server.scene, chain
         self._ghost = ghost
@@ -123,30 +124,28 @@ class Arm:
         self.set(np.zeros(chain.n))
         self.notes: list[str] = []
         """What of the robot's looks cannot be shown."""
-        loaded = [] if meshes is None else self._meshes([v for v in shapes if v["shape"] == "mesh"], meshes)
-        parts = [*own_shapes(shapes)]
-        if len(parts) + len(loaded) < len(shapes):  # half an arm would look as if it were all of it
-            for handle in loaded:
+        meshes = [v for v in visuals if v["shape"] == "mesh"]
+        self.bodies = [] if folder is None else self._meshes(meshes, folder)
+        if meshes and len(self.bodies) == len(meshes):
+            parts = own_shapes(visuals)
+        else:  # half an arm would look as if it were all of it
+            for handle in self.bodies:
                 handle.remove()
-            parts, loaded = [], []
-        if not loaded:
-            bare = [] if parts else tubes(chain)
-            parts = [*housings(chain, travel or chain.reach / 3.0), *parts, *bare]
-        self.bodies = loaded
-        marked: dict[int, Any] = {}
+            self.bodies = []
+            parts = chain.parts(chain.reach / 3.0 if travel is None else travel, chain.reach)
+        self._marked = list[Any]()
         for part in parts:
             handle = self.add(part, f"body_{len(self.bodies)}")
             self.bodies.append(handle)
-            if part.joint is not None:
-                marked[part.joint] = handle
-        self._marked = [marked[i] for i in sorted(marked)]
+            if part.colour == "joint":
+                self._marked.append(handle)
         self._colours: list[Colour] = []
 
     def add(self, part: Part, name: str, **look: Any) -> Any:
         """Add a shape to its body; return viser's handle."""
         shrink = 0.97 if self._ghost else 1.0  # within the other where they are at one place
         name, size = f"{self.names[part.body]}/{name}", [shrink * float(each) for each in part.size]
-        common = {"color": part.colour, "receive_shadow": False, **self._look, **look}
+        common = {"color": rgb(part.colour), "receive_shadow": False, **self._look, **look}
         common |= {"position": part.offset, "wxyz": _quaternion(part.rotation)}
         match part.shape:
             case "box":

@@ -50,7 +50,7 @@ class Listing(NamedTuple):
 
 
 def _cell(value: Any) -> str:
-    return f"{value:.4g}" if isinstance(value, float) else str(value)
+    return f"{value + 0.0:.4g}" if isinstance(value, float) else str(value)  # -0 is 0
 
 
 def _shape(shape: tuple[int, ...] | None) -> str:

@@ -90,13 +90,14 @@ export function toolErrors(run) {
 
 /** An arm in the scene: actual, desired as a ghost, and its path. */
 class Puppet {
-  constructor(run, reach, tint = null) {
-    Object.assign(this, { reach, root: new T.Group(), actual: new Chain(run.arm), desired: run.frames.error ? new Chain(run.arm) : null });
+  constructor(run, tint = null) {
+    const { reach } = run.arm;
+    Object.assign(this, { root: new T.Group(), actual: new Chain(run.arm), desired: run.frames.error ? new Chain(run.arm) : null });
     this.path = tube(0.0045 * reach, "#e2570d", 1);
     this.trace = tube(0.0025 * reach, darkScheme.matches ? "#9aa7b5" : "#66717d", 0.55);
     this.follow(run);
-    dress(this.actual, run.arm, this, solid, tint);
-    if (this.desired) dress(this.desired, run.arm, this, ghost, tint);
+    dress(this.actual, run.arm, solid, tint);
+    if (this.desired) dress(this.desired, run.arm, ghost, tint);
     this.root.add(this.actual.root, ...(this.desired ? [this.desired.root] : []), this.path, this.trace);
   }
 
@@ -160,13 +161,10 @@ export class Scene3D {
 
   load(run) {
     this.run = run;
-    const { arm } = run, { q } = new Motion(run);
-    const g = new T.Vector3(...arm.gravity);
-    this.up = g.length() ? g.normalize() : new T.Vector3(0, 0, 1);
-    this.reach = Math.max(0.05, [...arm.offset, arm.tool_offset].reduce((sum, p) => sum + Math.hypot(...p), 0)
-      + Math.max(0, ...arm.types.map((type, i) => (type === "prismatic" ? Math.max(...q[i].map(Math.abs)) : 0))));
+    this.up = new T.Vector3(...run.arm.up);
+    this.reach = run.arm.reach;
     this.scene = new T.Scene();
-    this.puppets = [new Puppet(run, this.reach)];
+    this.puppets = [new Puppet(run)];
     const { box } = this.puppets[0];
     const heights = [box.min, box.max].map((p) => p.dot(this.up));
     this.floor = Math.min(...heights) - (Math.min(...heights) < -0.02 * this.reach ? 0.12 : 0.1) * this.reach;
@@ -184,7 +182,7 @@ export class Scene3D {
     this.second = run;
     if (run && other) other.follow(run);
     else if (run) {
-      this.puppets.push(new Puppet(run, this.reach, SECOND));
+      this.puppets.push(new Puppet(run, SECOND));
       this.stand(this.puppets[1]);
       this.puppets[1].root.position.set(0.8, 0.6, 0).applyQuaternion(this.turn).multiplyScalar(0.9 * this.reach);
     } else if (other) {
@@ -214,7 +212,7 @@ export class Scene3D {
 
   lights() {
     const sun = this.sun = new T.DirectionalLight("#ffffff", 2.4);
-    const side = new T.Vector3(0.5, -0.6, 0).applyQuaternion(new T.Quaternion().setFromUnitVectors(new T.Vector3(0, 0, 1), this.up));
+    const side = new T.Vector3(0.5, -0.6, 0).applyQuaternion(this.turn);
     sun.position.copy(this.up).add(side).multiplyScalar(3 * this.reach);
     sun.castShadow = true;
     Object.assign(sun.shadow.camera, { near: 0.1 * this.reach, far: 8 * this.reach });
@@ -265,6 +263,7 @@ export class Scene3D {
     this.controls.enableDamping = !reducedMotion.matches;
     this.controls.target.copy(centre);
     this.controls.addEventListener("change", () => this.draw());
+    addEventListener("beforeprint", () => this.render()); // of a frame before, nothing is kept
     this.controls.update();
   }
 
@@ -330,58 +329,29 @@ function tube(radius, color, opacity) {
   return mesh;
 }
 
-/** Give the links of a chain bodies: a housing along the axis of each joint, tubes between them, or the robot's own shapes. */
-function dress(chain, arm, { reach, motion }, material, tint) {
-  const n = arm.types.length, r0 = 0.06 * reach;
-  const light = material(tint ?? (darkScheme.matches ? "#dfe6ee" : "#e9edf2")), dark = material("#586473");
-  const add = (parent, geometry, look) => {
-    const mesh = new T.Mesh(geometry, look);
-    mesh.castShadow = mesh.receiveShadow = !look.transparent;
-    parent.add(mesh);
-    return mesh;
-  };
+/** Give the links of a chain bodies, and the end effector its axes. */
+function dress(chain, { parts, reach }, material, tint) {
   const bodies = [chain.root, ...chain.links];
-  const radius = (i) => r0 * (1 - 0.42 * (i / Math.max(1, n - 1)));
-  chain.marked = arm.types.map(() => material("#a3aeba"));
-  arm.types.forEach((type, i) => {
-    const r = radius(i), link = chain.links[i];
-    if (type === "prismatic") {
-      const travel = Math.max(...motion.q[i].map(Math.abs));
-      add(link.parent, new T.BoxGeometry(1.5 * r, 1.5 * r, travel + 2 * r).translate(0, 0, travel / 2), light);
-      add(link, new T.BoxGeometry(2.1 * r, 2.1 * r, 1.6 * r), chain.marked[i]);
-      return;
-    }
-    add(link, new T.CylinderGeometry(r, r, 2.2 * r, 40).rotateX(Math.PI / 2), chain.marked[i]);
-    for (const side of [-1, 1]) add(link, new T.CylinderGeometry(0.82 * r, 0.82 * r, 0.16 * r, 40).rotateX(Math.PI / 2).translate(0, 0, 1.16 * r * side), dark);
-  });
-  if (arm.shapes.length) {
-    for (const shape of arm.shapes) {
-      const own = new T.Color().setRGB(...shape.color.slice(0, 3), "srgb");
-      const look = material(tint ? own.lerp(tint, 0.6) : own);
-      const mesh = add(bodies[shape.joint] ?? chain.root, shaped(shape), look);
-      mesh.setRotationFromMatrix(turned(shape.rotation));
-      mesh.position.set(...shape.offset);
-    }
-  } else {
-    [...arm.offset, arm.tool_offset].forEach((to, i) => rod(add, bodies[i], to, 0.68 * radius(Math.min(Math.max(i - 1, 0) + 0.5, n - 1)), light));
+  const looks = { light: tint ?? (darkScheme.matches ? "#dfe6ee" : "#e9edf2"), dark: "#586473", joint: NEUTRAL };
+  chain.marked = [];
+  for (const { body, shape, size, offset, rotation, colour } of parts) {
+    const own = new T.Color(looks[colour] ?? colour);
+    const look = material(tint && !looks[colour] ? own.lerp(tint, 0.6) : own), mesh = new T.Mesh(shaped(shape, size), look);
+    mesh.castShadow = mesh.receiveShadow = !look.transparent;
+    mesh.setRotationFromMatrix(turned(rotation));
+    mesh.position.set(...offset);
+    bodies[body].add(mesh);
+    if (colour === "joint") chain.marked.push(look);
   }
-  [["#d22f2f", 0], ["#2f9e44", 1], ["#1667c7", 2]].forEach(([color, axis]) => {
-    const look = material === ghost ? null : new T.MeshBasicMaterial({ color });
+  if (material === ghost) return;
+  ["#d22f2f", "#2f9e44", "#1667c7"].forEach((color, axis) => {
     const arrow = new T.CylinderGeometry(0.006 * reach, 0.006 * reach, 0.13 * reach, 12).translate(0, 0.065 * reach, 0);
-    if (look) add(chain.tool, axis === 0 ? arrow.rotateZ(-Math.PI / 2) : axis === 2 ? arrow.rotateX(Math.PI / 2) : arrow, look).castShadow = false;
+    chain.tool.add(new T.Mesh(axis === 0 ? arrow.rotateZ(-Math.PI / 2) : axis === 2 ? arrow.rotateX(Math.PI / 2) : arrow, new T.MeshBasicMaterial({ color })));
   });
 }
 
-/** A tube with round ends from the origin of a body to a point. */
-function rod(add, parent, to, r, look) {
-  const end = new T.Vector3(...to), length = end.length();
-  if (length < 1e-9) return;
-  const mesh = add(parent, new T.CapsuleGeometry(r, length, 10, 32).translate(0, length / 2, 0), look);
-  mesh.quaternion.setFromUnitVectors(new T.Vector3(0, 1, 0), end.normalize());
-}
-
-/** Geometry of a shape of a robot file: sides, half-axes, or radius and length along z. */
-function shaped({ shape, size: [a, b, c] }) {
+/** Geometry of a shape: sides, half-axes, or radius and length along z. */
+function shaped(shape, [a, b, c]) {
   if (shape === "box") return new T.BoxGeometry(a, b, c);
   if (shape === "cylinder") return new T.CylinderGeometry(a, a, b, 40).rotateX(Math.PI / 2);
   if (shape === "capsule") return new T.CapsuleGeometry(a, b, 10, 32).rotateX(Math.PI / 2);

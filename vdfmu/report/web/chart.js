@@ -25,6 +25,7 @@ export class Chart {
       if (this.seen) this.moveMark();
     }, { rootMargin: "200px" }).observe(this.element);
     new ResizeObserver(() => this.plot && this.plot.setSize({ width: this.place.clientWidth, height: HEIGHT })).observe(this.place);
+    addEventListener("beforeprint", () => { if (this.stale) this.build(); });
     view.addEventListener("time", () => this.moveMark());
     for (const event of ["range", "shown"]) view.addEventListener(event, () => this.refresh());
     view.addEventListener("simulated", () => this.update());

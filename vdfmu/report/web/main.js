@@ -22,5 +22,6 @@ const charts = showFigures(section("figures"), more);
 const simulation = showSimulation(section("simulate"));
 showSystem(section("system"));
 
-/** For the console and for tests. */
+/** For the console and for tests; what is around the page hears when it is there. */
 globalThis.report = { binaries, charts, difference, player, runs, simulation, view, Chain, Motion, SimulationWorker, toolErrors };
+dispatchEvent(new Event("report"));

@@ -5,7 +5,7 @@ import { toolErrors } from "./arm.js";
 import { SimulationWorker, difference } from "./worker.js";
 
 const NOTCHES = 100; // of a slider to either side
-const PATIENCE = 1; // s; a run that takes longer is stopped for a newer one
+const PATIENCE = 1000; // ms; a run that takes longer is stopped for a newer one
 
 /** A slider of factors around 1, for all joints and for each. */
 class Knob {
@@ -54,7 +54,7 @@ class Knob {
 
 class Simulation {
   constructor(section, able) {
-    Object.assign(this, { worker: new SimulationWorker(binaries), busy: false, again: false, seconds: 0 });
+    Object.assign(this, { worker: new SimulationWorker(binaries), busy: false, again: false });
     this.status = make("p", { class: "note", role: "status" });
     this.bar = make("progress", { max: 1, "aria-label": "Progress of the simulation" });
     this.verdict = make("ul");
@@ -94,19 +94,23 @@ class Simulation {
     return this.sliders.flatMap((slider) => slider.changes(this.of.simulation));
   }
 
-  /** Run with the sliders as they are: after the run that is under way, which ends at once if it is slow. */
+  /** Run with the sliders as they are: after the run that is under way, which is stopped if it is slow. */
   async rerun() {
     this.again = true;
-    if (this.busy && this.seconds > PATIENCE) this.worker.cancel();
-    if (this.busy) return;
+    if (this.busy) {
+      this.stopping ??= setTimeout(() => this.worker.cancel(), PATIENCE + this.began - performance.now());
+      return;
+    }
     this.busy = true;
     this.bar.classList.add("on");
     while (this.again) {
       this.again = false;
       const changes = this.changes(), { of } = this;
       this.bar.value = 0;
+      this.began = performance.now();
       const run = this.worker.run(of.simulation, changes, (part) => { this.bar.value = part; });
       const [found, error] = await run.then((one) => [one, null], (one) => [one.found ?? NOTHING, one]);
+      this.stopping = clearTimeout(this.stopping);
       if (error?.name !== "AbortError" && of === this.of) this.take(found, changes, error?.message);
     }
     this.busy = false;
@@ -116,7 +120,6 @@ class Simulation {
   /** Show what a run found, up to its failure if it has failed. */
   take(found, changes, failure = "") {
     const { time } = found, { stop, start } = this.of.simulation;
-    this.seconds = found.seconds ?? 0;
     this.failure.textContent = failure;
     this.failure.hidden = !failure;
     this.status.textContent = failure ? `Stopped${time.length ? ` at ${text(time.at(-1), 4)} s` : ""}.` : `${text(stop - start, 4)} s simulated in ${text(found.seconds, 2)} s.`;
@@ -132,10 +135,10 @@ class Simulation {
 
   /** Hold the page's own run against the recorded one. */
   judge(found, failure) {
-    const { position, limit } = failure ? {} : difference(this.of.simulation, found), passed = position <= limit, { unit, note } = this.of.simulation.recorded;
+    const { position, limit } = failure ? {} : difference(this.of.simulation, found), passed = position <= limit, { unit, note, doubt } = this.of.simulation.recorded, why = note || (passed ? "" : doubt);
     this.apart = position;
     this.verdict.replaceChildren(make("li", { class: passed ? "pass" : "fail" }, make("b", {}, passed ? "pass" : "fail"), " The page's own run equals the recorded one ",
-      make("small", {}, failure || `with all sliders at 1, they differ by ${text(position, 2)} ${unit} at most in the rows that the page has in double precision; limit ${text(limit, 2)} ${unit}${note && `. ${note}`}`)));
+      make("small", {}, failure || `with all sliders at 1, they differ by ${text(position, 2)} ${unit} at most in the rows that the page has in double precision; limit ${text(limit, 2)} ${unit}${why && `. ${why}`}`)));
   }
 
   tabulate(found) {
