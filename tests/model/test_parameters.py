@@ -120,10 +120,10 @@ def test_a_new_parameter_is_shown_on_the_command_line(extended: dict[str, str]) 
     assert "k_new: no source" in shown
 
 
-# Words of English, what a condition names (f_s >= f_c), and what is shown or reduced in a table of a run.
+# Words of English, what a condition names (f_s >= f_c), what is shown or reduced in a table of a run, what is drawn.
 ELSEWHERE = {
     "gravity", "rotation", "offset", "centroid", "mass", "inertia", "payload_mass", "payload_inertia", "ell", "I_m",
-    "c_f", "f_c", "f_s", "q_min", "q_max", "theta_err_amplitude",
+    "c_f", "f_c", "f_s", "q_min", "q_max", "theta_err_amplitude", "tool_offset", "tool_rotation", "payload_centroid",
 }  # fmt: skip
 
 

@@ -71,6 +71,8 @@ class Row:
     given : str
         What a file of another tool calls it: an attribute of a URDF's <limit> or <dynamics>, MJCF's armature and
         gravity, the tip.
+    scaled_as : str
+        What a user who scales it scales; all parameters of one word are scaled together.
     """
 
     name: str
@@ -85,6 +87,7 @@ class Row:
     fold: Fold = "never"
     hint: str = ""
     given: str = ""
+    scaled_as: str = ""
 
     @property
     def per_joint(self) -> bool:
@@ -166,7 +169,8 @@ class Parameters:
         "robot", "1", "Rotation matrix from {O} to the last link frame", "(44)", default=_ALIGNED, shape=_MATRIX,
         fold="always", given="tip_axes")
     payload_mass: Array = _row(
-        "payload", "kg", "Mass of the payload", "(51)", 1e6, 0.0, hint="Give 0 for none; it can be set at run time.")
+        "payload", "kg", "Mass of the payload", "(51)", 1e6, 0.0, hint="Give 0 for none; it can be set at run time.",
+        scaled_as="payload")
     payload_centroid: Array = _row(
         "payload", "m", "Centre of mass of the payload in {O}", "(51)", 1e4, default=0.0, shape=_VECTOR)
     payload_inertia: Array = _row(
@@ -179,29 +183,34 @@ class Parameters:
         "joint", "m", "Origin of the link frame in the frame of the previous link", "(34)-(36)", 1e4, shape=_VECTOR,
         fold="zeros")
     centroid: Array = _row("link", "m", "Centre of mass in the link frame", "(60)", 1e4, shape=_VECTOR, fold="zeros")
-    mass: Array = _row("link", "kg", "mass of the link", "(60)", 1e6, POSITIVE)
+    mass: Array = _row("link", "kg", "mass of the link", "(60)", 1e6, POSITIVE, scaled_as="mass")
     inertia: Array = _row(
         "link", "kg.m2", "Inertia about the centre of mass", "(60)", 1e9, shape=_MATRIX, fold="inertia",
-        hint=_MOMENTS)
+        hint=_MOMENTS, scaled_as="mass")
     ell: Array = _row(
         "drive", "ratio", "reduction ratio", "(1)", 1e6, 1.0,
         hint="Give the rotor angle for one unit of joint motion.")
     I_m: Array = _row("drive", "rotor inertia", "rotor inertia times ell, Eq. {}", "(56)", 1e6, POSITIVE,
         given="armature")
-    K_f0: Array = _row("drive", "stiffness", "flexspline stiffness, link-side, Eq. {}", "(2)", 1e12, POSITIVE)
+    K_f0: Array = _row("drive", "stiffness", "flexspline stiffness, link-side, Eq. {}", "(2)", 1e12, POSITIVE,
+        scaled_as="stiffness")
     c_f: Array = _row(
         "drive", "per torque", "flexspline stiffening, link-side, Eq. {}", "(2)", 1e6, POSITIVE,
         hint="For a linear spring give a small value such as 1e-6.")
-    K_w0: Array = _row("drive", "N.m/rad", "wave generator stiffness, motor-side, Eq. {}", "(3)", 1e12, POSITIVE)
+    K_w0: Array = _row("drive", "N.m/rad", "wave generator stiffness, motor-side, Eq. {}", "(3)", 1e12, POSITIVE,
+        scaled_as="stiffness")
     c_w: Array = _row(
         "drive", "1/(N.m)", "wave generator stiffening, motor-side, Eq. {}", "(3)", 1e9, POSITIVE,
         hint="For a linear spring give a small value such as 1e-3.")
     f_c: Array = _row(
-        "friction", "torque", "Coulomb friction, link-side, Eq. {}", "(54)", 1e9, 0.0, given="friction")
+        "friction", "torque", "Coulomb friction, link-side, Eq. {}", "(54)", 1e9, 0.0, given="friction",
+        scaled_as="friction")
     f_s: Array = _row(
-        "friction", "torque", "static friction, link-side, Eq. {}", "(54)", 1e9, 0.0, given="friction")
+        "friction", "torque", "static friction, link-side, Eq. {}", "(54)", 1e9, 0.0, given="friction",
+        scaled_as="friction")
     f_v: Array = _row(
-        "friction", "damping", "viscous friction, link-side, Eq. {}", "(54)", 1e9, 0.0, given="damping")
+        "friction", "damping", "viscous friction, link-side, Eq. {}", "(54)", 1e9, 0.0, given="damping",
+        scaled_as="friction")
     v_s: Array = _row(
         "friction", "velocity", "Stribeck velocity, Eq. {}", "(54)", 1e6, POSITIVE,
         hint="For friction without the Stribeck effect set f_s = f_c.")
@@ -210,7 +219,7 @@ class Parameters:
         default=1e-3)
     f_ck: Array = _row(
         "friction", "N.m", "Coulomb friction of the rotor, motor-side, Eq. {}", "(55)", 1e9, 0.0,
-        fold="lumped friction")
+        fold="lumped friction", scaled_as="friction")
     q_min: Array = _row("limits", "position", "lower end stop", "", 1e6, given="lower")
     q_max: Array = _row("limits", "position", "upper end stop", "", 1e6, given="upper")
     stop_stiffness: Array = _row("limits", "stiffness", "stiffness of the end stops, link-side", "", 1e12, POSITIVE)
@@ -227,7 +236,8 @@ class Parameters:
     f_h: Array = _row(
         "hysteresis", "torque", "torque at which the hysteresis element slips, link-side", "", 1e9, POSITIVE)
     mu_l: Array = _row(
-        "load_loss", "1", "friction of the mesh over the torque that the drive carries", "", 1.0, 0.0)
+        "load_loss", "1", "friction of the mesh over the torque that the drive carries", "", 1.0, 0.0,
+        scaled_as="friction")
     w_gap: Array = _row("backlash", "position", "width of the backlash, link-side", "", 1.0, 0.0)
     tau_gap: Array = _row(
         "backlash", "torque", "torque that takes up 71 % of the backlash, link-side", "", 1e9, POSITIVE)

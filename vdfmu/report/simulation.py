@@ -32,6 +32,7 @@ from vdfmu.fmu.content import installed_digest
 from vdfmu.fmu.native.compile import Job, compile_libraries, native_available
 from vdfmu.fmu.native.package import fmi_headers
 from vdfmu.fmu.native.platforms import WASM
+from vdfmu.model.parameters import PARAMETERS
 
 ROWS = 100
 """Intervals between the recorded rows to which the page's own run is compared."""
@@ -81,13 +82,18 @@ class Knob(NamedTuple):
     """Whether the feedforward has them too, and may know of the change."""
 
 
+def _scaled_as(what: str) -> tuple[str, ...]:
+    """Return the parameters of a robot that are scaled together."""
+    return tuple(name for name, row in PARAMETERS.items() if row.scaled_as == what)
+
+
 KNOBS = (
     Knob("Proportional gains", "PDController", ("K_p",)),
     Knob("Derivative gains", "PDController", ("K_v",)),
-    Knob("Masses and inertias of the links", "Plant", ("mass", "inertia"), 0.5, 2.0, True),
-    Knob("Mass of the payload", "Plant", ("payload_mass",), 0.0, 3.0, True),
-    Knob("Stiffness of the drives", "Plant", ("K_f0", "K_w0"), 0.2, 5.0, True),
-    Knob("Friction", "Plant", ("f_c", "f_s", "f_v", "f_ck", "mu_l"), 0.0, 3.0, True),
+    Knob("Masses and inertias of the links", "Plant", _scaled_as("mass"), 0.5, 2.0, True),
+    Knob("Mass of the payload", "Plant", _scaled_as("payload"), 0.0, 3.0, True),
+    Knob("Stiffness of the drives", "Plant", _scaled_as("stiffness"), 0.2, 5.0, True),
+    Knob("Friction", "Plant", _scaled_as("friction"), 0.0, 3.0, True),
     Knob("Duration of the motion", "Trajectory", ("T",), 0.5, 2.0),
     Knob("Speed of the motion", "", ("speed",), 0.5, 2.0),
 )
