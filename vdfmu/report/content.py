@@ -66,7 +66,7 @@ class Figure(NamedTuple):
     """What its largest absolute value is called; empty for none of interest."""
 
 
-_SUMS: Mapping[str, Terms] = {
+SUMS: Mapping[str, Terms] = {
     "q": [(1.0, "plant.q")],
     "q_d": [(1.0, "trajectory.q_d")],
     "error": [(1.0, "trajectory.q_d"), (-1.0, "plant.q")],
@@ -76,7 +76,7 @@ _SUMS: Mapping[str, Terms] = {
     "torsion": [(1.0, "plant.kappa"), (-1.0, "plant.q")],
 }
 """What is drawn of each joint [rad or m; link-side N.m or N]: factors of arrays of signals."""
-_MOTOR_SIDE = ("controller.tau", "controller.tau_m")
+MOTOR_SIDE = ("controller.tau", "controller.tau_m")
 """Are multiplied by the reduction ratio."""
 _FRAMES = ("q", "error", "torque", "torsion")
 """What the drawn arm shows."""
@@ -223,14 +223,14 @@ def _joints(results: Results, name: str, n: int) -> list[str]:
 
 
 def _sums(results: Results, ell: Sequence[float]) -> dict[str, list[Terms]]:
-    """Return the sums of `_SUMS` whose signals were recorded, joint by joint."""
-    signals = {name: _joints(results, name, len(ell)) for terms in _SUMS.values() for _, name in terms}
+    """Return the sums of `SUMS` whose signals were recorded, joint by joint."""
+    signals = {name: _joints(results, name, len(ell)) for terms in SUMS.values() for _, name in terms}
     return {
         key: [
-            [(factor * (r if name in _MOTOR_SIDE else 1.0), signals[name][i]) for factor, name in terms]
+            [(factor * (r if name in MOTOR_SIDE else 1.0), signals[name][i]) for factor, name in terms]
             for i, r in enumerate(ell)
         ]
-        for key, terms in _SUMS.items()
+        for key, terms in SUMS.items()
         if all(signals[name] for _, name in terms)
     }
 

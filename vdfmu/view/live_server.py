@@ -20,9 +20,10 @@ from vdfmu.arrays import Floats
 from vdfmu.engine.cosim.isolated import mapped
 from vdfmu.errors import UsageError
 from vdfmu.process import private_pipes
+from vdfmu.report.content import MOTOR_SIDE, SUMS
 from vdfmu.report.joints import UNITS
 from vdfmu.report.shapes import Chain
-from vdfmu.view.live import HEAD
+from vdfmu.view.live import HEAD, SIGNALS
 from vdfmu.view.scene import PERIOD, Arm, address, clear, open_server, stage
 
 QUANTITIES = {"torque": "Torque, link side", "error": "Tracking error", "torsion": "Torsion"}
@@ -80,13 +81,14 @@ class Scene:
 
     def values(self, found: Mapping[str, Floats]) -> dict[str, Floats]:
         """Return what is shown of rows of the signals: tracking error, link-side torque, torsion, in SI units."""
-        q = found["q"]
-        how = {
-            "error": lambda: found["q_d"] - q,
-            "torque": lambda: self.chain.ell * found["tau"],
-            "torsion": lambda: found["kappa"] - q,
+
+        def link_side(signal: str) -> Floats:
+            return found[_KEYS[signal]] * (self.chain.ell if signal in MOTOR_SIDE else 1.0)
+
+        return {
+            key: np.sum([factor * link_side(signal) for factor, signal in SUMS[key]], axis=0)
+            for key in self._keys
         }
-        return {key: how[key]() for key in self._keys}
 
     def add(self, time: float, found: Mapping[str, Floats]) -> None:
         """Take a row while the run goes on."""
@@ -198,8 +200,9 @@ def _factor(key: str, kind: str) -> float:
     return 1.0 if key == "torque" else UNITS[kind].factor
 
 
-NEEDS = {"torque": {"tau"}, "error": {"q_d"}, "torsion": {"kappa"}}
-"""Quantity to the signals that it takes, beside the positions."""
+_KEYS = {signal: key for key, signal in SIGNALS.items()}
+NEEDS = {name: {_KEYS[signal] for _, signal in SUMS[name]} for name in QUANTITIES}
+"""Quantity to the signals that it takes."""
 COLOURS = ("#1667c7", "#e2570d", "#2f9e44", "#9c36b5", "#c2255c", "#0b7285", "#868e96", "#a17c1a")
 
 
