@@ -19,6 +19,7 @@ from vdfmu.engine.check.inspect import inspect_file
 from vdfmu.engine.check.sarif import to_sarif
 from vdfmu.engine.rules import RULES
 from vdfmu.engine.ssp import limits, parse
+from vdfmu.ssp.check import inspect_source
 
 SPACES = " ".join(
     f'xmlns:{prefix}="http://ssp-standard.org/SSP1/SystemStructure{name}"'
@@ -313,13 +314,19 @@ BROKEN = {
         text='<fmiModelDescription fmiVersion="1.0" modelName="m" modelIdentifier="m" guid="1" '
         'numberOfContinuousStates="0" numberOfEventIndicators="0"/>'
     ),
+    "SRC001": lambda: ("x.toml", b"name = 3"),
+    "SRC002": lambda: (
+        "x.toml",
+        b'name = "x"\nkind = "cosimulation"\nrobot = "planar_2dof"\nstop = 1.0\nstep = 0.001\n'
+        b"[trajectory]\nq_start = [90.0, 0.0]\n",
+    ),
 }  # fmt: skip
 RUN = ("RUN001", "RUN002", "RUN003", "RUN004", "RUN005")
 """Rules that only a run breaks."""
 
 
 def numbers(path: Path, run=False) -> set[str]:
-    report = inspect_file(path, run)
+    report = inspect_source(path, "planar_2dof", run) if path.suffix == ".toml" else inspect_file(path, run)
     assert all(hasattr(text, "rule") for text in (*report.problems, *report.notes)), report
     return {text.rule.number for text in (*report.problems, *report.notes)}
 
@@ -406,4 +413,4 @@ def test_the_page_of_the_rules_is_that_of_the_list():
     assert (
         "\n".join(["| rule | severity | what holds | way out |", "| --- | --- | --- | --- |", *rows]) in page
     )
-    assert re.findall(r"^\| ((?:PKG|SSP|FMI|OSP|RUN)\d+) ", page, re.MULTILINE) == list(RULES)
+    assert re.findall(r"^\| ((?:PKG|SSP|FMI|OSP|RUN|SRC)\d+) ", page, re.MULTILINE) == list(RULES)

@@ -202,21 +202,24 @@ def check(
     from vdfmu.engine.check.inspect import inspect_file
     from vdfmu.engine.ssp.limits import package_limit
 
-    if file.suffix.lower() in (".toml", ".py"):
-        from vdfmu.model import load_robot
-        from vdfmu.ssp.check import check_source
-
-        kind, problems, notes = check_source(file, load_robot(robot))
-        _report(file, kind, problems, notes)
-        return
-    if not no_run:
+    def say_runs(what: str) -> None:
         errors.print(
-            f"note: runs code of {file}, unless reading finds problems, in a process of its own; --no-run reads only",
-            markup=False, soft_wrap=True,
-        )  # fmt: skip
+            f"note: runs code of {what} in a process of its own; --no-run reads only",
+            markup=False,
+            soft_wrap=True,
+        )
+
+    source = file.suffix.lower() in (".toml", ".py")
+    if not (no_run or source):
+        say_runs(f"{file}, unless reading finds problems,")
     try:
         with package_limit(unpack_limit):
-            report = inspect_file(file, run=not no_run)
+            if source:
+                from vdfmu.ssp.check import inspect_source
+
+                report = inspect_source(file, robot, run=not no_run, say=say_runs)
+            else:
+                report = inspect_file(file, run=not no_run)
     except StorageError as error:
         fail(error, 2)
     if as_json or as_sarif:
@@ -233,7 +236,7 @@ def check(
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
             fail(f"the findings cannot be written: {error.strerror}", 2)
     else:
-        _report(file, report.standard, report.problems, report.notes)
+        _report(file, report.kind if source else report.standard, report.problems, report.notes)
     if report.problems:
         raise typer.Exit(1)
 

@@ -166,6 +166,8 @@ RUN005 note | All signals are finite | do not read or record it
 RUN006 note | The file is run | mend its problems; leave out `--no-run`
 RUN008 note | An FMU is of FMI 2.0 or 3.0, which the master runs | export it for one of them
 RUN007 | The master can step the system | another master, or another FMU
+SRC001 | A robot, a scenario, a system or a unit is one that its reader takes | change what the text names
+SRC002 note | Nothing in such a file looks like a mistake | see what the text names
 """
 """Number, and "note" where that is all it is; what holds; the way out."""
 

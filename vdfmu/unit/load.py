@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import ast
 import os
 import sys
 import traceback
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
 from hashlib import sha256
 from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
@@ -14,6 +17,26 @@ from vdfmu.errors import UnitError, UsageError
 from vdfmu.once import once
 from vdfmu.unit.base import Unit, unit_name
 from vdfmu.unit.place import declarations
+
+_runs: ContextVar[bool] = ContextVar("_runs", default=True)
+
+
+class CodeNotRunError(Exception):
+    """A file of units was to be run within `reading_only`."""
+
+    def __init__(self, file: Path) -> None:
+        self.file = file
+        super().__init__(file)
+
+
+@contextmanager
+def reading_only() -> Generator[None]:
+    """Run no file of units: `load_units` raises CodeNotRunError after it has read one."""
+    token = _runs.set(False)
+    try:
+        yield
+    finally:
+        _runs.reset(token)
 
 
 @once
@@ -26,10 +49,20 @@ def load_units(file: Path) -> dict[str, type[Unit]]:
         If there is no such file.
     UnitError
         If it fails, declares none, or has a name twice.
+    CodeNotRunError
+        If it can be read, but nothing may be run.
     """
     if not file.is_file():
         raise UsageError(f"{file}: there is no such file.")
     path = file.resolve()
+    if not _runs.get():
+        try:
+            compile(path.read_bytes(), str(file), "exec", ast.PyCF_ONLY_AST)
+        except SyntaxError as error:
+            raise UnitError(f"{file}, line {error.lineno}: {error.msg}.") from None
+        except (ValueError, RecursionError, MemoryError) as error:
+            raise UnitError(f"{file}: cannot be read as Python: {error or type(error).__name__}.") from None
+        raise CodeNotRunError(file)
     name = f"_vdfmu_unit_{sha256(str(path).encode()).hexdigest()[:12]}_{path.stem}"
     spec = spec_from_file_location(name, path)
     assert spec is not None and spec.loader is not None

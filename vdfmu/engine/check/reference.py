@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import posixpath
+import re
 import zipfile
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -14,6 +15,7 @@ from urllib.parse import unquote
 
 import fmpy
 import numpy as np
+from fmpy.fmi1 import FMICallException
 from fmpy.fmi3 import FMU3Slave
 
 from vdfmu.arrays import Floats
@@ -44,6 +46,12 @@ class Table:
 
     time: Floats
     columns: Mapping[str, Floats]
+
+
+def refuse_negative(call: str) -> None:
+    """Raise for a call, as fmpy logs it, that returned a status below 0, which fmpy takes for a good one."""
+    if match := re.fullmatch(r"(\w+)\(.*\) -> (-\d+)", call, re.DOTALL):
+        raise FMICallException(function=match[1], status=int(match[2]))
 
 
 def compare(path: Path) -> Findings:
@@ -224,7 +232,7 @@ def _simulated(path: Path, description: Any, expected: Table, signals: Table | N
     kind = "CoSimulation" if description.coSimulation is not None else "ModelExchange"
     result: Any = fmpy.simulate_fmu(
         str(path), validate=False, fmi_type=kind, start_time=time[0], stop_time=max(time[-1], time[0] + step),
-        output_interval=step, input=fed, output=names,
+        output_interval=step, input=fed, output=names, fmi_call_logger=refuse_negative,
         remote_platform=None,  # pyright: ignore[reportArgumentType]
     )  # fmt: skip
     columns = {name: result[name].reshape(len(result), -1).T for name in names}
@@ -241,6 +249,7 @@ def _results_3(
         unzipDirectory=folder,
         modelIdentifier=description.coSimulation.modelIdentifier,
         instanceName="check",
+        fmiCallLogger=refuse_negative,
     )
     try:
         return _drive(slave, variables, expected, signals)

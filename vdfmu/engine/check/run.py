@@ -14,12 +14,11 @@ from time import monotonic
 from typing import Any
 
 import fmpy
-import fmpy.fmi1
 import numpy as np
 import numpy.typing as npt
 
 from vdfmu.engine.check.findings import Findings
-from vdfmu.engine.check.reference import compare
+from vdfmu.engine.check.reference import compare, refuse_negative
 from vdfmu.engine.rules import Finding, found
 from vdfmu.engine.ssp.limits import package_limit, unpack_limit
 from vdfmu.engine.ssp.read import load_ssp
@@ -53,14 +52,23 @@ _FULL_NOTICE = "vdfmu: no space left in the temporary folder"
 """Last line of the error output of a process that could not write."""
 
 
-def run_apart(path: Path, kind: str = "FMU") -> Findings:
-    """Run an FMU or a package for ten steps in another process, which a foreign unit may crash or never leave.
+def run_apart(
+    path: Path,
+    kind: str = "FMU",
+    module: str = "vdfmu.engine.check.run",
+    task: str = f"a run of {STEPS} steps",
+) -> Findings:
+    """Run code of a file in another process, which it may crash or never leave: an FMU or a package for ten steps.
 
     Parameters
     ----------
     path : Path
     kind : str, optional
         ``FMU``, or ``SSP`` for a package, whatever the name of the file ends with.
+    module : str, optional
+        The module that runs there and calls :func:`serve`.
+    task : str, optional
+        Its work, for messages.
 
     Raises
     ------
@@ -71,10 +79,16 @@ def run_apart(path: Path, kind: str = "FMU") -> Findings:
     with temporary_folder("vdfmu_check_") as folder:
         try:
             code, words = _contained(
-                kind, str(path.resolve()), str(monotonic() + SECONDS - NAMING), folder, str(unpack_limit())
+                module,
+                kind,
+                str(path.resolve()),
+                str(monotonic() + SECONDS - NAMING),
+                folder,
+                str(unpack_limit()),
+                task,
             )
         except OSError as error:
-            return Findings([found("RUN001", f"{STEPS} steps could not be tried: {error}")])
+            return Findings([found("RUN001", f"{task} could not be tried: {error}")])
         if code is None:
             phase = Path(folder, _PHASE)
             what = phase.read_text(encoding="utf-8") if phase.is_file() else "the start of the process"
@@ -89,7 +103,7 @@ def run_apart(path: Path, kind: str = "FMU") -> Findings:
         except FileNotFoundError:
             pass
         except (ValueError, TypeError, KeyError) as error:  # cut off, or written by the unit
-            text = f"the findings of the run of {STEPS} steps cannot be read: {error}"
+            text = f"the findings of {task} cannot be read: {error}"
             findings.problems.append(found("RUN002", text))
             answered = True
     last = words.strip().splitlines()[-1:]
@@ -100,10 +114,10 @@ def run_apart(path: Path, kind: str = "FMU") -> Findings:
         )
     if code:
         how = f"signal {-code}" if code < 0 else f"exit code {code}"
-        text = f"the process crashed ({how}) in a run of {STEPS} steps{''.join(f': {s}' for s in last)}"
+        text = f"the process crashed ({how}) in {task}{''.join(f': {s}' for s in last)}"
         findings.problems.append(found("RUN002", text))
     elif not answered:
-        text = f"the unit ended the process in a run of {STEPS} steps"
+        text = f"the unit ended the process in {task}"
         findings.problems.append(found("RUN002", text))
     return findings
 
@@ -111,7 +125,12 @@ def run_apart(path: Path, kind: str = "FMU") -> Findings:
 def _encoded(findings: Findings) -> dict[str, Any]:
     """Return findings as JSON holds them: rules by their numbers."""
     pairs = {
-        key: [(text.rule.number if isinstance(text, Finding) else "RUN001", text) for text in texts]
+        key: [
+            (text.rule.number, text, text.file, text.line)
+            if isinstance(text, Finding)
+            else ("RUN001", text, "", 0)
+            for text in texts
+        ]
         for key, texts in (("problems", findings.problems), ("notes", findings.notes))
     }
     return {**pairs, "compared": findings.compared, "ran": findings.ran}
@@ -119,12 +138,15 @@ def _encoded(findings: Findings) -> dict[str, Any]:
 
 def _decoded(values: Any) -> Findings:
     """Return the findings of :func:`_encoded`; ValueError, TypeError or KeyError for what they are not."""
-    problems, notes = ([found(*pair) for pair in values[key]] for key in ("problems", "notes"))
+    problems, notes = (
+        [found(rule, text, (str(file), int(line))) for rule, text, file, line in values[key]]
+        for key in ("problems", "notes")
+    )
     return Findings([*problems], [*notes], [str(name) for name in values["compared"]], bool(values["ran"]))
 
 
-def _contained(*arguments: str) -> tuple[int | None, str]:
-    """Run this module in a process that may do anything; its children end with it.
+def _contained(module: str, *arguments: str) -> tuple[int | None, str]:
+    """Run a module in a process that may do anything; its children end with it.
 
     Returns
     -------
@@ -133,7 +155,7 @@ def _contained(*arguments: str) -> tuple[int | None, str]:
     str
         The end of its error output: no more is kept.
     """
-    process = started("vdfmu.engine.check.run", *arguments, talks=False)
+    process = started(module, *arguments, talks=False)
     assert process.stderr is not None
     listener = Listener(process.stderr)
     try:
@@ -173,6 +195,7 @@ def _run_unit(path: Path, phase: Callable[[str], None]) -> Findings:
             stop_time=start + STEPS * step,
             output_interval=step,
             logger=logger,
+            fmi_call_logger=refuse_negative,
             debug_logging=True,
             remote_platform=None,  # pyright: ignore[reportArgumentType]  # None: never another process
         )
@@ -194,20 +217,6 @@ def _run_unit(path: Path, phase: Callable[[str], None]) -> Findings:
         findings = compare(path)
     findings.notes += _not_finite(results)
     return findings
-
-
-def _refuse_negative_statuses() -> None:
-    """Have fmpy raise for a status below 0, which it takes for none, as it does for one that is too large."""
-    base: Any = fmpy.fmi1._FMU  # pyright: ignore[reportPrivateUsage]
-    plain = base._call
-
-    def call(fmu: Any, name: str, *arguments: Any) -> Any:
-        status = plain(fmu, name, *arguments)
-        if isinstance(status, int) and status < 0:
-            raise fmpy.fmi1.FMICallException(function=name, status=status)
-        return status
-
-    base._call = call
 
 
 def _not_finite(results: npt.NDArray[Any]) -> list[str]:
@@ -252,7 +261,23 @@ def _run_system(path: Path, deadline: float) -> Findings:
     return Findings()
 
 
-def _main(kind: str, path: str, deadline: str, folder: str, unpacked: str) -> None:
+def serve(
+    check: Callable[[str, Path, float, Callable[[str], None]], Findings],
+    kind: str,
+    path: str,
+    deadline: str,
+    folder: str,
+    unpacked: str,
+    task: str,
+) -> None:
+    """Check in this process, which `run_apart` has started with these arguments, and leave the findings for it.
+
+    Parameters
+    ----------
+    check : callable
+        Takes the kind, the path, the time of `monotonic` by which a call is ended, and a function that notes what is
+        under way.
+    """  # fmt: skip
     tempfile.tempdir = folder  # what a crash leaves there goes with the folder
 
     def phase(what: str) -> None:
@@ -261,12 +286,9 @@ def _main(kind: str, path: str, deadline: str, folder: str, unpacked: str) -> No
     try:
         for what, size in (("AS", MEMORY), ("FSIZE", FILE_SIZE), ("CORE", 0)):
             limit(what, size)
-        _refuse_negative_statuses()
-        phase(f"a run of {STEPS} steps")
+        phase(task)
         with package_limit(int(unpacked)):
-            findings = (
-                _run_system(Path(path), float(deadline)) if kind == "SSP" else _run_unit(Path(path), phase)
-            )
+            findings = check(kind, Path(path), float(deadline), phase)
         Path(folder, _ANSWER).write_text(json.dumps(_encoded(findings)), encoding="utf-8")
     except OSError as error:
         if error.errno not in _FULL:
@@ -274,5 +296,9 @@ def _main(kind: str, path: str, deadline: str, folder: str, unpacked: str) -> No
         sys.exit(_FULL_NOTICE)
 
 
+def _check(kind: str, path: Path, deadline: float, phase: Callable[[str], None]) -> Findings:
+    return _run_system(path, deadline) if kind == "SSP" else _run_unit(path, phase)
+
+
 if __name__ == "__main__":
-    _main(*sys.argv[1:])
+    serve(_check, *sys.argv[1:])
