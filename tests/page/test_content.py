@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import hashlib
+import io
 import json
 import re
 import time
@@ -12,16 +13,19 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from rich.console import Console
 from typer.testing import CliRunner
 
 import vdfmu
 from vdfmu.cli.commands import app
 from vdfmu.engine.cosim.results import Results, Signal
+from vdfmu.engine.verdict import Check, checks_of, verdict_of
 from vdfmu.errors import UsageError
 from vdfmu.report import content, page
-from vdfmu.report.checks import checks
 from vdfmu.report.content import EXTREMES, FRAMES, arm_of, content_of
 from vdfmu.report.page import MODULES, WORKER, Run, newest_run, read_run, report_page, script, write_report
+from vdfmu.report.tables import verdict_table
+from vdfmu.study.verdict import run_checks
 from vdfmu.thinning import extremes
 
 ROOT = Path(vdfmu.__file__).resolve().parents[1]
@@ -246,23 +250,15 @@ def test_a_folder_without_a_run_is_said(tmp_path):
 
 def test_checks_pass_and_fail_by_their_limits():
     summary = {
-        "warnings": [],
         "reference": {"sampled": {"name": "sampled", "max_position_difference_rad": 1e-8}},
-        "max_position_error_deg": [1e-3], "rms_position_error_deg": [2e-3], "position_units": ["deg"],
-        "paper": {"rms_position_error_deg": [1e-3], "max_position_error_deg": [1e-3]},
+        "max_position_error_deg": [1e-3], "position_units": ["deg"],
     }  # fmt: skip
-    found = {check.name: check.passed for check in checks(summary)}
-    assert found == {
-        "Gains and step": True,
-        "Equals the sampled scipy reference": True,  # a thousandth of 1e-3 degrees is 1.7e-8 rad
-        "RMS position error at most the paper's": False,
-        "Largest position error at most the paper's": True,
-    }
+    (check,) = run_checks(summary)
+    assert check.passed and check.name == "Equals the sampled scipy reference"
+    # a thousandth of 1e-3 degrees is 1.745e-8 rad
     summary["reference"]["sampled"]["max_position_difference_rad"] = 1.8e-8
-    summary |= {"warnings": ["Joint 1: too stiff."], "error": "plant: stopped"}
-    failed = [check.name for check in checks(summary) if not check.passed]
-    assert failed[:3] == ["Ran to its end", "Gains and step", "Equals the sampled scipy reference"]
-    assert any("Joint 1: too stiff." in check.text for check in checks(summary))
+    (check,) = run_checks(summary)
+    assert not check.passed and "differ by 1.8e-08 rad at most; limit 1.75e-08" in check.text
 
 
 def test_a_chaotic_loop_is_held_against_statistics():
@@ -270,10 +266,26 @@ def test_a_chaotic_loop_is_held_against_statistics():
                "rms_torque_difference": 0.02}  # fmt: skip
     summary = {"reference": {"sampled": sampled}, "separation": {}, "max_position_error_deg": [1.0],
                "position_units": ["deg"]}  # fmt: skip
-    (check,) = checks(summary)
+    (check,) = run_checks(summary)
     assert check.passed and "2 %" in check.text
     sampled["rms_torque_difference"] = 0.06
-    assert not checks(summary)[0].passed
+    (check,) = run_checks(summary)
+    assert not check.passed
+
+
+def test_page_and_terminal_show_the_verdict_of_the_summary(planar, tmp_path):
+    run = read_run(planar[0])
+    assert run.summary["verdict"]["passed"] and run.summary["verdict"]["checks"]
+    verdict = verdict_of([Check("First", True, "as it should"), Check("Second <b>", False, "2 > 1")])
+    changed = run._replace(summary=dict(run.summary) | {"verdict": verdict})
+    text = write_report([changed], tmp_path / "page.html").read_text()
+    assert '<li class="pass"><b>pass</b> First <small>as it should</small></li>' in text
+    assert '<li class="fail"><b>fail</b> Second &lt;b&gt; <small>2 &gt; 1</small></li>' in text
+    with Console(file=io.StringIO(), width=80) as console, console.capture() as shown:
+        console.print(verdict_table(changed.summary))
+    lines = [line.strip() for line in shown.get().splitlines()]
+    assert lines[1:] == ["1 of 2 checks failed", "pass First: as it should", "FAIL Second <b>: 2 > 1"]
+    assert checks_of({}) == []
 
 
 def test_vendored_files_are_those_of_the_pinned_build():

@@ -15,6 +15,7 @@ from vdfmu.cli.terminal import (
     SetOption,
     UnpackOption,
     complete_robot,
+    console,
     load,
     parse_settings,
     say,
@@ -139,7 +140,10 @@ def run(
     speed: SpeedOption = None,
     port: PortOption = None,
 ) -> None:
-    """Run a scenario: build what is stale, co-simulate, solve the references, compare, write tables and figures."""
+    """Run a scenario: build what is stale, co-simulate, solve the references, compare, write tables and figures.
+
+    The exit code is 1 if a check of the run failed.
+    """
     way = {
         ".ssp": "is a system package; 'vdfmu simulate' runs it",
         ".py": "is a unit; 'vdfmu build' makes its FMU, and --unit COMPONENT=FILE puts it into a scenario",
@@ -190,8 +194,12 @@ def run(
                 observer=observer,
             )
         summary = results.summary
+        passed = summary["verdict"]["passed"]
         tell(tables.run_panel(summary), *map(tables.sheet_table, sheets(summary)))
+        (tell if passed else console.print)(tables.verdict_table(summary))
         _say_written(out if out is not None else Path("results") / summary["scenario"], RUN_OUTPUTS)
+    if not passed:
+        raise typer.Exit(1)
 
 
 def simulate(

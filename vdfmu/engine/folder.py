@@ -13,6 +13,7 @@ from typing import Any
 from vdfmu.engine.cosim import Interrupted
 from vdfmu.engine.cosim.parquet import needed
 from vdfmu.engine.json_text import to_json
+from vdfmu.engine.verdict import Check, verdict_of
 from vdfmu.errors import CosimError, UsageError, VdfmuError
 from vdfmu.interrupt import InterruptGuard
 
@@ -157,4 +158,5 @@ def keep(error: CosimError | Interrupted, folder: Path) -> None:
     results = error.results
     if results is not None:
         results.summary["error"] = str(error)
+        results.summary["verdict"] = verdict_of([Check("Ran to its end", False, str(error))])
         write_summary(results.summary, folder)

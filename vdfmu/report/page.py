@@ -17,11 +17,11 @@ from typing import Any, NamedTuple
 
 from vdfmu.engine.cosim.results import Results
 from vdfmu.engine.json_text import to_json
+from vdfmu.engine.verdict import checks_of
 from vdfmu.errors import UsageError
 from vdfmu.files import write_whole
 from vdfmu.fmu.native.package import THIRD_PARTY
 from vdfmu.fmu.page import page, table
-from vdfmu.report.checks import checks
 from vdfmu.report.content import content_of
 from vdfmu.report.sheets import Sheet, comparison_sheet, facts, sheets
 from vdfmu.report.simulation import compressed, simulation_of
@@ -223,7 +223,7 @@ def _names(runs: Sequence[Run]) -> list[str]:
 
 def _checks(names: Sequence[str], runs: Sequence[Run]) -> Iterator[str]:
     for name, run in zip(names, runs, strict=True):
-        found = checks(run.summary)
+        found = checks_of(run.summary)
         if found:
             rows = "".join(
                 f'<li class="{"pass" if one.passed else "fail"}"><b>{"pass" if one.passed else "fail"}</b> '

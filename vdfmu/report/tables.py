@@ -13,6 +13,7 @@ from rich.panel import Panel
 from rich.table import Table
 from rich.text import Text
 
+from vdfmu.engine.verdict import checks_of
 from vdfmu.report.sheets import Sheet, facts
 
 Summary = Mapping[str, Any]
@@ -45,4 +46,25 @@ def sheet_table(sheet: Sheet) -> Table:
         table.add_column(Text(heading), justify=justify, overflow="fold")  # a digit is never cut off
     for row in sheet.rows:
         table.add_row(*(Text(cell) for cell in row))
+    return table
+
+
+def verdict_table(summary: Summary) -> Table:
+    """Return the checks of a run, a line a check."""
+    checks = checks_of(summary)
+    failed = sum(not check.passed for check in checks)
+    title = (
+        f"{failed} of {len(checks)} checks failed"
+        if failed
+        else f"{len(checks)} of {len(checks)} checks pass"
+    )
+    table = Table(
+        title=Text(f"\n{title}", style="bold red" if failed else "bold"), title_justify="left", box=None,
+        show_header=False, show_edge=False, padding=(0, 1, 0, 0), pad_edge=False,
+    )  # fmt: skip
+    table.add_column(no_wrap=True)
+    table.add_column(overflow="fold")
+    for check in checks:
+        sign = Text("pass", style="green") if check.passed else Text("FAIL", style="bold red")
+        table.add_row(sign, Text(f"{check.name}: {check.text}"))
     return table

@@ -27,6 +27,7 @@ from vdfmu.engine.folder import (
     replacing_results,
     write_summary,
 )
+from vdfmu.engine.verdict import verdict_of
 from vdfmu.errors import CosimError, UsageError
 from vdfmu.fmu.build import build_notes, choose_backend
 from vdfmu.model import Robot, load_robot
@@ -54,6 +55,7 @@ from vdfmu.study.summary import (
     sampling_warnings,
     tracking_errors,
 )
+from vdfmu.study.verdict import run_checks
 from vdfmu.temporary import temporary_folder
 
 RUN_OUTPUTS = (
@@ -324,7 +326,8 @@ def _run_contrast(
 
 
 def _write(results: Results, scenario: Scenario, folder: Path, simulate: bool = False) -> None:
-    """Write the page and the summary of a complete run."""
+    """Write the page and the summary of a complete run, with the verdict on it."""
+    results.summary["verdict"] = verdict_of(run_checks(results.summary))
     page = [Run(scenario.name, results, results.summary, folder / "system.ssp")]
     with doing("page"):
         write_report(page, folder / NAME, simulate=simulate)

@@ -1,11 +1,12 @@
-"""What a run was held against, each with pass or fail: from its summary, without a new calculation."""
+"""The checks of the run of a scenario that its summary has the numbers for."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
+from vdfmu.engine.verdict import Check
 from vdfmu.report.sheets import number
 
 _VISIBLE = 1e-3
@@ -14,44 +15,18 @@ _STATISTICS = 0.05
 """Share by which RMS errors of a chaotic loop may differ: finite samples of it differ by up to 2.4 %."""
 _ROUNDING = 1e-12
 """Largest difference of the two formulations, as a share of the largest torque: some thousand roundings."""
-_PAPER = {
-    "rms_position_error_deg": "RMS position error",
-    "max_position_error_deg": "Largest position error",
-    "rms_torque_compensation_error_nm": "RMS torque compensation error",
-}
 
 Summary = Mapping[str, Any]
 
 
-class Check(NamedTuple):
-    """One thing that was checked."""
-
-    name: str
-    passed: bool
-    text: str
-
-
-def checks(summary: Summary) -> list[Check]:
-    """Return the checks of a run, those for which its summary has the numbers."""
-    return list(_checks(summary))
-
-
-def _checks(summary: Summary) -> Iterator[Check]:
-    if "error" in summary:
-        yield Check("Ran to its end", False, str(summary["error"]))
+def run_checks(summary: Summary) -> Iterator[Check]:
+    """Yield the checks of a complete run."""
     warnings: Sequence[str] | None = summary.get("warnings")
     if warnings is not None:
         yield Check(
             "Gains and step", not warnings, " ".join(warnings) or "no known cause of an unstable sampled loop"
         )
     yield from _reference(summary)
-    paper: Summary = summary.get("paper") or {}
-    for key, name in _PAPER.items():
-        pairs = list(zip(summary.get(key) or (), paper.get(key) or (), strict=False))
-        if pairs:
-            above = [f"{i + 1}" for i, (ours, theirs) in enumerate(pairs) if not ours <= theirs]
-            text = f"above it: joint {', '.join(above)}" if above else f"all of {len(pairs)} joints"
-            yield Check(f"{name} at most the paper's", not above, text)
     if summary.get("kind") == "contrast":
         share = max(summary["rms_torque_difference_nmm"]) / (1e3 * max(summary["rms_torque_nm"]))
         text = f"they differ by {share:.1g} of the largest torque; limit {_ROUNDING:g}"

@@ -1,0 +1,32 @@
+"""The verdict on a run: what was checked of it, each with pass or fail.
+
+A run makes it once and keeps it in its summary; terminal, page and exit code read it from there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import Any, NamedTuple
+
+
+class Check(NamedTuple):
+    """One thing that was checked of a run."""
+
+    name: str
+    passed: bool
+    text: str
+    """What was found, and the limit that it was compared with."""
+
+
+def verdict_of(checks: Iterable[Check]) -> dict[str, Any]:
+    """Return the entry ``verdict`` of a summary: ``passed``, and ``checks`` with name, passed and text."""
+    found = [check._asdict() for check in checks]
+    return {"passed": all(check["passed"] for check in found), "checks": found}
+
+
+def checks_of(summary: Mapping[str, Any]) -> list[Check]:
+    """Return the checks of a run from its summary; none where the summary has no verdict."""
+    return [
+        Check(str(one["name"]), one["passed"] is True, str(one["text"]))
+        for one in (summary.get("verdict") or {}).get("checks", ())
+    ]
