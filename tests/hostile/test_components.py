@@ -121,7 +121,7 @@ def test_findings_that_a_unit_wrote_are_bounded(unit, monkeypatch):
     monkeypatch.setattr(check_run, "_ANSWER_LIMIT", 10)
 
     def answer(*arguments):
-        Path(arguments[-2], "findings.json").write_text("[" * 1000)
+        Path(arguments[-3], "findings.json").write_text("[" * 1000)
         return 0, ""
 
     monkeypatch.setattr(check_run, "_contained", answer)

@@ -10,6 +10,7 @@ import subprocess
 import sys
 import threading
 import time
+from urllib.parse import urlsplit
 
 import numpy as np
 import pytest
@@ -36,7 +37,7 @@ def quiet(browser):
     browser.requests.clear()
     yield
     assert [problem for problem in browser.problems if KNOWN not in problem] == []
-    own = browser.address.removeprefix("http")
+    own = f"://{urlsplit(browser.address).netloc}/"
     assert {url[:5] for url in browser.requests if own in url} >= {"http:", "ws://", "blob:"}
     assert all(
         url.startswith(("data:", f"http{own}", f"ws{own}", f"blob:http{own}")) for url in browser.requests
@@ -127,7 +128,7 @@ def test_a_run_is_seen_while_it_goes_on_and_after_it(browser, tmp_path):
             stderr=subprocess.STDOUT, cwd=tmp_path,
         )  # fmt: skip
     try:
-        while not (found := re.search(r"http://[\d.:]+", log.read_text())):
+        while not (found := re.search(r"http://\S+/", log.read_text())):
             assert process.poll() is None, log.read_text()
             time.sleep(0.1)
         browser.address = found[0]

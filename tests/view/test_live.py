@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+import base64
+import http.client
 import socket
 import sys
 import urllib.request
+from contextlib import nullcontext
 
 import numpy as np
 import pytest
 import typer
+import viser
+import websockets.asyncio.server
 from typer.testing import CliRunner
 
 import vdfmu
@@ -16,7 +21,7 @@ from vdfmu.bars import Bars, errors
 from vdfmu.cli.commands import app
 from vdfmu.cli.terminal import console
 from vdfmu.cli.view import live_view
-from vdfmu.errors import CosimError, UsageError
+from vdfmu.errors import CosimError, UsageError, VdfmuError
 from vdfmu.report.content import arm_of
 from vdfmu.report.shapes import Chain
 from vdfmu.view.live import HEAD, LiveView
@@ -49,6 +54,70 @@ def test_a_run_with_a_view_is_the_run_without_and_outlives_it(tmp_path):
         np.testing.assert_array_equal(shown[name], plain[name])
         np.testing.assert_array_equal(alone[name], plain[name])
     assert len(said) == 2  # system.ssp does not say whose arm it is
+
+
+@pytest.fixture
+def server():
+    one = open_server(None, "test")
+    yield one
+    one.stop()
+
+
+LOOPBACK, PAGE = "127.0.0.1:{port}", "http://127.0.0.1:{port}"
+
+
+@pytest.mark.parametrize(
+    ("path", "host", "origin", "code"),
+    [
+        ("/{token}/", LOOPBACK, None, 200),
+        ("/{token}", "localhost:{port}", PAGE.replace("127.0.0.1", "localhost"), 200),
+        ("/{token}/", "[::1]:1", "http://[::1]:1", 200),  # the other end of a tunnel
+        ("/{token}/index.html?x=1", LOOPBACK, PAGE, 200),
+        ("/", LOOPBACK, None, 403),
+        ("/index.html", LOOPBACK, None, 403),
+        ("/{token}x/", LOOPBACK, None, 403),
+        ("/%7btoken%7d/", LOOPBACK, None, 403),
+        ("//{token}/", LOOPBACK, None, 403),
+        ("/{token}/", "evil.example:{port}", None, 403),
+        ("/{token}/", "127.0.0.1.evil.example:{port}", None, 403),
+        ("/{token}/", "evil.example@127.0.0.1.evil.example", None, 403),
+        ("/{token}/", "[", None, 403),
+        ("/{token}/", LOOPBACK, "http://evil.example", 403),
+        ("/{token}/", LOOPBACK, "http://127.0.0.1:1", 403),
+        ("/{token}/", LOOPBACK, "null", 403),
+        ("/{token}/", LOOPBACK, PAGE.replace("http", "https"), 403),
+    ],
+)
+def test_a_view_answers_its_own_page_only(server, path, host, origin, code):
+    """By HTTP, and by the websocket that would read the scene and send events of the panel."""
+    words = {"port": server.get_port(), "token": server.token}
+    headers = {"Host": host.format(**words), **({"Origin": origin.format(**words)} if origin else {})}
+    client = http.client.HTTPConnection("127.0.0.1", server.get_port(), timeout=10)
+    client.request("GET", path.format(**words), headers=headers)
+    assert client.getresponse().status == code
+    client.close()
+    upgrade = {
+        "Upgrade": "websocket", "Connection": "Upgrade", "Sec-WebSocket-Version": "13",
+        "Sec-WebSocket-Key": base64.b64encode(bytes(16)).decode(),
+        "Sec-WebSocket-Protocol": f"viser-v{viser.__version__}",
+    }  # fmt: skip
+    client.request("GET", path.format(**words), headers=headers | upgrade)
+    assert client.getresponse().status == (101 if code == 200 else code)
+    client.close()
+
+
+def test_two_views_have_two_tokens_and_other_servers_of_the_process_none(server):
+    other = open_server(None, "test")
+    other.stop()
+    assert server.token != other.token
+    assert len(server.token) >= 22  # 16 bytes in base 64
+    assert websockets.asyncio.server.serve.__module__ == "websockets.asyncio.server"
+
+
+def test_a_viser_that_cannot_be_guarded_is_refused(monkeypatch):
+    monkeypatch.setattr("vdfmu.view.guard.Guard.placed_before", lambda *_: nullcontext())
+    with pytest.raises(VdfmuError, match=r"viser .* lets any page in the browser see the view"):
+        open_server(None, "test")
 
 
 def test_what_is_shown_is_the_row_and_afterwards_any_of_the_run():

@@ -18,7 +18,7 @@ import numpy as np
 
 from vdfmu.arrays import Floats
 from vdfmu.engine.cosim.isolated import mapped
-from vdfmu.errors import UsageError
+from vdfmu.errors import VdfmuError
 from vdfmu.process import private_pipes
 from vdfmu.report.content import MOTOR_SIDE, SUMS
 from vdfmu.report.joints import UNITS
@@ -296,7 +296,7 @@ def main() -> None:
 
     try:
         server = open_server(int(sys.argv[1]) if sys.argv[1] else None, "vdfmu")
-    except UsageError as error:
+    except VdfmuError as error:
         reply({"error": str(error)})
         return
     reply({"address": address(server)})

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from vdfmu.arrays import Floats
-from vdfmu.errors import UsageError
+from vdfmu.errors import UsageError, VdfmuError
 from vdfmu.report.shapes import Chain, Part, own_shapes, turn_to
 from vdfmu.view.shapes import Colour, blend, rgb
 
@@ -51,8 +51,13 @@ def open_server(port: int | None, label: str) -> Any:
     ------
     UsageError
         viser is missing, or the port is taken.
+    VdfmuError
+        This viser starts its server otherwise, so that foreign pages could reach it.
     """
     viser = needed()
+    from vdfmu.view.guard import Guard
+
+    guard = Guard()
     os.environ.pop("_VISER_PORT_OVERRIDE", None)
     if port is not None:
         with contextlib.closing(socket.socket()) as probe:  # viser would take the next one without a word
@@ -63,8 +68,19 @@ def open_server(port: int | None, label: str) -> Any:
                 raise UsageError(
                     f"--port {port}: expected a free port of {HOST}, got: {error}. Without it, one is chosen."
                 ) from None
-    with contextlib.redirect_stdout(io.StringIO()):  # its own words name no way to end
+    # its own words name no way to end
+    with contextlib.redirect_stdout(io.StringIO()), guard.placed_before("viser.infra._infra"):
         server = viser.ViserServer(HOST, port or 0, label, verbose=False)
+    if not guard.placed:
+        server.stop()
+        raise VdfmuError(
+            f"viser {viser.__version__} lets any page in the browser see the view, which cannot be prevented; expected "
+            "viser 1.1. Install it: 'pip install vdfmu[view]'."
+        )
+    if port is not None and server.get_port() != port:
+        server.stop()
+        raise UsageError(f"--port {port}: was taken by another program just now. Without it, one is chosen.")
+    server.token = guard.token
     server.request_share_url = lambda verbose=True: None  # it would open a tunnel to a server of others
     clear(server, label)
     return server
@@ -80,8 +96,8 @@ def clear(server: Any, label: str) -> None:
 
 
 def address(server: Any) -> str:
-    """Return what a browser opens."""
-    return f"http://{HOST}:{server.get_port()}"
+    """Return what a browser opens, with the token that lets it in."""
+    return f"http://{HOST}:{server.get_port()}/{server.token}/"
 
 
 class Arm:
