@@ -23,6 +23,7 @@ from vdfmu.unit import (
     Unit,
     clip,
     interpolate,
+    lookup,
     maximum,
     minimum,
     sgn,
@@ -125,6 +126,31 @@ class Functions(Unit):
         self.z = [u @ u, np.sum(M @ u), np.dot(u, [1.0, 2.0, 3.0]), np.cross(u, [0.0, 1.0, 0.5])[2]]
 
 
+class More(Unit):
+    """Functions of numpy that compare, take no objects, or take a number before a symbol."""
+
+    u = Input("1", 3)
+    y = Output("1", (29, 3))
+    z = Output("1", 13)
+
+    def outputs(self) -> None:
+        u, a = self.u, self.u[0]
+        v, s = u[::-1], 0.99 * np.tanh(u)
+        self.y = np.stack([
+            np.hypot(u, v), np.hypot(3.0, u), np.arctan2(1.0, u), np.copysign(u, v), np.copysign(2.0, u),
+            np.fmax(u, 0.5), np.fmin(u, v), np.maximum(0.5, u), np.minimum(u, v), np.square(u),
+            np.reciprocal(u + 5.0 * np.sign(u) + 0.1), np.exp2(u), np.log2(u * u + 0.1), np.log10(u * u + 0.1),
+            np.log1p(u * u), np.expm1(u), np.cbrt(u), np.deg2rad(u), np.rad2deg(u), np.radians(u), np.degrees(u),
+            np.heaviside(u, 0.5), np.sign(u), np.clip(u, -1.0, v * v), np.trunc(u), np.fmod(u, 0.3),
+            np.arcsinh(u) + np.arccosh(1.0 + u * u) + np.arctanh(s), np.logaddexp(u, v), np.where(u > v, u, 2.0),
+        ])  # fmt: skip
+        self.z = [
+            np.hypot(a, 1.0), np.sign(a), np.heaviside(a, 0.25), np.copysign(1.0, a), np.maximum(a, 0.0), np.max(u),
+            u.min(), np.clip(a, -1.0, 1.0), np.where(a > 0.0, a, -1.0), np.fabs(a), np.float_power(2.0, a),
+            np.fmod(1.0, a + 0.1), np.conjugate(a),
+        ]  # fmt: skip
+
+
 class Combined(Unit):
     """Conditions on what arrays of arrays give."""
 
@@ -164,6 +190,29 @@ def test_functions_of_numpy_are_those_of_symbols():
     assert_same(Functions, roundings=50)  # powers and products of some ten factors, each with its rounding
 
 
+def test_more_functions_of_numpy_are_those_of_symbols():
+    assert_same(More, roundings=50)  # as above
+
+
+class Whole(Unit):
+    """Logarithms whose floor is asked for."""
+
+    u = Input("1", 3, start=1.0)
+    y = Output("1", (2, 3))
+
+    def outputs(self) -> None:
+        self.y = np.floor([np.log10(self.u), np.log2(self.u)])
+
+
+@pytest.mark.parametrize("base", [10.0, 2.0])
+def test_logarithms_of_whole_powers_are_whole(base):
+    traced = Traced(Interface(Whole, None))
+    for power in range(-20, 23):
+        traced.group("u")[:] = base**power
+        traced.outputs()
+        assert traced.group("y")[0 if base == 10.0 else 3] == power
+
+
 def test_interpolation_is_that_of_numpy():
     assert_same(Table, roundings=8)
     plain = Plain(Interface(Table, None))
@@ -173,6 +222,64 @@ def test_interpolation_is_that_of_numpy():
         expected = np.interp(row, plain.group("points"), plain.group("values"))
         # three pieces of size 5, each with some roundings
         np.testing.assert_allclose(plain.group("y"), expected, rtol=0, atol=50 * EPS)
+
+
+class Looked(Unit):
+    """A table of numbers, looked up."""
+
+    u = Input("1", 3)
+    y = Output("1", 3)
+
+    def outputs(self) -> None:
+        self.y = [lookup(u, [-1.0, 0.0, 1.0, 2.0], [5.0, 7.0, -2.0]) for u in self.u]
+
+
+def test_a_table_to_look_up_may_have_one_dimension():
+    assert_same(Looked)
+    traced = Traced(Interface(Looked, None))
+    traced.group("u")[:] = [-9.0, 0.0, 9.0]
+    traced.outputs()
+    assert traced.group("y").tolist() == [5.0, 7.0, -2.0]
+
+
+class Misshapen(Unit):
+    """As many edges as rows."""
+
+    u = Input("1")
+    y = Output("1")
+
+    def outputs(self) -> None:
+        self.y = lookup(self.u, [0.0, 1.0, 2.0], [0.0, 1.0, 4.0])
+
+
+class Uneven(Misshapen):
+    """More points than values."""
+
+    def outputs(self) -> None:
+        self.y = interpolate(self.u, [0.0, 1.0, 2.0], [0.0, 1.0])
+
+
+class Many(Misshapen):
+    """Several places at once."""
+
+    def outputs(self) -> None:
+        self.y = lookup(np.ones(2) * self.u, [0.0, 1.0, 2.0], [0.0, 1.0])[0]
+
+
+@pytest.mark.parametrize(
+    ("unit", "words"),
+    [
+        (
+            Misshapen,
+            r"lookup: .*\(m,\), got the shapes \(\), \(3,\) and \(3,\)\. Values at points are for interpolate",
+        ),
+        (Many, r"lookup: expected a scalar x, .*got the shapes \(2,\), \(3,\) and \(2,\)"),
+        (Uneven, r"interpolate: expected points \(m,\) and values \(m, \.\.\.\), got \(3,\) and \(2,\)"),
+    ],
+)
+def test_tables_of_shapes_that_do_not_fit_are_refused(unit, words):
+    with pytest.raises(UnitError, match=rf"line \d+: outputs\(\) of {unit.__name__} fails: {words}"):
+        Traced(Interface(unit, None))
 
 
 def test_functions_on_floats_are_those_of_numpy():

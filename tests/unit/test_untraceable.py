@@ -3,6 +3,8 @@
 import inspect
 import math
 import os
+import re
+from contextlib import suppress
 from pathlib import Path
 from typing import ClassVar
 
@@ -11,7 +13,7 @@ import pytest
 from scipy import special
 
 from vdfmu.errors import UnitError
-from vdfmu.unit import Derivative, Input, Output, State, Unit, where
+from vdfmu.unit import Choice, Derivative, Input, Output, State, Unit, where
 from vdfmu.unit.evaluate import Plain, Traced, evaluation
 from vdfmu.unit.interface import Interface
 
@@ -47,10 +49,18 @@ class Converging(Bad):
 
 
 class Solved(Bad):
-    """Calls a solver."""
+    """Calls numpy's solver on ordinary arrays, which numpy does not hand on to symbols."""
 
     def outputs(self) -> None:
-        self.y = np.linalg.solve(np.eye(3) * (1.0 + self.u[0] ** 2), self.u)[0]  # here
+        a, b = self.u[0], self.u[1]
+        self.y = np.linalg.solve(np.array([[1.0 + a * a, b], [b, 1.0]]), np.array([a, b]))[0]  # here
+
+
+class Eigenvalues(Bad):
+    """Calls an iteration."""
+
+    def outputs(self) -> None:
+        self.y = np.linalg.eigvalsh(np.outer(self.u, self.u))[2]  # here
 
 
 class Special(Bad):
@@ -81,11 +91,18 @@ class Equal(Bad):
         self.y = where(self.u[0] == 0.0, 1.0, 0.0)  # here
 
 
-class Cubic(Bad):
+class Spacing(Bad):
     """Calls a function that symbols do not have."""
 
     def outputs(self) -> None:
-        self.y = np.cbrt(self.u[0])  # here
+        self.y = np.spacing(self.u[0])  # here
+
+
+class Interpolated(Bad):
+    """Interpolates by numpy."""
+
+    def outputs(self) -> None:
+        self.y = np.interp(self.u[0], [0.0, 1.0], [0.0, 2.0])  # here
 
 
 class Cast(Bad):
@@ -105,7 +122,9 @@ UNTRACEABLE = {
     Mathematical: "has no value while equations are traced",
     Largest: "a condition on a value is not known",
     Equal: "a condition on a value is not known",
-    Cubic: "has no callable cbrt method",
+    Eigenvalues: "eigvalsh of numpy takes no symbols: ",
+    Spacing: "np.spacing takes no symbols: ufunc 'spacing' not supported",
+    Interpolated: "Take .* interpolate of vdfmu.unit for a table",
     Cast: r"an array to put it into is zeros\(shape, \*like\) of vdfmu\.unit",
 }
 
@@ -127,10 +146,131 @@ def test_what_cannot_be_traced_says_where_why_and_the_way_out(unit):
     assert isinstance(evaluated, Plain)
     evaluated.group("u")[:] = [0.5, 4.0, 0.0]
     evaluated.outputs()
-    expected = {Branch: 1.0, Converging: 2.0, Solved: 0.4, Largest: 0.5, Equal: 0.0, Cast: 0.5}
+    expected = {Branch: 1.0, Converging: 2.0, Solved: 15.5 / 14.75, Largest: 0.5, Equal: 0.0, Cast: 0.5}
     if unit in expected:
         # Newton's last correction is below 1e-6, the error its square
         assert evaluated.group("y").tolist() == [pytest.approx(expected[unit], abs=1e-6)]
+
+
+def _asked(value):
+    """Return whether a value is above 0, or True for what cannot say."""
+    try:
+        return bool(value > 0.0)  # here
+    except:  # noqa: E722
+        return True
+
+
+class Excepted(Bad):
+    """Catches the refusal of a branch, of which the first line is the one to be told."""
+
+    def outputs(self) -> None:
+        try:
+            self.y = 1.0 / self.u[0] if self.u[0] > 0.0 else 0.0  # here
+        except Exception:
+            self.y = 3.0
+
+
+class Suppressed(Bad):
+    """Suppresses it."""
+
+    def outputs(self) -> None:
+        self.y = 0.0
+        with suppress(Exception):
+            self.y = float(self.u[0])  # here
+
+
+class Everything(Bad):
+    """Catches whatever comes, in a function, then goes on to another error."""
+
+    def outputs(self) -> None:
+        if _asked(self.u[0]):
+            raise ValueError("seen on symbols alone")
+        self.y = 0.0
+
+
+class Types(Bad):
+    """Catches what numpy says of objects that it does not know."""
+
+    def outputs(self) -> None:
+        a = self.u[0]
+        try:
+            self.y = np.linalg.solve(np.array([[1.0 + a * a]]), np.array([a]))[0]  # here
+        except Exception:
+            self.y = 0.0
+
+
+class Attributes(Bad):
+    """Catches what Python says of them."""
+
+    def outputs(self) -> None:
+        try:
+            self.y = 1.0 if self.u[0].is_integer() else 0.0  # here
+        except AttributeError:
+            self.y = 2.0
+
+
+class Kept(Bad):
+    """Catches the refusal of an attribute."""
+
+    def outputs(self) -> None:
+        self.y = self.u[0]
+        with suppress(BaseException):
+            self.before = self.u[0]  # here
+
+
+@pytest.mark.parametrize(
+    ("unit", "reason"),
+    [
+        (Excepted, "a condition on a value is not known"),
+        (Suppressed, "has no value while equations are traced"),
+        (Everything, "a condition on a value is not known"),
+        (Types, "UFuncTypeError: Cannot cast ufunc"),
+        (Attributes, "AttributeError: 'Symbol' object has no attribute 'is_integer'"),
+        (Kept, "outputs() sets before, which Kept does not declare"),
+    ],
+)
+def test_what_is_refused_cannot_be_caught(unit, reason):
+    lines, first = inspect.getsourcelines(_asked if unit is Everything else unit)
+    (line,) = (first + i for i, text in enumerate(lines) if text.rstrip().endswith("# here"))
+    with pytest.raises(
+        UnitError, match=rf"line {line}: outputs\(\) of {unit.__name__} .*{re.escape(reason)}"
+    ) as raised:
+        Traced(Interface(unit, None))
+    assert not isinstance(raised.value.__cause__, ValueError)
+
+
+class Forked(Bad):
+    """Catches errors around a choice, of which each value is traced."""
+
+    mode = Choice("a", "b")
+
+    def outputs(self) -> None:
+        try:
+            self.y = 1.0 if self.mode == "a" else 2.0
+        except Exception:
+            self.y = 3.0
+
+
+class Handled(Bad):
+    """Catches an error that comes on floats too."""
+
+    def outputs(self) -> None:
+        try:
+            self.y = {}["missing"]
+        except KeyError:
+            self.y = 2.0 * self.u[0]
+
+
+def test_what_is_not_refused_may_be_caught():
+    for mode, expected in ((0, 1.0), (1, 2.0)):
+        forked = Traced(Interface(Forked, None))
+        forked.group("mode")[:] = mode
+        forked.outputs()
+        assert forked.group("y") == expected
+    handled = Traced(Interface(Handled, None))
+    handled.group("u")[:] = 3.0
+    handled.outputs()
+    assert handled.group("y") == 6.0
 
 
 class Writes(Bad):

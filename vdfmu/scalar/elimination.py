@@ -14,7 +14,8 @@ from typing import Any
 import numpy as np
 
 
-def _is_zero(x: Any) -> bool:
+def is_zero(x: Any) -> bool:
+    """Whether an element is 0 whatever the values are."""
     known = getattr(x, "is_zero", None)
     return known() if known is not None else bool(x == 0.0)
 
@@ -23,7 +24,7 @@ def pattern(A: np.ndarray) -> np.ndarray:
     """Where a matrix is not a structural zero, (n, n)."""
     elements = list(A.flat)
     filled = {
-        id(x): not _is_zero(x) for x in {id(x): x for x in elements}.values()
+        id(x): not is_zero(x) for x in {id(x): x for x in elements}.values()
     }  # structural zeros are one object
     return np.array([filled[id(x)] for x in elements], dtype=bool).reshape(A.shape)
 
@@ -43,7 +44,7 @@ def factorize(A: np.ndarray) -> np.ndarray:
             LU[i, k] = LU[i, k] / LU[k, k]
             for j in columns:
                 LU[i, j] = LU[i, j] - LU[i, k] * LU[k, j]
-                filled[i, j] = not _is_zero(LU[i, j])
+                filled[i, j] = not is_zero(LU[i, j])
     return LU
 
 

@@ -11,6 +11,8 @@ from typing import Any
 
 import numpy as np
 
+from vdfmu.errors import UsageError
+
 
 def sgn(x: Any) -> Any:
     """Sign of every element, -1 or 1; that of the zero at zero, so that sgn(x) * f(|x|) keeps its slope."""
@@ -78,7 +80,16 @@ def interpolate(x: Any, points: Any, values: Any) -> Any:
     x : scalar or array
     points : (m,) floats or parameters, increasing
     values : (m, ...) values at the points
+
+    Raises
+    ------
+    UsageError
+        For points and values of different lengths.
     """
+    if np.ndim(points) != 1 or np.shape(values)[:1] != np.shape(points):
+        raise UsageError(
+            f"interpolate: expected points (m,) and values (m, ...), got {np.shape(points)} and {np.shape(values)}."
+        )
     result = values[0]
     for k in range(len(points) - 1):
         share = clip((x - points[k]) / (points[k + 1] - points[k]), 0.0, 1.0)
@@ -93,8 +104,19 @@ def lookup(x: Any, edges: Any, rows: Any) -> Any:
     ----------
     x : scalar
     edges : (m + 1,) floats, increasing
-    rows : (m, w) floats; row k belongs to ``edges[k] <= x < edges[k + 1]``
+    rows : (m, w) or (m,) floats; row k belongs to ``edges[k] <= x < edges[k + 1]``
+
+    Raises
+    ------
+    UsageError
+        For other shapes.
     """
+    shapes = np.shape(x), np.shape(edges), np.shape(rows)
+    if shapes[0] or len(shapes[2]) not in (1, 2) or shapes[1] != (shapes[2][0] + 1,):
+        raise UsageError(
+            "lookup: expected a scalar x, edges (m + 1,) and rows (m, w) or (m,), got the shapes "
+            f"{shapes[0]}, {shapes[1]} and {shapes[2]}. Values at points are for interpolate."
+        )
     if hasattr(x, "row_of"):
         return x.row_of(edges, rows)
     return rows[min(max(int(np.searchsorted(edges, x, "right")) - 1, 0), len(rows) - 1)]

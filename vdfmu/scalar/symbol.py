@@ -8,7 +8,8 @@ products that turn into SX matrices. A `Symbol` cannot: it refuses ``float()`` u
 from __future__ import annotations
 
 import operator
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from contextvars import ContextVar
 from hashlib import sha256
 from typing import Any
 
@@ -16,6 +17,19 @@ import casadi as ca
 import numpy as np
 
 from vdfmu.errors import KernelError
+
+refusals: ContextVar[list[Exception] | None] = ContextVar("refusals", default=None)
+"""What has been refused since a list was set here. A method that catches such an error goes another way than it does on
+floats, so whoever traces it raises the first of them in the end."""
+
+
+def refusal(error: Exception) -> Exception:
+    """Keep an error that is raised in `refusals`, whoever catches it."""
+    kept = refusals.get()
+    if kept is not None:
+        kept.append(error)
+    return error
+
 
 _binary = ca.SX.binary
 """Operation of two scalars; CasADi's operators take seven times as long to find the types of theirs."""
@@ -29,6 +43,16 @@ def _rint(x: Any) -> Any:
     low = ca.floor(x)
     rest, odd = x - low, low - 2.0 * ca.floor(0.5 * low)
     return low + ca.logic_or(rest > 0.5, ca.logic_and(rest >= 0.5, odd))
+
+
+def _log_to(base: float) -> Callable[[Any], Any]:
+    """Return the logarithm to a base, which is exact at whole powers, as the floor of a logarithm needs."""
+
+    def logarithm(x: Any) -> Any:
+        whole = _rint(ca.log(x) / np.log(base))
+        return whole + ca.log(x / base**whole) / np.log(base)
+
+    return logarithm
 
 
 def _remainder(a: Any, b: Any) -> Any:
@@ -64,9 +88,11 @@ class Symbol:
         return f"Symbol({text if len(text) < 60 else text[:57] + '...'})"
 
     def __bool__(self) -> bool:
-        raise KernelError(
-            "a condition on a value is not known while equations are traced. Write it with where(condition, a, b), "
-            "clip, minimum, maximum or sgn of vdfmu.unit"
+        raise refusal(
+            KernelError(
+                "a condition on a value is not known while equations are traced. Write it with where(condition, a, b), "
+                "clip, minimum, maximum or sgn of vdfmu.unit"
+            )
         )
 
     def __eq__(self, other: object) -> Any:
@@ -76,10 +102,12 @@ class Symbol:
 
     def __float__(self) -> float:
         if not self.sx.is_constant():
-            raise KernelError(
-                f"{self!r} has no value while equations are traced, so it cannot become a float. "
-                "Take numpy's functions, np.sin, in place of math's, and interpolate of vdfmu.unit for a table; "
-                "an array to put it into is zeros(shape, *like) of vdfmu.unit"
+            raise refusal(
+                KernelError(
+                    f"{self!r} has no value while equations are traced, so it cannot become a float. "
+                    "Take numpy's functions, np.sin, instead of math's, and interpolate of vdfmu.unit for a table, "
+                    "solve, inv and expm for matrices; an array to put it into is zeros(shape, *like) of vdfmu.unit"
+                )
             )
         return float(self.sx)
 
@@ -133,11 +161,31 @@ class Symbol:
     arcsin, arccos, arctan = map(_method, (ca.asin, ca.acos, ca.atan))
     sinh, cosh, tanh = map(_method, (ca.sinh, ca.cosh, ca.tanh))
     exp, expm1, log, log1p = map(_method, (ca.exp, ca.expm1, ca.log, ca.log1p))
-    sqrt, rint = map(_method, (ca.sqrt, _rint))
+    arcsinh, arccosh, arctanh = map(_method, (ca.asinh, ca.acosh, ca.atanh))
+    sqrt, rint, fabs = map(_method, (ca.sqrt, _rint, ca.fabs))
+    cbrt = _method(lambda x: ca.copysign(ca.fabs(x) ** (1.0 / 3.0), x))
+    log2, log10, exp2 = map(_method, (_log_to(2.0), _log_to(10.0), lambda x: ca.SX(2.0) ** x))
+    radians = deg2rad = _method(lambda x: x * (np.pi / 180.0))
+    degrees = rad2deg = _method(lambda x: x * (180.0 / np.pi))
+    trunc = __trunc__ = _method(lambda x: ca.copysign(ca.floor(ca.fabs(x)), x))
+
+    def conjugate(self) -> Symbol:
+        """Return the symbol, which is real."""
+        return self
 
     def arctan2(self, x: Any) -> Symbol:
         """Angle of the point (x, self)."""
         return Symbol(ca.atan2(self.sx, _sx(x)))
+
+    def hypot(self, other: Any) -> Symbol:
+        """Length of the vector (self, other)."""
+        return Symbol(ca.hypot(self.sx, _sx(other)))
+
+    def __array_ufunc__(self, function: np.ufunc, method: str, *inputs: Any, **kwargs: Any) -> Any:
+        return _elementwise(function, method, inputs, kwargs)
+
+    def __array_function__(self, function: Any, types: Any, args: Any, kwargs: Any) -> Any:
+        return _of_arrays(function, args, kwargs)
 
     def sgn(self) -> Symbol:
         """Sign, that of the zero at zero."""
@@ -156,10 +204,12 @@ class Symbol:
         """Limit `x` to [`low`, `high`]; any of them may be a number."""
         return Symbol(ca.fmin(ca.fmax(_sx(x), _sx(low)), _sx(high)))
 
-    def row_of(self, edges: Any, rows: Any) -> np.ndarray:
+    def row_of(self, edges: Any, rows: Any) -> Any:
         """Return the row of a table of the interval that the symbol lies in."""
-        table = lookup_function(np.asarray(edges, dtype=float), np.asarray(rows, dtype=float))
-        return from_sx(table(self.sx))
+        rows = np.asarray(rows, dtype=float)
+        table = lookup_function(np.asarray(edges, dtype=float), rows.reshape(len(rows), -1))
+        row = from_sx(table(self.sx))
+        return row if rows.ndim > 1 else row[0]
 
     def hold_unit_interval(self) -> tuple[Symbol, Symbol]:
         """Limit the symbol to [0, 1]; with a factor that is 1 inside the interval and 0 outside."""
@@ -170,27 +220,71 @@ class Symbol:
 class SymbolArray(np.ndarray):
     """Array of symbols that can be compared; the result is an array of conditions for ``where``."""
 
-    def __array_wrap__(self, array: Any, context: Any = None, return_scalar: bool = False) -> Any:
-        # numpy leaves what has no axis an array of a subclass, where it is a scalar of an ordinary array
-        return array[()] if array.ndim == 0 else array.view(SymbolArray)
+    def __array_ufunc__(self, function: np.ufunc, method: str, *inputs: Any, **kwargs: Any) -> Any:
+        return _elementwise(function, method, inputs, kwargs)
 
     def __array_function__(self, function: Any, types: Any, args: Any, kwargs: Any) -> Any:
-        result = super().__array_function__(
-            function, types, args, kwargs
-        )  # concatenate and the like drop the class
-        return result.view(SymbolArray) if type(result) is np.ndarray and result.dtype == object else result
+        return _of_arrays(function, args, kwargs)
 
-    def __lt__(self, other: Any) -> Any:
-        return np.less(self, other, dtype=object)
 
-    def __le__(self, other: Any) -> Any:
-        return np.less_equal(self, other, dtype=object)
+def _pairs(function: Callable[[ca.SX, ca.SX], ca.SX]) -> np.ufunc:
+    """Return a function of two scalars as numpy has its own, with broadcasting and ``reduce``."""
+    return np.frompyfunc(lambda a, b: Symbol(function(_sx(a), _sx(b))), 2, 1)
 
-    def __gt__(self, other: Any) -> Any:
-        return np.greater(self, other, dtype=object)
 
-    def __ge__(self, other: Any) -> Any:
-        return np.greater_equal(self, other, dtype=object)
+_ELEMENTWISE: Mapping[np.ufunc, np.ufunc] = {
+    np.maximum: _pairs(ca.fmax), np.fmax: _pairs(ca.fmax), np.minimum: _pairs(ca.fmin), np.fmin: _pairs(ca.fmin),
+    np.arctan2: _pairs(ca.atan2), np.hypot: _pairs(ca.hypot), np.copysign: _pairs(ca.copysign),
+    np.fmod: _pairs(ca.fmod), np.float_power: _pairs(operator.pow),
+    np.heaviside: _pairs(lambda x, at_zero: ca.if_else(x == 0.0, at_zero, x > 0.0)),
+    np.logaddexp: _pairs(lambda a, b: ca.fmax(a, b) + ca.log1p(ca.exp(-ca.fabs(a - b)))),
+    np.sign: np.frompyfunc(lambda a: Symbol(ca.sign(_sx(a))), 1, 1),
+}  # fmt: skip
+"""Functions of numpy that compare elements of objects, take none, or take the method of a float before a symbol."""
+_COMPARISONS = (np.less, np.less_equal, np.greater, np.greater_equal)
+
+
+def _elementwise(function: np.ufunc, method: str, inputs: tuple[Any, ...], kwargs: dict[str, Any]) -> Any:
+    """Call an elementwise function of numpy on symbols, and arrays of them."""
+    if function in _COMPARISONS:
+        kwargs["dtype"] = object
+    if "out" in kwargs:
+        kwargs["out"] = tuple(map(_plain, kwargs["out"]))
+    try:
+        result = getattr(_ELEMENTWISE.get(function, function), method)(*map(_plain, inputs), **kwargs)
+    except TypeError as error:
+        raise refusal(KernelError(f"np.{function.__name__} takes no symbols: {error}")) from None
+    return _with_symbols(result)
+
+
+def _of_arrays(function: Any, args: tuple[Any, ...], kwargs: dict[str, Any]) -> Any:
+    """Call another function of numpy on symbols, and arrays of them."""
+    from vdfmu.scalar.generic import clip, where
+    from vdfmu.scalar.matrices import inv, solve
+
+    own: dict[Any, Any] = {np.where: where, np.clip: clip, np.linalg.solve: solve, np.linalg.inv: inv}
+    try:
+        if function in own:
+            return _with_symbols(own[function](*args, **kwargs))
+        result = np.ndarray.__array_function__(np.empty(0), function, (np.ndarray,), args, kwargs)
+    except TypeError as error:
+        raise refusal(KernelError(f"{function.__name__} of numpy takes no symbols: {error}")) from None
+    return _with_symbols(result)
+
+
+def _plain(value: Any) -> Any:
+    """Return an array without its class, a symbol as an array."""
+    if isinstance(value, Symbol):
+        array = np.empty((), dtype=object)
+        array[()] = value
+        return array
+    return value.view(np.ndarray) if isinstance(value, SymbolArray) else value
+
+
+def _with_symbols(result: Any) -> Any:
+    if isinstance(result, (tuple, list)):
+        return type(result)(map(_with_symbols, result))
+    return result.view(SymbolArray) if type(result) is np.ndarray and result.dtype == object else result
 
 
 def _foreign(other: Any) -> bool:

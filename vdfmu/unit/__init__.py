@@ -1,6 +1,7 @@
 """Units: their declaration, their variables for a robot, and their traced functions."""
 
 from vdfmu.scalar.generic import clip, interpolate, lookup, maximum, minimum, sgn, where, zeros
+from vdfmu.scalar.matrices import expm, inv, solve
 from vdfmu.unit.base import Unit
 from vdfmu.unit.declaration import (
     JOINTS,
@@ -18,5 +19,6 @@ from vdfmu.unit.declaration import (
 
 __all__ = [
     "JOINTS", "Choice", "Derivative", "Input", "Output", "Parameter", "RobotParameters", "Sampled", "State", "Switch",
-    "Terminal", "Unit", "clip", "interpolate", "lookup", "maximum", "minimum", "sgn", "where", "zeros",
+    "Terminal", "Unit", "clip", "expm", "interpolate", "inv", "lookup", "maximum", "minimum", "sgn", "solve", "where",
+    "zeros",
 ]  # fmt: skip

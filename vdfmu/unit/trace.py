@@ -12,8 +12,9 @@ import numpy as np
 
 from vdfmu.errors import KernelError, UnitError, UsageError
 from vdfmu.kernel.structure import symbolic_robot
-from vdfmu.scalar.symbol import SymbolArray, from_sx, to_sx
+from vdfmu.scalar.symbol import SymbolArray, from_sx, refusal, to_sx
 from vdfmu.unit.base import Unit
+from vdfmu.unit.call import call
 from vdfmu.unit.declaration import Choice, Declared, Derivative, Output, Sampled, State, Switch
 from vdfmu.unit.place import place, shown, source_file
 
@@ -82,18 +83,18 @@ class _Watch:
     def read(self, declared: Declared) -> Any:
         choice = isinstance(declared, (Choice, Switch))
         if self.phase == "requirements" and (choice or declared.causality != "parameter"):
-            raise UnitError(f"{declared.name} is no parameter with numbers")
+            raise refusal(UnitError(f"{declared.name} is no parameter with numbers"))
         if choice:
             if declared.name not in self.fixed:
-                raise _ForkError(declared)
+                raise refusal(_ForkError(declared))
             value = self.fixed[declared.name]
             return declared.choices[value] if declared.choices else bool(value)
         if declared.name in self.sets:
             return self.sets[declared.name]
         if isinstance(declared, Output) or (isinstance(declared, Derivative) and self.phase != "balance"):
-            raise UnitError(f"{declared.name} is read before it is set")
+            raise refusal(UnitError(f"{declared.name} is read before it is set"))
         if isinstance(declared, State) and self.phase == "start":
-            raise UnitError(f"{declared.name} is a state, which has no value before start() sets it")
+            raise refusal(UnitError(f"{declared.name} is a state, which has no value before start() sets it"))
         self.reads[argument_name(declared.name)] = None
         return self.value(declared)
 
@@ -101,14 +102,18 @@ class _Watch:
         if not isinstance(declared, _MAY_SET[self.phase]) or (
             self.phase == "update" and not isinstance(declared, Sampled)
         ):
-            raise UnitError(f"{self.phase}() sets {declared.name}, {_kind(declared)}, which it may not")
+            raise refusal(
+                UnitError(f"{self.phase}() sets {declared.name}, {_kind(declared)}, which it may not")
+            )
         self.sets[declared.name] = self.unit.fitting(declared, value)
 
     def keep(self, name: str) -> None:
         if self.unit.backend == "python":
             return
-        raise UnitError(
-            f"{self.phase}() sets {name}, which {type(self.unit).__name__} does not declare. {_MEMORY}"
+        raise refusal(
+            UnitError(
+                f"{self.phase}() sets {name}, which {type(self.unit).__name__} does not declare. {_MEMORY}"
+            )
         )
 
     def time(self) -> Any:
@@ -147,7 +152,9 @@ class _RobotPart:
     def __getattr__(self, name: str) -> Any:
         if name not in self._fields:
             known = ", ".join(repr(field) for field in (*self._fields, name))
-            raise UnitError(f"the unit declares no {name} of the robot. Write RobotParameters({known})")
+            raise refusal(
+                UnitError(f"the unit declares no {name} of the robot. Write RobotParameters({known})")
+            )
         self._watch.reads[argument_name(name)] = None
         return self._watch.field(name)
 
@@ -351,8 +358,7 @@ def run(unit: Unit, phase: str, watch: Any) -> Any:
     unit.watch(watch)
     symbols = isinstance(watch, SymbolicWatch)
     try:
-        with np.errstate(all="ignore"):
-            return getattr(unit, phase)()
+        return call(getattr(unit, phase), source_file(type(unit)) if symbols else None)
     except _ForkError:
         raise
     except RecursionError as error:
@@ -370,7 +376,10 @@ def run(unit: Unit, phase: str, watch: Any) -> Any:
         unit.watch(None)
 
 
-_WAY_OUT = ". Write it with arithmetic, elementwise functions of numpy and those of vdfmu.unit"
+_WAY_OUT = (
+    ". Write it with arithmetic, elementwise functions of numpy, and where, lookup, solve, inv, expm and others "
+    "of vdfmu.unit"
+)
 _OTHER_WAY_OUT = '; or write backend = "python" in the class, and its FMU runs the method in Python'
 
 

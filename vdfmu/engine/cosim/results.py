@@ -137,7 +137,7 @@ class Results:
         UsageError
             There are no such signals, or they do not fill an array.
         """
-        signal = self._signals.get(name)
+        signal = self._signals.get(name) if isinstance(name, str) else None
         if signal is not None:
             column = np.asarray(self.data[signal.kind])[:, signal.column]
             return column.astype(bool) if signal.kind == "boolean" else column
@@ -158,6 +158,10 @@ class Results:
 
     def members(self, name: str) -> list[str]:
         """Return the signals of a name, of one or of an array; UsageError when there are none."""
+        if not isinstance(name, str):  # pyright: ignore[reportUnnecessaryIsInstance]
+            raise UsageError(
+                f"expected the name of a signal, got {name!r:.60}. Give several names one after the other."
+            )
         if name in self._signals:
             return [name]
         if name not in self.groups:
