@@ -137,7 +137,7 @@ class Results:
         UsageError
             There are no such signals, or they do not fill an array.
         """
-        signal = self._signals.get(name) if isinstance(name, str) else None
+        signal = self._signals.get(name) if isinstance(name, str) else None  # pyright: ignore[reportUnnecessaryIsInstance]
         if signal is not None:
             column = np.asarray(self.data[signal.kind])[:, signal.column]
             return column.astype(bool) if signal.kind == "boolean" else column
