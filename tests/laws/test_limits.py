@@ -73,6 +73,17 @@ def test_motor_torque_ends_at_the_torque_speed_line(tau, speed, expected):
     np.testing.assert_allclose(given, expected, rtol=0, atol=2 * EPS)
 
 
+def test_a_drive_may_have_its_full_torque_up_to_a_speed():
+    robot = limited(full_speed=0.8)  # full up to 2.4 rad/s, half at 2.7, none at 3
+    for speed, expected in ((0.0, 0.6), (2.4, 0.6), (2.7, 0.3), (3.0, 0.0), (-2.4, 0.6)):
+        # roundings of 1 - 0.9, over 0.2
+        np.testing.assert_allclose(
+            motor_torque(robot, np.full(2, 9.0), np.full(2, speed)), expected, rtol=0, atol=10 * EPS
+        )
+    line = (1.0 - 1.5 / 3.0) * 0.6
+    assert (motor_torque(ROBOT, np.full(2, 9.0), np.full(2, 1.5)) == line).all()  # without it, to the bit
+
+
 def test_power_balance_beyond_stops_and_torque_line(draw):
     """What the motors give, less friction, the wrench is 0, and less what the stops dissipate."""
     robot = ROBOT.with_parameters(theta_err_amplitude=0.0)
@@ -98,11 +109,12 @@ def test_power_balance_beyond_stops_and_torque_line(draw):
     assert active > 3
 
 
-def test_traced_plant_has_the_limits_and_their_slopes(draw, plant_function):
-    rate, jacobian = (plant_function(ROBOT, name) for name in ("derivatives", "jacobian"))
-    m = 4 * ROBOT.n
-    for state in draw(ROBOT, 3, seed=35):
-        robot, F_e = ROBOT, np.zeros(6)
+@pytest.mark.parametrize("robot", [ROBOT, limited(full_speed=0.8)], ids=["line", "full to a speed"])
+def test_traced_plant_has_the_limits_and_their_slopes(draw, plant_function, robot):
+    rate, jacobian = (plant_function(robot, name) for name in ("derivatives", "jacobian"))
+    m = 4 * robot.n
+    for state in draw(robot, 3, seed=35):
+        F_e = np.zeros(6)
         traced = rate(state.x, state.tau, F_e)
         expected = plant_derivative(robot, state.x, state.tau, F_e)
         np.testing.assert_allclose(traced, expected, rtol=0, atol=1e-12 * np.abs(expected).max())

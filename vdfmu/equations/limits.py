@@ -1,4 +1,4 @@
-"""End stops of a joint and the torque-speed line of its motor. Not in the paper; off by default."""
+"""End stops of a joint and the torque and speed of its motor. Not in the paper; off by default."""
 
 from __future__ import annotations
 
@@ -37,8 +37,9 @@ def stop_energy(robot: Any, q: Any) -> Any:
 def motor_torque(robot: Any, tau: Any, kappa_dot: Any) -> Any:
     """Torque that the motor gives where `tau` is asked for: (n,) [N m], motor-side.
 
-    Driving, the torque ends at ``tau_stall (1 - |kappa_dot| / kappa_dot_max)``, and at 0 beyond the no-load speed;
-    braking, at tau_stall.
+    Driving, the torque ends at tau_stall up to the share `full_speed` of the no-load speed, from there on a line that
+    is 0 at the no-load speed, and at 0 beyond it; braking, at tau_stall. A drive with one limit of torque and one of
+    speed, a rectangle, has a share near 1.
 
     Parameters
     ----------
@@ -46,5 +47,18 @@ def motor_torque(robot: Any, tau: Any, kappa_dot: Any) -> Any:
     kappa_dot : (n,) [rad/s or m/s]
     """
     speed = kappa_dot / robot.kappa_dot_max
-    forward, backward = (clip(1.0 - s, 0.0, 1.0) for s in (speed, -speed))
+    forward, backward = (clip((1.0 - s) / (1.0 - robot.full_speed), 0.0, 1.0) for s in (speed, -speed))
     return clip(tau, -robot.tau_stall * backward, robot.tau_stall * forward)
+
+
+def motor_rectangle(robot: Any, most: Any) -> tuple[Any, Any]:
+    """Speeds, and torques that motors give up to them: the largest rectangle under each torque-speed line.
+
+    Returns
+    -------
+    speed : (n,) [rad/s or m/s]
+        At most `most`. A line from standstill to the no-load speed has its rectangle at half of both.
+    tau : (n,) [N m] motor-side
+    """
+    speed = clip(clip(robot.full_speed, 0.5, 1.0) * robot.kappa_dot_max, 0.0, most)
+    return speed, motor_torque(robot, robot.tau_stall, speed)

@@ -9,7 +9,7 @@ import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
 from vdfmu.arrays import Floats
-from vdfmu.dynamics import forward_kinematics
+from vdfmu.dynamics import forward_kinematics, jacobian
 from vdfmu.errors import UsageError
 from vdfmu.model import Robot
 from vdfmu.motion.arguments import of_numbers
@@ -27,6 +27,10 @@ _SAME = 1e-9
 """Difference of two solutions of one pose that is rounding, at the worst Jacobian that is not singular."""
 _TURNS = 10
 """Turns of a circle at most."""
+_STANDS = 1e-5
+"""Length of a path [m] that may be what inverse kinematics leaves."""
+_LOOKS = 16
+"""Times in a piece of a motion at which the speed of the end effector is looked at."""
 _BETWEEN = 4
 """Points between two knots at which inverse kinematics is solved and the path checked, too."""
 
@@ -82,8 +86,8 @@ def line(
     for i, target in enumerate(targets):
         where = f"line {i + 1}" if len(targets) > 1 else "line"
         R_1 = R_end if i == len(targets) - 1 else None
-        part, length = _straight(robot, q, target, R_1, kind, where, tolerance)
-        parts.append(_timed(part, length, velocity, acceleration, speed, duration).dwelling(dwell))
+        part = _straight(robot, q, target, R_1, kind, where, tolerance)
+        parts.append(_timed(robot, part, velocity, acceleration, speed, duration).dwelling(dwell))
         q = part.end
     return joined(parts)
 
@@ -146,7 +150,7 @@ def circle(
         return c + turned @ (p_0 - c), turned @ R_0 if kind == "turn" else R_0
 
     motion = _along(robot, q, path, kind, "circle", tolerance)
-    return _timed(motion, radius * abs(angle), velocity, acceleration, speed, duration).dwelling(dwell)
+    return _timed(robot, motion, velocity, acceleration, speed, duration).dwelling(dwell)
 
 
 def _start(robot: Robot, start: npt.ArrayLike) -> Floats:
@@ -158,18 +162,17 @@ def _start(robot: Robot, start: npt.ArrayLike) -> Floats:
 
 def _straight(
     robot: Robot, q: Floats, p_1: Floats, R_1: Floats | None, kind: str, where: str, tolerance: float
-) -> tuple[Motion, float]:
-    """Return the motion straight to a position, with the rotation that is kept or arrived at, and its length."""
+) -> Motion:
+    """Return the motion straight to a position, with the rotation that is kept or arrived at."""
     p_0, R_0 = forward_kinematics(robot, q)
     turn = np.zeros(3) if R_1 is None else Rotation.from_matrix(R_0.T @ R_1).as_rotvec()
-    length = float(np.linalg.norm(p_1 - p_0))
-    if length <= tolerance and np.linalg.norm(turn) <= tolerance:
+    if np.linalg.norm(p_1 - p_0) <= tolerance and np.linalg.norm(turn) <= tolerance:
         raise UsageError(f"{where}: expected another place than that at which it starts, got {p_1}.")
 
     def path(s: float) -> Pose:
         return p_0 + s * (p_1 - p_0), R_0 @ Rotation.from_rotvec(s * turn).as_matrix()
 
-    return _along(robot, q, path, kind, where, tolerance), length
+    return _along(robot, q, path, kind, where, tolerance)
 
 
 def _orientation(robot: Robot, orientation: str | npt.ArrayLike | None) -> tuple[str, Floats | None]:
@@ -220,8 +223,8 @@ def _along(
 
 
 def _timed(
+    robot: Robot,
     motion: Motion,
-    length: float,
     velocity: npt.ArrayLike | None,
     acceleration: npt.ArrayLike | None,
     speed: float | None,
@@ -231,13 +234,18 @@ def _timed(
     limits = limit("velocity", velocity, motion.n), limit("acceleration", acceleration, motion.n)
     if speed is not None and not 0.0 < speed < np.inf:
         raise UsageError(f"speed: expected more than 0 m/s, got {speed}.")
-    shortest = 0.0 if speed is None else length / (1.0 - _RAMP) / speed
+    shortest = 0.0 if speed is None else motion.duration * _largest_speed(robot, motion) / speed
     if duration is None and speed is None and (limits[0] is None or limits[1] is None):
         raise UsageError(
             "expected a duration, a speed, or limits of velocity and acceleration, got none of them."
         )
     if duration is None:
         free = all(one is None for one in limits)
+        if free and speed is not None and shortest * speed <= _STANDS:
+            raise UsageError(
+                "speed: expected a path along which the end effector moves, got one on which it only turns. Give a "
+                "duration, or limits of velocity and acceleration."
+            )
         found = motion.slower(shortest) if free else motion.fitted(*limits)
         return found.slower(max(1.0, shortest / found.duration))
     if duration < shortest:
@@ -245,6 +253,17 @@ def _timed(
             f"duration: expected at least the {shortest:.6g} s that the speed takes, got {duration:g} s."
         )
     return motion.fitted(*limits, duration)
+
+
+def _largest_speed(robot: Robot, motion: Motion) -> float:
+    """Return the largest speed of the end effector [m/s], from above by the difference that a look makes.
+
+    Between looks that lie close a smooth speed rises by an eighth of its second difference; the whole one is added.
+    """
+    t = np.linspace(0.0, motion.duration, _LOOKS * len(motion.coefficients) + 1)
+    q, q_dot = motion.at(t)[:2]
+    v = np.linalg.norm(np.einsum("tij,tj->ti", jacobian(robot, q)[:, :3], q_dot), axis=1)
+    return float((v[1:-1] + np.abs(np.diff(v, 2))).max())
 
 
 def _law(t: Floats) -> Floats:

@@ -26,7 +26,7 @@ from vdfmu.motion.arguments import NUMBERS, ONE, SINGLE, TEXTS, WHOLE
 from vdfmu.motion.cartesian import circle, line
 from vdfmu.motion.excitation import multisine, sweep
 from vdfmu.motion.joint_space import samples, waypoints
-from vdfmu.motion.minimum_time import fastest
+from vdfmu.motion.minimum_time import LOOKS, fastest
 from vdfmu.motion.polynomial import Motion
 
 _KINDS: tuple[Callable[..., Motion], ...] = (waypoints, samples, fastest, line, circle, sweep, multisine)
@@ -39,8 +39,6 @@ OF_FILE = ("waypoints", "samples", "fastest")
 """Kinds whose points may be in a CSV file."""
 _OF_ROBOT = ("fastest", "line", "circle")
 _FACTORS = {"revolute": {"rad": 1.0, "deg": math.pi / 180.0}, "prismatic": {"m": 1.0, "mm": 1e-3}}
-_LOOKS = 1001
-"""Times at which torques are looked at."""
 _EXAMPLE = "time [s], q1 [rad], q2 [deg]"
 
 
@@ -140,7 +138,7 @@ def check_motion(motion: Motion, robot: Robot) -> None:
         for value, beyond in ((low, low < robot.q_min), (high, high > robot.q_max))
         for i in np.flatnonzero(beyond[:, j])[:1]
     ]
-    t = np.linspace(0.0, motion.duration, _LOOKS)
+    t = np.linspace(0.0, motion.duration, LOOKS)
     q, q_dot, q_ddot = motion.at(t)[:3]
     tau = inverse_dynamics(robot, q, q_dot, q_ddot) / robot.ell + robot.I_m * q_ddot
     lacking = np.abs(tau) - np.abs(motor_torque(robot, tau, q_dot))
