@@ -27,7 +27,7 @@ FILES = {
     "dev": (("--extra=dev",), ("base",)),
     "test": (
         ("--extra=test",),
-        ("docs", "native", "sweep", "federate", "robots", "motion", "notebook", "view"),
+        ("docs", "native", "sweep", "federate", "robots", "motion", "view"),
     ),
     "bench": (("--extra=bench",), ("native", "sweep", "robots", "view")),
     "supply": (("--group=supply",), ()),

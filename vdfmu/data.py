@@ -10,7 +10,7 @@ from vdfmu.errors import VdfmuError
 PACKAGE = Path(__file__).resolve().parent
 
 
-def data_path(kind: Literal["models", "ssp", "fmu_src"]) -> Path:
+def data_path(kind: Literal["models", "ssp", "fmu_src", "examples"]) -> Path:
     """Return the folder of one kind of data file.
 
     A wheel carries the folders in ``vdfmu/_data``. A source tree, which an editable install uses, has them at
@@ -18,7 +18,7 @@ def data_path(kind: Literal["models", "ssp", "fmu_src"]) -> Path:
 
     Parameters
     ----------
-    kind : "models", "ssp" or "fmu_src"
+    kind : "models", "ssp", "fmu_src" or "examples"
         Which folder.
 
     Raises

@@ -34,6 +34,13 @@ def test_the_wheel_alone_gives_the_same_tracking_run(tmp_path):
     for key in ("rms_position_error_deg", "max_position_error_deg", "rms_torque_compensation_error_nm"):
         assert installed[key] == here[key]  # the same arithmetic: equal to the last bit
 
+    # the example units are in it
+    command = [python.parent / "vdfmu", "unit", "examples"]
+    assert subprocess.run(command, cwd=empty, check=False).returncode == 0
+    assert {file.name for file in (empty / "units").iterdir()} == {
+        file.name for file in (ROOT / "examples" / "units").iterdir() if file.is_file()
+    }
+
     # a user's own file given by path wins over a shipped one of the same name
     shipped = (ROOT / "models" / "scenarios" / "planar_tracking.toml").read_text()
     (empty / "planar_tracking.toml").write_text(shipped.replace("planar_tracking", "my_own"))

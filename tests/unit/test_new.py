@@ -1,14 +1,16 @@
-"""``vdfmu unit new``: the file builds and its own test passes."""
+"""``vdfmu unit new``: the file builds and its own test passes; ``vdfmu unit examples``: the examples are there."""
 
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 from typer.testing import CliRunner
 
+import vdfmu
 from vdfmu.cli.commands import app
 from vdfmu.errors import UsageError
-from vdfmu.unit.new import new_unit
+from vdfmu.unit.new import copy_examples, new_unit
 
 
 def command(*words):
@@ -69,3 +71,18 @@ def test_a_name_that_cannot_be_one_is_refused(tmp_path, monkeypatch, name, out, 
     with pytest.raises(UsageError, match=match):
         raise done.exception
     assert not list(tmp_path.iterdir())
+
+
+def test_the_examples_are_written_and_load(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    done = command("unit", "examples", "mine")
+    assert done.exit_code == 0 and "vdfmu run mine" in done.output, done.output
+    assert {part.unit.name for part in vdfmu.load_scenario("mine/scenario.toml").system.parts.values() if
+            isinstance(part.unit, Path)} <= {file.name for file in Path("mine").iterdir()}  # fmt: skip
+    assert {"encoder.py", "computed_torque.py", "waypoints.csv"} <= {
+        file.name for file in Path("mine").iterdir()
+    }
+    Path("mine/wall.py").write_text("mine")
+    with pytest.raises(UsageError, match="are there already, and not replaced"):
+        copy_examples(Path("mine"))
+    assert Path("mine/wall.py").read_text() == "mine"

@@ -15,7 +15,7 @@ WITHOUT = {
     "parquet": "results are CSV, three times the size",
     "sweep": "no parameter studies (vdfmu sweep) and no tuning",
     "federate": "a system runs in one process only",
-    "notebook": "no to_pandas(), no to_xarray(), no bars in a notebook",
+    "notebook": "no jupyter lab, no to_pandas(), no to_xarray(), no bars in a notebook",
     "motion": "no motions in the shortest time (kind fastest)",
     "view": "no vdfmu view and no --live",
     "robots": "no robots from MJCF; those from URDF need nothing",

@@ -1,4 +1,4 @@
-"""``vdfmu unit new``."""
+"""``vdfmu unit new`` and ``vdfmu unit examples``."""
 
 from __future__ import annotations
 
@@ -29,3 +29,14 @@ def new(
     path, test = new_unit(name, out)
     say(f"{path}: build it with 'vdfmu build {path}'")
     say(f"{test}: run it with 'python -m pytest {test}'")
+
+
+@app.command("examples", epilog="Example: [bold]vdfmu unit examples[/bold]")
+def examples(
+    folder: Annotated[Path, typer.Argument(help="Folder to write them to.")] = Path("units"),
+) -> None:
+    """Write the example units, with a system and a scenario of them."""
+    from vdfmu.unit.new import copy_examples
+
+    for file in copy_examples(folder):
+        say(f"{file}: run it with 'vdfmu run {file}'" if file.name == "scenario.toml" else str(file))

@@ -1,13 +1,15 @@
-"""The first file of a unit of one's own, and its test."""
+"""The first file of a unit of one's own and its test, and the example units."""
 
 from __future__ import annotations
 
 import keyword
 import re
 import sys
+from collections.abc import Mapping
 from pathlib import Path
 
 from vdfmu import unit
+from vdfmu.data import data_path
 from vdfmu.errors import StorageError, UsageError
 from vdfmu.unit.base import snake_case
 
@@ -116,16 +118,42 @@ def new_unit(name: str, out: Path | None = None) -> tuple[Path, Path]:
     if keyword.iskeyword(stem) or keyword.iskeyword(camel) or stem in {*sys.stdlib_module_names, "vdfmu"}:
         raise UsageError(f"{path}: {stem} is a name of Python's own, or of vdfmu. Choose another.")
     test = path.with_name(f"test_{stem}.py")
-    if there := [str(file) for file in (path, test) if file.exists()]:
+    texts = {
+        file: text.replace("NAME", camel).replace("FILE", stem)
+        for file, text in ((path, _UNIT), (test, _TEST))
+    }
+    _write({file: text.encode() for file, text in texts.items()})
+    return path, test
+
+
+def copy_examples(folder: Path) -> list[Path]:
+    """Copy the example units, and the system and scenario of them, to a folder, and return the files.
+
+    Raises
+    ------
+    UsageError
+        For files that exist.
+    StorageError
+        If a file cannot be written.
+    """
+    shipped = sorted(file for file in (data_path("examples") / "units").iterdir() if file.is_file())
+    files = {folder / file.name: file.read_bytes() for file in shipped}
+    _write(files)
+    return list(files)
+
+
+def _write(files: Mapping[Path, bytes]) -> None:
+    """Write new files into a folder, which is made."""
+    if there := [str(file) for file in files if file.exists()]:
         verb = "is" if len(there) == 1 else "are"
         raise UsageError(
             f"{' and '.join(there)} {verb} there already, and not replaced. Choose another name."
         )
+    first = next(iter(files))
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        for file, text in ((path, _UNIT), (test, _TEST)):
-            with file.open("x", encoding="utf-8") as stream:
-                stream.write(text.replace("NAME", camel).replace("FILE", stem))
+        first.parent.mkdir(parents=True, exist_ok=True)
+        for file, content in files.items():
+            with file.open("xb") as stream:
+                stream.write(content)
     except OSError as error:
-        raise StorageError(f"{path}: cannot be written: {error.strerror}. Choose another folder.") from error
-    return path, test
+        raise StorageError(f"{first}: cannot be written: {error.strerror}. Choose another folder.") from error
