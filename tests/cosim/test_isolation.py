@@ -8,6 +8,7 @@ import re
 import signal
 import subprocess
 import sys
+import threading
 import time
 from pathlib import Path
 
@@ -18,6 +19,7 @@ from tests.wild import build, write
 from vdfmu.engine.check import run as check_run
 from vdfmu.engine.cosim import ALGORITHMS, Interrupted, simulate
 from vdfmu.errors import CosimError, UsageError
+from vdfmu.interrupt import listening
 from vdfmu.process import KEPT, SHOWN
 from vdfmu.scenario import load_scenario
 from vdfmu.scenario.parts import cached_fmus
@@ -397,3 +399,64 @@ def test_after_a_run_the_process_may_end_as_it_likes(package):
         [sys.executable, "-c", code, package], capture_output=True, text=True, timeout=300, check=False
     )
     assert (done.returncode, done.stderr) == (5, "")
+
+
+FLED = """
+import os, sys, time
+if os.fork() == 0:
+    os.setsid()  # out of reach of the group
+    time.sleep(30)
+    os._exit(0)
+{}
+"""
+
+
+@pytest.fixture
+def fleeing(package, monkeypatch, tmp_path):
+    """Have the isolated process start a child that flees to a session of its own and holds the pipes, then go on."""
+
+    def start(rest: str) -> None:
+        (tmp_path / "site").mkdir()
+        hook = "import vdfmu.engine.cosim.components as c\nplain = c.Components.initialize\n"
+        lines = "".join(f"    {line}\n" for line in FLED.format(rest).splitlines())
+        hook += f"def initialize(self, *a):\n{lines}    return plain(self, *a)\nc.Components.initialize = initialize\n"
+        code = "import sys\nif 'vdfmu.engine.cosim.isolated_server' in sys.orig_argv:\n"
+        code += "".join(f"    {line}\n" for line in hook.splitlines())
+        (tmp_path / "site" / "sitecustomize.py").write_text(code)
+        monkeypatch.setattr(sys, "path", [str(tmp_path / "site"), *sys.path])
+
+    return start
+
+
+@pytest.mark.parametrize(
+    ("rest", "said"),
+    [
+        ("os._exit(3)", r"ended \(3\) after this call had returned"),
+        ("os.kill(os.getpid(), 9)", r"ended \(SIGKILL\) after this call had returned"),
+        ("time.sleep(60)", "did not go on within 3 s after this call had returned"),
+        (
+            "raise ZeroDivisionError('ours')",
+            "ZeroDivisionError: ours .* a fault of vdfmu, not of a component",
+        ),
+        ("raise MemoryError", r"no more memory: memory_limit \(--memory-limit\)"),
+    ],
+)
+def test_a_child_that_fled_does_not_hold_the_run_and_faults_of_ours_blame_no_component(
+    package, fleeing, rest, said
+):
+    fleeing(rest)
+    began = time.monotonic()
+    with pytest.raises(CosimError, match=said):
+        simulate(package, step=0.25, isolate=True, time_limit=3.0)
+    # 3 s of the limit and the start of Python; the child lives 30 s
+    assert time.monotonic() - began < 20.0
+
+
+def test_a_signal_ends_a_run_whose_process_hangs_with_a_child_that_fled(package, fleeing):
+    fleeing("time.sleep(60)")
+    timer = threading.Timer(5.0, os.kill, (os.getpid(), signal.SIGTERM))
+    began = time.monotonic()
+    timer.start()
+    with pytest.raises((Interrupted, KeyboardInterrupt)), listening(signal.SIGTERM):
+        simulate(package, step=0.25, isolate=True)
+    assert time.monotonic() - began < 20.0

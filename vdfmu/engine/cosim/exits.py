@@ -51,12 +51,11 @@ def report_exits(box: MessageBox, save: Callable[[], str]) -> Generator[None]:
 
 
 def _caller() -> str:
-    """Return the name of the component that the code above in this thread is calling."""
+    """Return the names of the components that the code above in this thread is at, by what its local variables hold."""
     frame = inspect.currentframe()
     while frame is not None:
-        names = frame.f_locals
-        for value in (names.get("slave"), names.get("self"), getattr(names.get("unit"), "slave", None)):
-            if isinstance(value, Slave):
-                return f"component {value.name}"
+        values = [(value, getattr(value, "slave", None)) for value in frame.f_locals.values()]
+        if names := dict.fromkeys(one.name for pair in values for one in pair if isinstance(one, Slave)):
+            return f"component {' or '.join(names)}"
         frame = frame.f_back
     return "a component"

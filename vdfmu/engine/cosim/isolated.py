@@ -13,6 +13,7 @@ import math
 import mmap
 import os
 import pickle
+import select
 import signal
 import struct
 import subprocess
@@ -27,8 +28,6 @@ import numpy as np
 
 from vdfmu.arrays import Floats
 from vdfmu.engine.cosim.checked import Checked
-from vdfmu.engine.cosim.component2 import Slave2
-from vdfmu.engine.cosim.component3 import Slave3
 from vdfmu.engine.cosim.exchange import Exchange, words_of
 from vdfmu.engine.cosim.messages import LogMessage, MessageBox
 from vdfmu.errors import CosimError, UsageError, VdfmuError
@@ -37,18 +36,13 @@ from vdfmu.process import Listener, end_group, started
 REQUEST = struct.Struct("<Iddd")
 """Length of what follows, or 0 and time, step and stop of `advance`."""
 REPLY = struct.Struct("<I")
-CALLS = (
-    "load", "instantiate", "setupExperiment", "enterInitializationMode", "exitInitializationMode", "doStep",
-    "terminate", "freeInstance", "freeLibrary", "setRealInputDerivatives", "getBooleanStatus", "getRealStatus",
-    *(f"{verb}{state}" for verb in ("get", "set", "free") for state in ("FMUstate", "FMUState")),
-    *(f"{verb}{native}" for verb in ("get", "set") for native in dict.fromkeys([*Slave2.dtypes, *Slave3.dtypes])),
-    "instantiateCoSimulation", "instantiateModelExchange", "enterContinuousTimeMode", "newDiscreteStates", "setTime",
-    "getContinuousStates", "setContinuousStates", "getDerivatives", "getContinuousStateDerivatives",
-    "getNominalsOfContinuousStates", "getEventIndicators", "completedIntegratorStep", "getNumberOfContinuousStates",
-    "getNumberOfEventIndicators", "enterConfigurationMode", "exitConfigurationMode", "enterEventMode", "enterStepMode",
-    "updateDiscreteStates", "setClock", "getClock", "getIntervalDecimal", "getRealOutputDerivatives",
-    "getOutputDerivatives", "getDirectionalDerivative",
-)  # fmt: skip
+CALLS = "calls"
+"""File beside the memory: a line for each function of a component, from before its first call on. While the function
+runs, the word `running` of the exchange is the number of the line, from 1, and after it has returned minus that."""
+_LARGEST = 2**28
+"""Bytes of the largest answer that is read."""
+_BLOCK = 2**20
+"""Bytes that are read at once at most."""
 _TICK = 0.1
 """Interval at which the master looks after the process [s]."""
 _START = 60.0
@@ -99,7 +93,7 @@ class Isolated:
         self.pressed: Callable[[], bool] = lambda: False
         self._process: subprocess.Popen[bytes] | None = None
         self._since, self._late, self._cut_off, self._stepping = math.inf, False, False, False
-        self._done = threading.Event()
+        self._done, self._gone = threading.Event(), threading.Event()
 
     def load(self) -> None:
         """Start the process, load the libraries and create the instances."""
@@ -112,6 +106,10 @@ class Isolated:
         self._process = started(self.server, str(self._memory), str(self.limits.memory))
         assert self._process.stderr is not None
         self._listener = Listener(self._process.stderr, show=True)
+        assert self._process.stdout is not None
+        if hasattr(select, "poll"):
+            self._poll = select.poll()
+            self._poll.register(self._process.stdout, select.POLLIN)
         threading.Thread(target=self._look_after, args=(self._process,), daemon=True).start()
         self._since = monotonic() + _START
 
@@ -181,15 +179,14 @@ class Isolated:
         """Wait for the answer to a request; CosimError if it failed or the process has ended."""
         process = self._process
         assert process is not None
-        assert process.stdout is not None
-        answer = b""
-        head = process.stdout.read(REPLY.size)
+        answer: bytes | bytearray = b""
+        head = self._read(process, REPLY.size)
         if len(head) == REPLY.size:
             (size,) = REPLY.unpack(head)
             if not size:
                 self._since = math.inf
                 return None
-            answer = process.stdout.read(size)
+            answer = self._read(process, size) if size <= _LARGEST else b""
         try:
             reply = json.loads(answer)
         except ValueError:
@@ -207,17 +204,46 @@ class Isolated:
             raise VdfmuError(reply["fault"])
         return reply["result"]
 
+    def _read(self, process: subprocess.Popen[bytes], size: int) -> bytes | bytearray:
+        """Read from the process; less if it has ended, though one that it has left may hold the pipe open."""
+        assert process.stdout is not None
+        descriptor, found = process.stdout.fileno(), bytearray()
+        while len(found) < size:
+            if hasattr(select, "poll"):
+                gone = self._gone.is_set()  # looked at first: what it wrote before its end is read
+                if not self._poll.poll(0.0 if gone else 1e3 * _TICK):
+                    if gone:
+                        break
+                    continue
+            block = os.read(descriptor, min(size - len(found), _BLOCK))
+            if not block:
+                break
+            found += block
+        return found
+
+    def _called(self) -> tuple[str, str]:
+        """Return the component and the function that the process called last; empty if it called none."""
+        number = abs(self.exchange.running.value)
+        with suppress(OSError, ValueError, IndexError):  # code of the component may have written there, too
+            lines = self._memory.with_name(CALLS).read_text(encoding="utf-8", errors="replace").splitlines()
+            position, call = lines[number - 1].split(" ") if number else ("", "")
+            return self._names[int(position)], call
+        return "", ""
+
     def lost(self) -> CosimError:
-        """Return the error of a process that has ended, or sends what is no answer."""
+        """Return the error of a process that has ended, or sends what is not an answer."""
         code, peak = self._end()
-        position, call = divmod(self.exchange.running.value - 1, len(CALLS))
+        unit, call = self._called()
         time = self.exchange.clock.value if self._stepping else self.box.time
         if not self._late and code < 0:
             with suppress(ValueError):
                 code = signal.Signals(-code).name
-        if position < 0:
+        if not unit:
             return self.idle(time, code)
-        if self._late:
+        if self.exchange.running.value < 0:
+            what = f"did not go on within {self.limits.time:g} s" if self._late else f"ended ({code})"
+            why = f"the process {what} after this call had returned: it left damage, or vdfmu has a fault"
+        elif self._late:
             why = f"no return within {self.limits.time:g} s; a longer time_limit (simulate --time-limit) gives it more"
         elif isinstance(code, str):
             why = f"the component crashed the process ({code})"
@@ -225,7 +251,7 @@ class Isolated:
             why = f"the component ended the process (exit code {code})"
         if peak > 0.5 * self.limits.memory:
             why += f", of which the memory had reached {peak:.0f} MB of {self.limits.memory:.0f} MB (memory_limit)"
-        return CosimError(self._names[position], CALLS[call], time, why)
+        return CosimError(unit, call, time, why)
 
     def idle(self, time: float, code: int | str) -> CosimError:
         """Return the error of a process that has ended while it called no component; `code` may name a signal."""
@@ -242,6 +268,7 @@ class Isolated:
             self._cut_off = monotonic() - max(self._since, pressed) > _PATIENCE
             if self._late or self._cut_off or _has_ended(process):
                 end_group(process)
+                self._gone.set()
                 self.gone()
                 return
 

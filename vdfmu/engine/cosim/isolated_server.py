@@ -8,6 +8,7 @@ import math
 import os
 import pickle
 import sys
+import traceback
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import asdict
@@ -34,6 +35,7 @@ class Server:
         self._said: list[LogMessage] = []
         self._box = MessageBox(self._said.append)
         self._words = mapped(Path(memory))
+        self._calls, self._lines = open(Path(memory).with_name(CALLS), "w", encoding="utf-8"), 0
 
     def load(self, start: bytes) -> None:
         """Load what `start`, pickled, holds: a Checked, and where its FMUs are unpacked."""
@@ -42,11 +44,16 @@ class Server:
         running = Exchange(checked, {}, self._box, self._words).running
 
         def watch(unit: str, call: str, function: Any) -> Any:
-            number = len(CALLS) * positions[unit] + CALLS.index(call) + 1
+            self._calls.write(f"{positions[unit]} {call}\n")
+            self._calls.flush()
+            self._lines += 1
+            number = self._lines
 
             def noted(*arguments: Any) -> Any:
                 running.value = number
-                return function(*arguments)
+                returned = function(*arguments)
+                running.value = -number
+                return returned
 
             return noted
 
@@ -105,12 +112,23 @@ class Server:
             reply["fault"] = str(error)
         except KeyboardInterrupt:
             reply["interrupted"] = True
+        except Exception as error:
+            reply["failure"] = ("vdfmu", "step", self._box.time, _fault(error))
         messages = [*self._said, *self._box.pending]
         self._said.clear()
         self._box.pending.clear()
         reply |= {"messages": [asdict(message) for message in messages], "ended": self._box.ended}
         answer = json.dumps(reply, default=np.generic.item).encode()
         return REPLY.pack(len(answer)) + answer
+
+
+def _fault(error: Exception) -> str:
+    """Return the words for an error that no component has raised."""
+    if isinstance(error, MemoryError):
+        return "the process of the components has no more memory: memory_limit (--memory-limit) gives it more"
+    frame = traceback.extract_tb(error.__traceback__)[-1]
+    place = f"{Path(frame.filename).name}, line {frame.lineno}"
+    return f"{type(error).__name__}: {error} ({place}). This is a fault of vdfmu, not of a component; please report it"
 
 
 def serve(make: Callable[[str], Server], memory: str, most: str) -> None:

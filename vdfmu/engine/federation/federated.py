@@ -42,12 +42,12 @@ class _Federate(Isolated):
     @property
     def waits(self) -> bool:
         """Whether it has waited too long, for another and not for a component."""
-        return self._late and not self.exchange.running.value
+        return self._late and self.exchange.running.value <= 0
 
     @property
     def works(self) -> bool:
         """Whether it is in a call of a component."""
-        return bool(self.exchange.running.value)
+        return self.exchange.running.value > 0
 
     def cut(self, late: bool) -> None:
         """End the process, because of another one; `late`: of this one itself, which took too long."""
