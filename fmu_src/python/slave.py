@@ -1,13 +1,15 @@
 """A unit as a co-simulation slave: what it computes is in the installed package vdfmu."""
 
+import logging
+
 try:
     from vdfmu.fmu.python.slave import slave_class
     from vdfmu.fmu.python.wrapper import hold_globals
 except ImportError as error:
-    raise ImportError(
-        "this FMU needs the package vdfmu in the Python that imports it (pip install vdfmu): "
-        + str(error).replace("%", " percent")  # importers use the message as a format of printf
-    ) from error
+    text = f"this FMU needs the package vdfmu in the Python that imports it (pip install vdfmu): {error}"
+    # to stderr, if nobody takes it: many importers say no more than that the instantiation failed
+    logging.getLogger("vdfmu.fmu").error("%s", text)
+    raise ImportError(text.replace("%", " percent")) from error  # importers use it as a format of printf
 
 
 ModelSlave = slave_class("Model")

@@ -108,6 +108,7 @@ def test_the_refusal_reaches_a_user_who_left_fmi_logging_off(
 
 WITHOUT = """
 import ctypes, os, sys
+os.dup2(1, 2)
 
 class Blocked:
     def find_spec(self, name, path=None, target=None):
@@ -118,7 +119,7 @@ sys.meta_path.insert(0, Blocked())
 import fmpy
 for _ in range(3):
     try:
-        fmpy.simulate_fmu(sys.argv[1], stop_time=0.01, debug_logging=True)
+        fmpy.simulate_fmu(sys.argv[1], stop_time=0.01, debug_logging=sys.argv[3] == "logging")
     except Exception as error:
         print("raised:", error)
 sys.stdout.flush()
@@ -128,16 +129,18 @@ os._exit(0)  # of processes with libraries of pythonfmu that could not start, on
 
 
 @pytest.mark.parametrize("package", ["vdfmu", "casadi"])
+@pytest.mark.parametrize("logging", ["logging", "silent"])
 def test_a_python_without_the_packages_says_what_to_install(
-    folders: Mapping[str, Mapping[str, Path]], run_python: Callable[..., str], package: str
+    folders: Mapping[str, Mapping[str, Path]], run_python: Callable[..., str], package: str, logging: str
 ) -> None:
-    """Through fmpy's own logger, which passes the text to printf: a percent sign must not reach it."""
-    said = run_python(WITHOUT, folders["planar_2dof"]["plant"], package)
+    """On stderr, and by fmpy's own logger, which passes the text to printf: a percent sign must not reach it."""
+    said = run_python(WITHOUT, folders["planar_2dof"]["plant"], package, logging)
     expected = (
         "this FMU needs the package vdfmu in the Python that imports it (pip install vdfmu): "
-        f"No module named '{package}' at 100 percents"
+        f"No module named '{package}' at 100"
     )
-    assert said.count(expected) == 3
+    assert said.count(f"{expected}%s") == 3
+    assert said.count(f"{expected} percents") == (3 if logging == "logging" else 0)
     assert said.count("raised: Failed to instantiate model") == 3
 
 

@@ -18,6 +18,7 @@ from vdfmu.model import Robot
 from vdfmu.unit.interface import Interface
 from vdfmu.units import shipped_units
 
+ABOUT = {"author": "Ada", "license": "MIT"}
 GUID, TOOL = "{01234567-89ab-cdef-0123-456789abcdef}", "vdfmu 0"
 SOURCES = ("unit.c", "solver.c")
 VERSIONS = (2, 3)
@@ -26,8 +27,8 @@ VERSIONS = (2, 3)
 @cache
 def root_of(interface: Interface, version: int) -> Element:
     if version == 2:
-        return model_description(interface, GUID, TOOL, SOURCES)
-    return model_description_3(interface, GUID, TOOL)
+        return model_description(interface, GUID, TOOL, ABOUT, SOURCES)
+    return model_description_3(interface, GUID, TOOL, ABOUT)
 
 
 def read(root: Element) -> ModelDescription:
@@ -122,7 +123,7 @@ def test_capabilities_of_fmi_3(root3: Element, unit_name: str) -> None:
 
 
 def test_variables_of_fmi_2_are_those_of_the_python_fmu(interface: Interface, root2: Element) -> None:
-    python = model_description(interface, GUID, TOOL)
+    python = model_description(interface, GUID, TOOL, ABOUT)
     ours = [tostring(v) for v in root2.iterfind("ModelVariables/ScalarVariable")]
     theirs = [tostring(v) for v in python.iterfind("ModelVariables/ScalarVariable")]
     assert ours[: len(theirs)] == theirs

@@ -15,6 +15,7 @@ from typing import Any
 from vdfmu import __version__
 from vdfmu.data import data_path
 from vdfmu.errors import FmuError, VdfmuError
+from vdfmu.fmu.about import ABOUT, about
 from vdfmu.kernel.structure import SOURCES, source_digest
 from vdfmu.model import Robot, robot_from_dict
 from vdfmu.unit.base import Unit, unit_name
@@ -73,12 +74,16 @@ class Content:
     """:func:`installed_digest` there; empty: that of here."""
     tool: str = ""
     """Name and version of what made the FMU's libraries; empty: that of here."""
+    made_by: Mapping[str, str] | None = None
+    """Author, licence, copyright and version of the unit; None: see :func:`~vdfmu.fmu.about.about`."""
 
     def __post_init__(self) -> None:
         if not self.digest:
             object.__setattr__(self, "digest", installed_digest(self.backend))
         if not self.tool:
             object.__setattr__(self, "tool", _tool(self.backend))
+        if self.made_by is None:
+            object.__setattr__(self, "made_by", about(self.unit))
 
     @property
     def model_name(self) -> str:
@@ -112,6 +117,7 @@ class Content:
             "digest": self.digest,
             "functions": self.interface.functions.digest,
             "tool": self.tool,
+            "made_by": dict(self.made_by or {}),
             "start_values": {name: float(value) for name, value in sorted(self.start_values.items())},
             "robot": None if self.robot is None else self.robot.to_dict(looks=False),
         }
@@ -137,7 +143,8 @@ class Content:
                 raise FmuError(f"{file} belongs to unit {name!r}, expected that of {model_name}.")
             robot = None if data["robot"] is None else robot_from_dict(data["robot"], file)
             values, tool = dict(data["start_values"]), str(data["tool"])
-            content = Content(unit, robot, values, version=version, digest=digest, tool=tool)
+            made_by = {name: str(data["made_by"][name]) for name in ABOUT if name in data["made_by"]}
+            content = Content(unit, robot, values, version=version, digest=digest, tool=tool, made_by=made_by)
             _ = content.interface
         except FmuError:
             raise

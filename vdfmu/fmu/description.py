@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from copy import deepcopy
 from xml.etree.ElementTree import Element, SubElement, indent, tostring
 
-from vdfmu import __version__
 from vdfmu.measure import measure
 from vdfmu.unit.interface import Interface
 from vdfmu.unit.variable import Variable
@@ -41,7 +40,7 @@ def document(root: Element) -> bytes:
 
 
 def model_description(
-    interface: Interface, guid: str, tool: str, sources: Sequence[str] | None = None
+    interface: Interface, guid: str, tool: str, about: Mapping[str, str], sources: Sequence[str] | None = None
 ) -> Element:
     """Root element of the model description of FMI 2.0.
 
@@ -54,12 +53,14 @@ def model_description(
     guid : str
     tool : str
         Name and version of the generation tool.
+    about : mapping of str to str
+        Author, licence, copyright and version of the unit, as far as they are known.
     sources : sequence of str, optional
         Files of the folder ``sources`` to compile; None for a Python FMU, which has neither states nor derivatives for
         the importer.
     """
     native = sources is not None
-    root = root_element(interface, "2.0", {"guid": guid}, tool)
+    root = root_element(interface, "2.0", {"guid": guid}, tool, about)
     places = range(interface.size)
     states, derivatives = places[interface.states], places[interface.derivatives]
     common = {
@@ -110,16 +111,16 @@ def model_description(
     return root
 
 
-def root_element(interface: Interface, version: str, token: dict[str, str], tool: str) -> Element:
+def root_element(
+    interface: Interface, version: str, token: Mapping[str, str], tool: str, about: Mapping[str, str]
+) -> Element:
     """Root element; `token` is the attribute that identifies the FMU, of another name in each version."""
     attributes = {
         "fmiVersion": version,
         "modelName": interface.model_name,
         **token,
         "description": interface.description + (f" ({interface.robot.name})" if interface.robot else ""),
-        "version": __version__,
-        "author": "vdfmu contributors",
-        "license": "MIT",
+        **about,
         "generationTool": tool,
         "generationDateAndTime": _TIME_STAMP,
         "variableNamingConvention": "structured",

@@ -20,7 +20,7 @@ FMI_3_TYPES = {"Real": "Float64", "Integer": "Int32", "Boolean": "Boolean"}
 """Type of FMI 2.0 to that of FMI 3.0 and SSP 2.0."""
 
 
-def model_description_3(interface: Interface, guid: str, tool: str) -> Element:
+def model_description_3(interface: Interface, guid: str, tool: str, about: Mapping[str, str]) -> Element:
     """Root element of the model description of a native FMU.
 
     A unit with states also has model exchange. Dependencies are those between whole variables; functions of the
@@ -33,8 +33,10 @@ def model_description_3(interface: Interface, guid: str, tool: str) -> Element:
         Instantiation token.
     tool : str
         Name and version of the generation tool.
+    about : mapping of str to str
+        Author, licence, copyright and version of the unit, as far as they are known.
     """
-    root = root_element(interface, "3.0", {"instantiationToken": guid}, tool)
+    root = root_element(interface, "3.0", {"instantiationToken": guid}, tool, about)
     _add_interfaces(root, interface)
     add_units(root, interface.memory)
     add_log_and_experiment(root, "fmi3", interface)

@@ -6,6 +6,7 @@ import inspect
 from collections.abc import Sequence
 from html import escape
 
+from vdfmu.fmu.about import terms
 from vdfmu.fmu.content import Content
 from vdfmu.fmu.page import page, table
 from vdfmu.unit.interface import Array, Interface
@@ -69,7 +70,11 @@ def _robot(content: Content) -> str:
 def _files(content: Content) -> str:
     if content.backend != "native":
         return ""
-    return """<h2>Files</h2>
+    known = content.made_by or {}
+    other = (
+        "" if content.interface.functions.shipped else " The C files that all units have are of vdfmu, MIT."
+    )
+    return f"""<h2>Files</h2>
 <ul>
 <li><code>sources/</code>: all C files. <code>unit.c</code> holds tables and program of this unit,
 <code>kernel_*.c</code> its equations; the others are the same for all units.</li>
@@ -78,7 +83,7 @@ see <a href="fmi-ls-ref.txt">fmi-ls-ref.txt</a>.</li>
 <li><code>extra/vdfmu/vdfmu.json</code>: the robot, the start values and the versions that made the FMU.</li>
 </ul>
 <h2>Licence</h2>
-<p>MIT, see <a href="licenses/license.txt">licenses/license.txt</a>.</p>"""
+<p>{escape(terms(known))}{other} See <a href="licenses/license.txt">licenses/license.txt</a>.</p>"""
 
 
 def _use(content: Content) -> str:

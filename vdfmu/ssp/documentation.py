@@ -47,8 +47,8 @@ def system_page(
 {_parameters(description)}
 <h2>Connectors</h2>
 {_connectors(description)}
-<h2>Licence and origin</h2>
-<p>MIT. Made by vdfmu {__version__} from the same description as the other files of this package.</p>"""
+<h2>Origin</h2>
+<p>Made by vdfmu {__version__} from the same description as the other files of this package.</p>"""
     return page(ssd.get("name"), description.description, body, 76)
 
 

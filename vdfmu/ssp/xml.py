@@ -13,7 +13,6 @@ from vdfmu.fmu.description import number
 from vdfmu.measure import measure
 
 META = {
-    "license": "MIT",
     "generationTool": f"vdfmu {__version__}",
     "generationDateAndTime": "2026-01-01T00:00:00Z",  # a constant: the same system gives the same bytes
 }

@@ -85,6 +85,11 @@ class Unit:
     """Modules and data beside the unit's file that it loads; a Python FMU carries them."""
     made_of: ClassVar[Mapping[str, bytes] | None] = None
     """Name to content of ``unit.py`` and the files beside it, of a class that no file declares."""
+    author: ClassVar[str | None] = None
+    """Of the FMU, as `license`, `copyright` and `version` are; None: that of the project that the file belongs to."""
+    license: ClassVar[str | None] = None
+    copyright: ClassVar[str | None] = None
+    version: ClassVar[str | None] = None
     terminals: ClassVar[tuple[Terminal, ...]] = ()
     elimination: ClassVar[tuple[str, ...]] = ()
     """States in the order in which the solver eliminates them; it decides the cost, not the result."""

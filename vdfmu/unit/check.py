@@ -79,6 +79,10 @@ def _of_unit(unit: type[Unit]) -> Iterator[tuple[str, str]]:
             yield name, f"{name}: expected a minimum above 0, {start}"
     if unit.backend not in ("native", "python"):
         yield "backend", f'backend: expected "native" or "python", got {unit.backend!r}'
+    for name in ("author", "license", "copyright", "version"):
+        text = getattr(unit, name)
+        if text is not None and not (isinstance(text, str) and text):
+            yield name, f"{name}: expected a text, got {text!r}"
     for terminal in unit.terminals:
         if unknown := [group for group in terminal.groups if group not in unit.declared]:
             yield (

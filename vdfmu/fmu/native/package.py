@@ -13,6 +13,7 @@ from typing import Literal
 from vdfmu.data import PACKAGE, data_path
 from vdfmu.errors import FmuError, StorageError
 from vdfmu.files import pack_zip, read_member
+from vdfmu.fmu.about import terms
 from vdfmu.fmu.built import is_built, keep_record
 from vdfmu.fmu.content import CONTENT_FILE, Content
 from vdfmu.fmu.description import document, model_description
@@ -109,11 +110,12 @@ def _members(
     major = _MAJOR[content.fmi_version]
     c_files = [name for name in sorted(sources) if name.endswith(".c")]
     interface, guid, tool = content.interface, content.guid, f"vdfmu {content.version}, {content.tool}"
+    about = content.made_by or {}
     members = {f"sources/{name}": text for name, text in sources.items()}
     if major == 2:
-        root = model_description(interface, guid, tool, c_files)
+        root = model_description(interface, guid, tool, about, c_files)
     else:
-        root = model_description_3(interface, guid, tool)
+        root = model_description_3(interface, guid, tool, about)
         definitions = {"DISABLE_PREFIX": "1"}
         build = build_description(c_files, definitions, content.model_name)
         members["sources/buildDescription.xml"] = document(build)
@@ -122,9 +124,21 @@ def _members(
     members |= icon_files(interface, major)
     members |= documentation_files(content)
     members |= reference_files(content)
-    members["documentation/licenses/license.txt"] = (_license() + THIRD_PARTY).encode()
+    members["documentation/licenses/license.txt"] = (
+        _of_the_unit(content) + _license() + THIRD_PARTY
+    ).encode()
     members[_CONTENT] = content.to_json(platforms=list(libraries)).encode()
     return members
+
+
+def _of_the_unit(content: Content) -> str:
+    """Return the terms of a unit of a user's own, and which files are under those that follow."""
+    if content.interface.functions.shipped:
+        return ""
+    return (
+        f"The unit {content.model_name} (sources/unit.c and sources/kernel_*.c): {terms(content.made_by or {})}\n\n"
+        "All other files in sources/, and what binaries/ has of them, are of vdfmu:\n\n"
+    )
 
 
 @lru_cache
