@@ -61,6 +61,29 @@ def test_a_csv_file_has_columns_in_any_order_and_unit(robot, written):
     assert vdfmu.load_motion(path, slider).end == pytest.approx(expected)
 
 
+def test_columns_may_have_the_names_of_joints(robot, written):
+    named = dataclasses.replace(robot, joint_names=("shoulder", "elbow_joint"))
+    expected = vdfmu.load_motion(written("time,q1 [deg],q2\n0,0,0\n1,90,0.5\n", "numbers.csv"), named)
+    motion = vdfmu.load_motion(
+        written("time,elbow_joint,shoulder [deg]\n0,0,0\n1,0.5,90\n", "names.csv"), named
+    )
+    np.testing.assert_array_equal(motion.coefficients, expected.coefficients)
+    for heading, words in (
+        ("time,elbow_joint,shoulder,q1", "q1: expected one column for q1, got another one"),
+        ("time,elbow_joint,shoulder,wrist", "wrist: expected q1 to q2, or shoulder, elbow_joint, time"),
+    ):
+        with pytest.raises(ModelError, match=words):
+            vdfmu.load_motion(written(f"{heading}\n0,0,0,0\n1,1,1,1\n", "bad.csv"), named)
+    stopped = dataclasses.replace(named, limits=True).with_parameters(
+        q_min=-0.1, q_max=0.1, tau_stall=9.0, kappa_dot_max=9.0
+    )
+    with pytest.raises(ModelError) as caught:
+        vdfmu.load_motion(written("time,q1,q2\n0,0,0\n1,1,0.5\n", "far.csv"), stopped)
+    text = str(caught.value)
+    assert "joint 1 shoulder: expected" in text and "joint 2 elbow_joint: expected" in text
+    assert text.count("Choose other points.") == 1  # the way out of both
+
+
 def test_points_of_a_file_may_rest(robot, written):
     written("q1,q2,dwell [s]\n0,0,0\n1,0.5,0.5\n0,0,0.25\n", "points.csv")
     path = written('[motion]\nkind = "waypoints"\nfile = "points.csv"\nvelocity = 1\nacceleration = 5\n')
@@ -81,6 +104,13 @@ def test_points_of_a_file_may_rest(robot, written):
                 "row 4: time: expected more than the 1 s of the row before",
                 "row 1: q1: expected rad or deg, got 'mm'",
                 "row 1: q4: expected q1 to q2, time",
+            ],
+        ),
+        (
+            "time,a [mm],q1 [mm],q2 [mm],b\n0,0,0,0,0\n1,1,1,1,1\n",
+            [
+                "row 1: a, b: expected q1 to q2, time",
+                "q1, q2: expected rad or deg, got 'mm'. Convert the columns.",
             ],
         ),
         ("time,q1\n0,0\n1,1\n", ["row 1: expected a column for each joint, got none of q2"]),

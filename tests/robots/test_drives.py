@@ -79,7 +79,9 @@ def test_a_file_of_drives_comes_before_the_robots_own(urdf, tmp_path: Path) -> N
     data = robot.to_dict()["joints"]
     assert [entry["drive"]["ell"] for entry in data] == [50.0, 160.0, 50.0]
     assert [entry["drive"]["K_f0"] for entry in data] == [2e4] * 3
-    assert [entry["limits"]["kappa_dot_max"] for entry in data] == [3.0, 3.0, 0.4]
+    # 3 rad/s of the URDF is a limit up to which there is the whole torque; what a file of drives says is a line
+    assert [entry["limits"]["kappa_dot_max"] for entry in data] == [3.0 / 0.95, 3.0 / 0.95, 0.4]
+    assert [entry["limits"]["full_speed"] for entry in data] == [0.95, 0.95, 0.0]
     assert data[1]["friction"]["f_v"] == 0.3
     # Torques of a motor are those of the joint, 50 N.m, divided by the ratio.
     assert [entry["limits"]["tau_stall"] for entry in data] == [1.0, 50 / 160, 1.0]
@@ -99,7 +101,7 @@ def test_every_problem_of_a_file_of_drives_is_named(urdf, tmp_path: Path) -> Non
     assert [problem.removeprefix(f"{drives}: ") for problem in error.value.problems] == [
         'shoulder: expected a joint of the arm, or a pattern such as "*", got none. There are: a, b, c.',
         "a.engine: expected a known key, got an unknown one. "
-        "There are: gear, motor, drive, friction, limits, source.",
+        "There are: gear, motor, drive, friction, limits, link, source.",
         "a.drive.gear: expected a known key, got an unknown one. There are: "
         + ", ".join(row.key for row in section("drive")) + ".",
         "a.drive.ell: expected a finite number >= 1, got 0.5. Give the rotor angle for one unit of joint motion.",

@@ -88,8 +88,9 @@ def refused(path: Path, **options: str) -> list[str]:
         (
             ARM.replace(link("one"), link("one", "")),
             {},
-            "joint a: expected a link with mass, which it moves, got no <inertial> with a mass in one. Give one of "
-            'them its inertia, or make the joint type="fixed".',
+            "joint a: expected a link with mass, which it moves, got no <inertial> with a mass in one. Give them by "
+            "--drives: [a] link = { mass, centroid, inertia }; the mass alone, or --density, will do for a body of "
+            'boxes, cylinders and spheres. Or make the joint type="fixed".',
         ),
         (
             ARM.replace('izz="0.02"', 'izz="0.2"', 1),

@@ -9,6 +9,7 @@ import pytest
 
 import vdfmu
 from tests.robots.conftest import ARM, INERTIAL, LIMIT, differences, joint, link, pinocchio_arm
+from vdfmu.equations.limits import motor_torque
 from vdfmu.robots import import_robot
 from vdfmu.robots.tree import aligned
 
@@ -92,7 +93,16 @@ def test_limits_damping_and_friction_are_taken_over(urdf) -> None:
     found = import_robot(path)
     joints = found.robot.to_dict()["joints"]
     limits, friction = joints[0]["limits"], joints[0]["friction"]
-    assert [limits[key] for key in ("q_min", "q_max", "kappa_dot_max", "tau_stall")] == [-2.0, 1.5, 3.0, 0.5]
+    assert [limits[key] for key in ("q_min", "q_max", "tau_stall")] == [-2.0, 1.5, 0.5]
+    # effort and velocity are limits each by itself: the whole torque up to the speed
+    speed = limits["full_speed"] * limits["kappa_dot_max"]
+    assert speed == pytest.approx(3.0, rel=1e-15)
+    given = motor_torque(found.robot, np.array([9.0, 9.0]), np.array([0.999 * speed, 1.06 * speed]))
+    assert (
+        given == pytest.approx([0.5, found.robot.tau_stall[1]])
+        and motor_torque(found.robot, np.full(2, 9.0), np.full(2, 1.06 * speed))[0] == 0.0
+    )
+    assert found.robot.joint_names == ("a", "b") and found.robot.joint_labels == ["1 a", "2 b"]
     assert [friction[key] for key in ("f_v", "f_c", "f_s")] == [0.7, 0.2, 0.2]  # no Stribeck effect
     assert joints[1]["limits"]["q_max"] == 1e6  # turns without end
     assert joints[1]["friction"]["f_c"] > 0  # assumed
@@ -163,5 +173,5 @@ def test_visuals_follow_their_links(urdf, tmp_path: Path) -> None:
 def test_a_file_of_xacro_is_named(urdf) -> None:
     path = urdf("")
     path.write_text('<robot xmlns:xacro="http://x"><xacro:include filename="a"/></robot>', encoding="utf-8")
-    with pytest.raises(vdfmu.VdfmuError, match=r"Write the URDF first: xacro arm.urdf > arm.urdf"):
+    with pytest.raises(vdfmu.VdfmuError, match=r"Write the URDF first: xacro arm.urdf > arm_plain.urdf"):
         vdfmu.robot_from_urdf(path)

@@ -54,7 +54,7 @@ def identify(
     found = estimate(
         read_log(log, arm, parse_settings(column, "--column", "WHAT=NAME, such as q=q_{}")), arm, band=band
     )
-    _print(found, None if true is None else found.of(true))
+    _print(found, arm.joint_labels, None if true is None else found.of(true))
     say_notes([f"not identified, kept: {name}: {why}" for name, why in found.held.items()])
     say_notes(found.advice)
     if plot is not None:
@@ -78,7 +78,7 @@ def identify(
         say(f"{out}: {arm.name} with the identified values")
 
 
-def _print(found: Identified, true: list[float] | None) -> None:
+def _print(found: Identified, labels: list[str], true: list[float] | None) -> None:
     from rich.table import Column, Table
 
     table = Table(
@@ -112,7 +112,7 @@ def _print(found: Identified, true: list[float] | None) -> None:
         left = [float((each[:, i] ** 2).mean() ** 0.5) for each in (found.torque_error, found.torque)]
         bent = found.deformation_error
         drives.add_row(
-            str(i + 1), f"{left[0]:.3g}", f"{left[1]:.3g}",
+            labels[i], f"{left[0]:.3g}", f"{left[1]:.3g}",
             "" if bent is None else f"{float((bent[:, i] ** 2).mean() ** 0.5):.3g}",
             "" if bent is None else f"{found.stiffness[i]:.6g}",
             "" if bent is None else f"+- {1.96 * found.stiffness_deviation[i]:.2g}",

@@ -68,7 +68,9 @@ def show_model(
         for heading in ("joint", *(row.name for row in rows)):
             table.add_column(heading, overflow="fold")
         for i, kind in enumerate(robot.joint_types):
-            table.add_row(f"{i + 1} {kind}", *(_number(getattr(robot, row.name)[i]) for row in rows))
+            table.add_row(
+                f"{robot.joint_labels[i]} {kind}", *(_number(getattr(robot, row.name)[i]) for row in rows)
+            )
         console.print()
         console.print(table)
         sources: dict[str, list[str]] = {}

@@ -51,7 +51,7 @@ def motion(
     table = Table("joint", "from", "to", "speed", "acceleration", "jerk", "snap", "torque", box=None)
     for j in range(arm.n):
         row = (found.start[j], found.end[j], *found.peaks[:, j], tau[j])
-        table.add_row(str(j + 1), *(f"{round(value, 9) + 0.0:.4g}" for value in row))
+        table.add_row(arm.joint_labels[j], *(f"{round(value, 9) + 0.0:.4g}" for value in row))
     console.print(table)
     say_notes(found.notes)
     closed = ", and ends where it starts" if found.closed else ""

@@ -36,6 +36,12 @@ def import_file(
         Path | None,
         typer.Option(help="TOML file with drives, by names of joints; what it does not give is assumed."),
     ] = None,
+    density: Annotated[
+        float | None,
+        typer.Option(
+            help="kg/m3 of the boxes, cylinders and spheres of bodies to which the file gives no mass or inertia."
+        ),
+    ] = None,
     out: Annotated[
         Path | None,
         typer.Option("--out", "-o", help="Robot file to write; default FILE.toml, in this folder."),
@@ -48,7 +54,7 @@ def import_file(
     from vdfmu.robots import import_robot
 
     target = target_file(out, f"{file.stem}.toml", overwrite)
-    robot, text, notes = import_robot(file, base, tip, drives, out=target)
+    robot, text, notes = import_robot(file, base, tip, drives, density, out=target)
     write_whole(target, [text.encode()])
     say_notes(notes)
     assumed = [joint_free(key) for key, source in robot.sources.items() if source.startswith("Assumed")]
@@ -71,15 +77,17 @@ def reach(
     from rich.table import Table
 
     from vdfmu.analysis.reach import write_reach
+    from vdfmu.model import load_robot
     from vdfmu.model.toml_file import locate
 
     target = target_file(out, f"{locate(robot, 'robots').stem}_reach.toml", overwrite)
     found = write_reach(robot, target)
     table = Table("joint", "K_p", "K_v", "modulus margin", "gain margin", "phase margin deg", box=None)
+    labels = load_robot(robot).joint_labels
     for i, (K_p, K_v) in enumerate(zip(found.gains.K_p, found.gains.K_v, strict=True)):
         modulus, gain, phase = (float(margin[i]) for margin in found.margins[:3])
         table.add_row(
-            str(i + 1),
+            labels[i],
             f"{K_p:.4g}",
             f"{K_v:.4g}",
             f"{modulus:.2f}",

@@ -66,7 +66,8 @@ def read_log(path: str | os.PathLike[str], robot: Robot, columns: Mapping[str, s
         Whose number of joints and ratios count.
     columns : mapping, optional
         ``kappa``, rotors divided by ell, or ``theta``, motors; ``tau``, motor-side, or ``tau_link``, times ell; and
-        ``q``, links: to the name of a column with ``{}`` for the joint, from 1, such as ``axis{}_pos``.
+        ``q``, links: to the name of a column with ``{}`` for the joint, from 1 or by its name in the robot file, such
+        as ``axis{}_pos``, or ``{}`` alone for columns headed by the names.
 
     Raises
     ------
@@ -108,7 +109,11 @@ def _table(path: Path, robot: Robot, columns: Mapping[str, str]) -> tuple[Floats
     problems: list[str] = []
     for what, patterns in _KNOWN.items():
         chosen = [columns[what]] if what in columns else patterns
-        some = [[p.replace("{}", str(i + 1)) for i in range(robot.n)] for p in chosen]
+        joints = [
+            [str(i + 1) for i in range(robot.n)],
+            *([robot.joint_names] if all(robot.joint_names) else []),
+        ]
+        some = [[p.replace("{}", joint) for joint in each] for each in joints if each for p in chosen]
         own = next((each for each in some if all(name in values for name in each)), None)
         if own is None:
             if what in columns:

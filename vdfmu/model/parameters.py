@@ -232,7 +232,8 @@ class Parameters:
         "limits", "velocity", "no-load speed of the motor divided by ell", "", 1e9, POSITIVE, given="velocity")
     full_speed: Array = _row(
         "limits", "1", "share of the no-load speed up to which the motor has its largest torque", "", 0.99, 0.0,
-        default=0.0, fold="zeros", hint="Give 0 for a line from standstill, 0.95 for a drive that limits the speed.")
+        default=0.0, fold="zeros", given="velocity",
+        hint="Give 0 for a line from standstill, 0.95 for a drive that limits the speed.")
     K_h: Array = _row(
         "hysteresis", "stiffness", "stiffness of the hysteresis element, link-side", "", 1e12, POSITIVE,
         hint="For none give a small value such as 1e-6.")

@@ -47,6 +47,8 @@ class Robot(Parameters):
     name, description : str
         What the robot is called and what it is.
     joint_types : (n,) tuple of "revolute" or "prismatic"
+    joint_names : (n,) tuple of str
+        Names that the file of another tool has for the joints; empty for none.
     friction : "lumped" or "split"
         Arrangement of the friction: all at the rotor, or Eq. (54) on the link and Eq. (55) on the rotor.
     rotor_coupling : bool
@@ -84,11 +86,18 @@ class Robot(Parameters):
     moving_base: bool = False
     coupled_tool: bool = False
     visuals: tuple[Visual, ...] = ()
+    joint_names: tuple[str, ...] = ()
 
     @property
     def n(self) -> int:
         """Number of joints."""
         return len(self.joint_types)
+
+    @property
+    def joint_labels(self) -> list[str]:
+        """Number of each joint, from 1, and its name, if it has one: for tables."""
+        names = self.joint_names or ("",) * self.n
+        return [f"{i} {name}".rstrip() for i, name in enumerate(names, 1)]
 
     def to_dict(self, looks: bool = True) -> dict[str, Any]:
         """Return the robot in the layout of its TOML file, as plain lists, numbers and strings; `looks` with visuals.
@@ -110,7 +119,12 @@ class Robot(Parameters):
             **numbers("robot", ()),
             **({"payload": numbers("payload", ())} if self.payload else {}),
             "joints": [
-                {"type": kind, **numbers("joint", i), **{part: numbers(part, i) for part in parts}}
+                {
+                    **({"name": self.joint_names[i]} if any(self.joint_names[i : i + 1]) else {}),
+                    "type": kind,
+                    **numbers("joint", i),
+                    **{part: numbers(part, i) for part in parts},
+                }
                 for i, kind in enumerate(self.joint_types)
             ],
             "sources": dict(self.sources),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Container, Mapping
 from typing import Any, cast
 
 import numpy as np
@@ -25,7 +25,7 @@ ROBOT_KEYS = (
     "name", "description", "friction", "rotor_coupling", *ENDS, *_keys("robot"), "payload", "joints", "sources",
     "visuals",
 )  # fmt: skip
-JOINT_KEYS = ("type", *_keys("joint"), "link", "drive", "friction", *JOINT_OPTIONS, *NAMED)
+JOINT_KEYS = ("name", "type", *_keys("joint"), "link", "drive", "friction", *JOINT_OPTIONS, *NAMED)
 SOURCE_KEYS = tuple(row.path for row in PARAMETERS.values())
 
 
@@ -69,6 +69,11 @@ def robot_from_dict(data: Mapping[str, Any], where: str = "robot") -> Robot:
         joint, where_from = completed(problems, joint, f"joints[{i}]")
         of_catalogue |= where_from
         read.append(_joint(problems, joint, f"joints[{i}]"))
+    names = [joint["name"] for joint in read]
+    for i, name_of in enumerate(names, 1):
+        if name_of and names.index(name_of) < i - 1:
+            other = names.index(name_of) + 1
+            problems.add(f"joints[{i}].name", "a name of its own", f"that of joints[{other}]", "Rename one.")
     options = {option: any(joint[option] for joint in read) for option in JOINT_OPTIONS}
     for i, joint in enumerate(read, 1):
         for option in JOINT_OPTIONS:
@@ -89,6 +94,7 @@ def robot_from_dict(data: Mapping[str, Any], where: str = "robot") -> Robot:
         name=name,
         description=description,
         joint_types=tuple(cast(str, joint["type"]) for joint in read),
+        joint_names=tuple(names),
         friction=friction,
         rotor_coupling=rotor_coupling,
         sources=of_catalogue | sources,
@@ -118,7 +124,8 @@ def _joint(problems: Problems, data: object, path: str) -> dict[str, Any]:
     table = Table(problems, data, path, JOINT_KEYS)
     kind = table.text("type", choices=JOINT_TYPES)
     options = {option: option in table.data for option in JOINT_OPTIONS}
-    joint: dict[str, Any] = {"type": kind, **options} | section_numbers(table, "joint", kind)
+    name = table.label("name") if "name" in table.data else ""
+    joint: dict[str, Any] = {"name": name, "type": kind, **options} | section_numbers(table, "joint", kind)
     check_rotation(problems, f"{path}.rotation", joint["rotation"])
     parts: tuple[Section, ...] = (
         "link",
@@ -135,10 +142,12 @@ def _joint(problems: Problems, data: object, path: str) -> dict[str, Any]:
     return joint
 
 
-def section_numbers(table: Table, part: Section, joint_type: str = "revolute") -> Numbers:
-    """Read the numbers of a section: field of `Robot` to its value."""
+def section_numbers(
+    table: Table, part: Section, joint_type: str = "revolute", keys: Container[str] | None = None
+) -> Numbers:
+    """Read the numbers of a section, or some `keys` of it: field of `Robot` to its value."""
     found: Numbers = {}
-    for row in section(part):
+    for row in (row for row in section(part) if keys is None or row.key in keys):
         options = bounds(row, joint_type)
         if row.fold == "inertia":
             found[row.name] = _inertia(table, row, options)

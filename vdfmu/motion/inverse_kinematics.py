@@ -90,11 +90,12 @@ def follow(
             problems.setdefault(
                 int(j),
                 f"{place}: expected joint {j + 1} between its end stops, {robot.q_min[j]:g} and {robot.q_max[j]:g}, "
-                f"got {q[j]:.4g}. Choose another start, such as the other elbow, or a shorter path.",
+                f"got {q[j]:.4g}.",
             )
         found.append(q)
     if problems:
-        raise UsageError("\n".join(problems.values()))
+        way = "Choose another start, such as the other elbow, or a shorter path."
+        raise UsageError("\n".join(problems.values()) + f" {way}")
     return np.array(found)
 
 

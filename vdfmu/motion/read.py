@@ -5,7 +5,6 @@ from __future__ import annotations
 import inspect
 import math
 import os
-import re
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -131,9 +130,10 @@ def check_motion(motion: Motion, robot: Robot) -> None:
     if not robot.limits:
         return
     low, high = motion.extremes(0)
-    problems = [
-        f"joint {j + 1}: expected positions between its end stops, {robot.q_min[j]:g} and {robot.q_max[j]:g}, got "
-        f"{value[i, j]:.4g} at {motion.knots[i]:.4g} to {motion.knots[i + 1]:.4g} s. Choose other points."
+    labels = robot.joint_labels
+    stops = [
+        f"joint {labels[j]}: expected positions between its end stops, {robot.q_min[j]:g} and {robot.q_max[j]:g}, got "
+        f"{value[i, j]:.4g} at {motion.knots[i]:.4g} to {motion.knots[i + 1]:.4g} s."
         for j in range(robot.n)
         for value, beyond in ((low, low < robot.q_min), (high, high > robot.q_max))
         for i in np.flatnonzero(beyond[:, j])[:1]
@@ -142,13 +142,14 @@ def check_motion(motion: Motion, robot: Robot) -> None:
     q, q_dot, q_ddot = motion.at(t)[:3]
     tau = inverse_dynamics(robot, q, q_dot, q_ddot) / robot.ell + robot.I_m * q_ddot
     lacking = np.abs(tau) - np.abs(motor_torque(robot, tau, q_dot))
-    problems += [
-        f"joint {j + 1}: expected at most the torque that its motor has at this speed, got {abs(tau[i, j]):.4g} N.m, "
-        f"{lacking[i, j]:.4g} N.m more, at {t[i]:.4g} s. Give more time."
+    weak = [
+        f"joint {labels[j]}: expected at most the torque that its motor has at this speed, got {abs(tau[i, j]):.4g} "
+        f"N.m, {lacking[i, j]:.4g} N.m more, at {t[i]:.4g} s."
         for j, i in enumerate(lacking.argmax(axis=0))
         if lacking[i, j] > 1e-9 * abs(tau[i, j])
     ]
-    if problems:
+    ways = ((stops, "Choose other points."), (weak, "Give more time."))
+    if problems := ["\n".join(lines) + f" {way}" for lines, way in ways if lines]:
         raise UsageError("\n".join(problems))
 
 
@@ -174,8 +175,9 @@ def _value(table: Table, key: str) -> Any:
 def read_points(path: Path, robot: Robot, problems: Problems, known: Any) -> dict[str, Floats]:
     """Read a CSV file of positions of the joints; what is wrong is noted, with lines.
 
-    The heading names the columns in any order: ``q1`` to ``qn``, with rad or deg in brackets, or m or mm for a
-    prismatic joint, SI where no unit is given; ``time [s]`` and ``dwell [s]`` where they are `known`.
+    The heading names the columns in any order: ``q1`` to ``qn``, or the names that the robot's file has for the joints,
+    with rad or deg in brackets, or m or mm for a prismatic joint, SI where no unit is given; ``time [s]`` and
+    ``dwell [s]`` where they are `known`.
 
     Returns
     -------
@@ -187,28 +189,40 @@ def read_points(path: Path, robot: Robot, problems: Problems, known: Any) -> dic
     if columns is not None:
         names, units, values, _ = columns
         keys = {"time": "times", "dwell": "dwell"}
+        numbered = [f"q{j + 1}" for j in range(robot.n)]
+        of_names = dict(zip(robot.joint_names, numbered, strict=False))
         table: dict[str, Floats] = {}
-        for name, unit, column in zip(names, units, values.T, strict=True):
-            match = re.fullmatch(r"q([1-9]\d*)", name)
-            joint = int(match[1]) if match else 0
-            factors = _FACTORS[robot.joint_types[joint - 1]] if 0 < joint <= robot.n else {"s": 1.0}
-            if joint > robot.n or (not joint and keys.get(name) not in known):
-                also = "".join(f", {key}" for key, value in keys.items() if value in known)
-                found.append(
-                    f"{path}: row 1: {name}: expected q1 to q{robot.n}{also}. Write a heading such as {_EXAMPLE}."
-                )
-            elif unit and unit not in factors:
-                found.append(
-                    f"{path}: row 1: {name}: expected {' or '.join(factors)}, got {unit!r}. Convert the column."
-                )
-            else:
-                table[name] = column * factors.get(unit, 1.0)
-        if missing := [f"q{j + 1}" for j in range(robot.n) if f"q{j + 1}" not in names]:
+        unknown: list[str] = []
+        wrong: dict[str, list[str]] = {}
+        for heading, unit, column in zip(names, units, values.T, strict=True):
+            name = of_names.get(heading, heading)
+            factors = {"s": 1.0}
+            if name in numbered:
+                factors = _FACTORS[robot.joint_types[numbered.index(name)]]
+            elif keys.get(name) not in known:
+                unknown.append(heading)
+                continue
+            if unit and unit not in factors:
+                wrong.setdefault(f"expected {' or '.join(factors)}, got {unit!r}", []).append(heading)
+            if name in table:
+                found.append(f"{path}: row 1: {heading}: expected one column for {name}, got another one.")
+            table[name] = column * factors.get(unit, 1.0)
+        if unknown:
+            also = "".join(f", {key}" for key, value in keys.items() if value in known)
+            own = f", or {', '.join(filter(None, of_names))}" if any(of_names) else ""
+            found.append(
+                f"{path}: row 1: {', '.join(unknown)}: expected q1 to q{robot.n}{own}{also}. Write a heading such as "
+                f"{_EXAMPLE}."
+            )
+        for what, headings in wrong.items():
+            columns_are = "columns" if len(headings) > 1 else "column"
+            found.append(f"{path}: row 1: {', '.join(headings)}: {what}. Convert the {columns_are}.")
+        if missing := [name for name in numbered if name not in table]:
             found.append(
                 f"{path}: row 1: expected a column for each joint, got none of {', '.join(missing)}."
             )
         if not found:
-            points = np.column_stack([table[f"q{j + 1}"] for j in range(robot.n)])
+            points = np.column_stack([table[name] for name in numbered])
             return {"points": points} | {keys[key]: table[key] for key in keys if key in table}
     problems.lines.extend(found)
     return {}

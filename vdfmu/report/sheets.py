@@ -49,7 +49,7 @@ def tracking_sheet(summary: Summary) -> Sheet:
     paper: Summary = summary.get("paper") or {}
     n = len(summary["rms_position_error_deg"])
     columns = ["Joint"]
-    cells: list[list[str]] = [[str(i + 1) for i in range(n)]]
+    cells: list[list[str]] = [_joints(summary, n)]
     for heading, key, unit_key in _TRACKING:
         units = _units(summary, unit_key, n)
         label, values = _with_units(heading, summary[key], units)
@@ -258,6 +258,12 @@ def facts(summary: Summary) -> list[tuple[str, str]]:
 def number(value: float) -> str:
     """Return a number with three significant digits."""
     return f"{value:.3g}"
+
+
+def _joints(summary: Summary, n: int) -> list[str]:
+    """Return the number of each joint, and its name, if it has one."""
+    names: Sequence[str] = summary.get("joint_names") or [""] * n
+    return [f"{i} {name}".rstrip() for i, name in enumerate(names, 1)]
 
 
 def _units(summary: Summary, key: str, n: int) -> list[str]:

@@ -12,34 +12,12 @@ from vdfmu.model.check import check_inertia
 from vdfmu.model.parameters import read_only
 from vdfmu.model.read import Problems, nearest
 from vdfmu.model.visual import Visual
-from vdfmu.robots.tree import MOVING, Joint, Link, Placement, Tree, aligned, few
+from vdfmu.robots.inertia import Mass, joined
+from vdfmu.robots.tree import MOVING, Body, Joint, Link, Placement, Tree, aligned, few
 
 _HERE = Placement(np.eye(3), np.zeros(3))
 _MOST_TIPS = 12
 """Most tips that a message lists."""
-
-
-@dataclass(frozen=True, eq=False)
-class Body:
-    """What one joint moves, in the frame {B_i} of a robot file.
-
-    Attributes
-    ----------
-    joint : Joint
-    links : tuple of str
-        Names of the links that have mass, which are joined to one body.
-    placement : Placement
-        Of {B_i} in {B_(i-1)} at q = 0.
-    mass, centroid, inertia
-        As in a robot file.
-    """
-
-    joint: Joint
-    links: tuple[str, ...]
-    placement: Placement
-    mass: float
-    centroid: Floats
-    inertia: Floats
 
 
 @dataclass(frozen=True, eq=False)
@@ -275,36 +253,27 @@ def _body(
 ) -> Body:
     """Join links to one body, in the frame whose axes in the child's frame are the columns of R."""
     heavy = [(link, at) for link, at in carried if link.mass > 0.0 or link.inertia.any()]
-    names = ", ".join(link.name for link, _ in heavy or carried)
-    mass = sum(link.mass for link, _ in heavy)
-    if not mass:
-        tree.problems.add(
-            f"joint {joint.name}", "a link with mass, which it moves", f"no <inertial> with a mass in {names}",
-            'Give one of them its inertia, or make the joint type="fixed".',
-        )  # fmt: skip
-        return Body(joint, (), placement, mass, np.zeros(3), np.zeros((3, 3)))
-    bare = [link.name for link, _ in carried if not link.mass]
-    if bare:
-        tree.notes.append(f"joint {joint.name}: the file gives no mass to {few(bare)}.")
-    centroids = [at.p + at.R @ link.centroid for link, at in heavy]
-    center = sum((link.mass * c for (link, _), c in zip(heavy, centroids, strict=True)), np.zeros(3)) / mass
-    if len(heavy) == 1:
-        center = centroids[0]  # without rounding
-    inertia = np.zeros((3, 3))
-    for (link, at), c in zip(heavy, centroids, strict=True):
-        d = c - center
-        inertia += at.R @ link.inertia @ at.R.T + link.mass * (d @ d * np.eye(3) - np.outer(d, d))
-    wrong = Problems("")
-    for link, _ in heavy:
-        check_inertia(wrong, f"link {link.name}", link.inertia)
-    before = len(tree.problems.lines)
-    check_inertia(tree.problems, f"link {names}", inertia)
-    if len(tree.problems.lines) == before:
-        tree.notes.extend(line.removeprefix(": ") for line in wrong.lines)
-    inertia = R.T @ inertia @ R
-    return Body(
-        joint, tuple(link.name for link, _ in heavy), placement, mass, R.T @ center, (inertia + inertia.T) / 2
+    names = tuple(link.name for link, _ in heavy or carried)
+    whole = joined(
+        [
+            Mass(link.mass, at.p + at.R @ link.centroid, at.R @ link.inertia @ at.R.T)
+            for link, at in heavy or [(Link(""), _HERE)]
+        ]
     )
+    shapes = _looks(0, R, [(replace(link, visuals=link.solid), at) for link, at in carried])
+    inertia = R.T @ whole.inertia @ R
+    inertia = (inertia + inertia.T) / 2
+    if whole.mass:
+        bare = [link.name for link, _ in carried if not link.mass]
+        if bare:
+            tree.notes.append(f"joint {joint.name}: the file gives no mass to {few(bare)}.")
+        own, wrong = Problems(""), Problems("")
+        check_inertia(own, "", inertia)
+        for link, _ in heavy:
+            check_inertia(wrong, f"link {link.name}", link.inertia)
+        if not own.lines:
+            tree.notes.extend(line.removeprefix(": ") for line in wrong.lines)
+    return Body(joint, names, placement, whole.mass, R.T @ whole.centroid, inertia, tuple(shapes))
 
 
 def _looks(joint: int, R: Floats, carried: list[tuple[Link, Placement]]) -> list[Visual]:

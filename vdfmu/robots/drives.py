@@ -11,22 +11,21 @@ import numpy as np
 from vdfmu.data import data_path
 from vdfmu.measure import measure
 from vdfmu.model.catalogue import NAMED, tables_of
-from vdfmu.model.parameters import PARAMETERS, Row, Section, section
+from vdfmu.model.parameters import PARAMETERS, Section, section
 from vdfmu.model.read import Problems, Table, nearest
-from vdfmu.model.robot_file import bounds
+from vdfmu.model.robot_file import section_numbers
 from vdfmu.model.toml_file import read_toml
-from vdfmu.robots.chain import Body
-from vdfmu.robots.tree import MOVING
+from vdfmu.robots.tree import MOVING, Body, Numbers
 from vdfmu.text import matching
 
 PARTS: tuple[Section, ...] = ("drive", "friction", "limits")
+_TABLES: tuple[Section, ...] = (*PARTS, "link")
+_FULL = 0.95
+"""Share of a motor's no-load speed that a limit of the speed is, up to which the torque is the whole effort."""
 _ACCELERATION = 10.0
 """Acceleration [rad/s2, m/s2] that a joint without a given torque is assumed to be made for, beside the weight."""
 _MOTOR_SIDE = ("N.m", "rotor inertia")
 """Quantities of the table that are given link-side in a robot's file, ell times as large."""
-
-Numbers = dict[str, tuple[float, str]]
-"""Path in a robot file, such as ``joints.drive.ell``, to the number there and where it is from."""
 
 
 class Driven(NamedTuple):
@@ -38,7 +37,7 @@ class Driven(NamedTuple):
 
 
 def drive_joints(
-    bodies: Sequence[Body], file: str, drives: Path | None, problems: Problems, gravity: float
+    bodies: Sequence[Body], file: str, chosen: Sequence[Numbers], gravity: float
 ) -> list[Driven]:
     """Return the numbers of every joint; those of limits for all joints, if any joint has one that is given.
 
@@ -48,17 +47,12 @@ def drive_joints(
         From base to tip.
     file : str
         Name of the robot's file, for sources.
-    drives : Path, optional
-        TOML file: tables by the name of a joint, or a pattern with ``*``, with ``gear`` and ``motor`` of the catalogue,
-        tables of `PARTS` as in a robot file and ``source``, a text. A later one overrides an earlier one.
-    problems : Problems
+    chosen : sequence of dict
+        What a file of drives has of each, by :func:`read_drives`.
     gravity : float [m/s2]
     """
     assumed = read_toml(data_path("models") / "drives" / "assumed.toml")
-    chosen: list[Numbers] = [{} for _ in bodies]
-    if drives is not None:
-        _read_drives(drives, bodies, chosen, problems)
-    given = [_given(body, file) for body in bodies]
+    given = [_given(body, file, one) for body, one in zip(bodies, chosen, strict=True)]
     limits = {row.path for row in section("limits")}
     parts = (
         PARTS
@@ -69,7 +63,10 @@ def drive_joints(
     for i, body in enumerate(bodies):
         kind = MOVING[body.joint.kind]
         rating, rated_by = _rating(bodies[i:], file, gravity)
-        like, numbers = assumed[kind], dict[str, tuple[float, str]]()
+        like, numbers = (
+            assumed[kind],
+            {row.path: chosen[i][row.path] for row in section("link") if row.path in chosen[i]},
+        )
         source = f"Assumed: {like['source']}, for the largest torque in the comment above the joint"
         ratio = chosen[i].get(PARAMETERS["ell"].path, (like["drive"]["ell"], ""))[0]
         for row in (row for part in parts for row in section(part)):
@@ -85,9 +82,14 @@ def drive_joints(
     return found
 
 
-def _given(body: Body, file: str) -> Numbers:
-    """Return what the robot's file gives, link-side."""
+def _given(body: Body, file: str, chosen: Numbers) -> Numbers:
+    """Return what the robot's file gives, link-side.
+
+    Its limits of speed and torque are a rectangle: the whole effort up to the speed. What a file of drives has `chosen`
+    of the motor's line is taken as it is.
+    """
     joint, found = body.joint, dict[str, tuple[float, str]]()
+    top, share = (row.path for row in section("limits") if row.given == "velocity")
     stops = joint.kind != "continuous" and joint.given.get("lower", 0.0) < joint.given.get("upper", 0.0)
     for row in (row for part in PARTS for row in section(part)):
         value = joint.given.get(row.given)
@@ -96,6 +98,11 @@ def _given(body: Body, file: str) -> Numbers:
             continue
         if stops or row.given not in ("lower", "upper"):
             found[row.path] = value, f"{file}: {row.given} of the joint"
+    found.pop(share, None)
+    if top in found and top not in chosen:
+        full, (speed, source) = chosen.get(share, (_FULL, ""))[0], found[top]
+        found[share] = full, f"{source}, up to which there is the whole torque"
+        found[top] = speed / (full or 1.0), f"{source}, over {full:g}" if full else source
     return found
 
 
@@ -120,13 +127,20 @@ def _rating(outward: Sequence[Body], file: str, gravity: float) -> tuple[float, 
     return 2.0 * load, f"twice what holds the stretched arm and accelerates it by {_ACCELERATION:g} SI units"
 
 
-def _read_drives(path: Path, bodies: Sequence[Body], chosen: list[Numbers], problems: Problems) -> None:
-    """Read a file of drives into the numbers of the joints that it names."""
+def read_drives(path: Path | None, bodies: Sequence[Body], problems: Problems) -> list[Numbers]:
+    """Return the numbers that a file of drives has of each joint.
+
+    It has tables by the name of a joint, or a pattern with ``*``, with ``gear`` and ``motor`` of the catalogue, tables
+    of `PARTS` and ``link`` as in a robot file, and ``source``, a text. A later one overrides an earlier one.
+    """
+    chosen: list[Numbers] = [{} for _ in bodies]
+    if path is None:
+        return chosen
     here = Problems(str(path))
     names = [body.joint.name for body in bodies]
     named: dict[str, dict[str, Any]] = {}
     for pattern, entry in read_toml(path).items():
-        table = Table(here, entry, pattern, (*NAMED, *PARTS, "source"))
+        table = Table(here, entry, pattern, (*NAMED, *_TABLES, "source"))
         meant = set(matching(names, [pattern]))
         if not meant:
             here.add(pattern, 'a joint of the arm, or a pattern such as "*"', "none", nearest(pattern, names))
@@ -145,14 +159,14 @@ def _read_drives(path: Path, bodies: Sequence[Body], chosen: list[Numbers], prob
                             numbers[row.path] = tables[row.section][row.key]
                 numbers.update(own)
     problems.lines += dict.fromkeys(here.lines)
+    return chosen
 
 
 def _of_table(table: Table, kind: str, source: str) -> Numbers:
     """Return the numbers that a table of a file of drives has, for a type of joint."""
     found: Numbers = {}
-    for part in PARTS:
-        rows: dict[str, Row] = {row.key: row for row in section(part)}
-        inner = table.optional_table(part, tuple(rows))
-        for key in inner.data.keys() & rows.keys():
-            found[rows[key].path] = inner.number(key, **bounds(rows[key], kind)), source
+    for part in _TABLES:
+        inner = table.optional_table(part, tuple(row.key for row in section(part)))
+        for name, value in section_numbers(inner, part, kind, inner.data).items():
+            found[PARAMETERS[name].path] = value, source
     return found

@@ -4,19 +4,21 @@ from __future__ import annotations
 
 import os
 import tomllib
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from vdfmu.engine.ssp.parse import parse_xml
-from vdfmu.errors import ModelError, SspError
+from vdfmu.errors import ModelError, SspError, UsageError
 from vdfmu.model.read import Problems
 from vdfmu.model.robot import Robot
 from vdfmu.model.robot_file import robot_from_dict
 from vdfmu.model.toml_file import read_bytes
 from vdfmu.robots.chain import choose_arm
-from vdfmu.robots.drives import drive_joints
+from vdfmu.robots.drives import drive_joints, read_drives
+from vdfmu.robots.inertia import completed
 from vdfmu.robots.mjcf import read_mjcf
 from vdfmu.robots.urdf import read_urdf
 from vdfmu.robots.write import robot_text
@@ -36,7 +38,11 @@ class Imported(NamedTuple):
 
 
 def robot_from_urdf(
-    path: Path_, base: str | None = None, tip: str | None = None, drives: Path_ | None = None
+    path: Path_,
+    base: str | None = None,
+    tip: str | None = None,
+    drives: Path_ | None = None,
+    density: float | None = None,
 ) -> Robot:
     """Return an arm of a URDF, with drives from a file or assumed ones.
 
@@ -51,6 +57,8 @@ def robot_from_urdf(
         only. Joints beside the arm are held at 0.
     drives : path, optional
         TOML file with the drives, by names of joints.
+    density : float [kg/m3], optional
+        Of the boxes, cylinders and spheres of bodies without mass or inertia.
 
     Returns
     -------
@@ -61,7 +69,7 @@ def robot_from_urdf(
     ModelError
         With every problem found.
     """
-    return import_robot(path, base, tip, drives, kind="robot").robot
+    return import_robot(path, base, tip, drives, density, kind="robot").robot
 
 
 def robot_from_mjcf(
@@ -86,6 +94,7 @@ def import_robot(
     base: str | None = None,
     tip: str | None = None,
     drives: Path_ | None = None,
+    density: float | None = None,
     *,
     out: Path_ | None = None,
     kind: str = "",
@@ -94,7 +103,7 @@ def import_robot(
 
     Parameters
     ----------
-    path, base, tip, drives
+    path, base, tip, drives, density
         As of :func:`robot_from_urdf`.
     out : path, optional
         Where the robot file will be, from which it names its meshes; default the folder of `path`.
@@ -109,6 +118,8 @@ def import_robot(
         If a package is missing.
     """
     path = Path(path)
+    if density is not None and not 0.0 < density < np.inf:
+        raise UsageError(f"density: expected a number above 0 in kg/m3, got {density}.")
     root = parse_file(path)
     problems = Problems(str(path))
     if root.tag not in ("robot", "mujoco") or kind not in ("", root.tag):
@@ -124,8 +135,10 @@ def import_robot(
     problems.raise_any()
     assert arm is not None
     gravity = float(np.linalg.norm(tree.gravity))
-    driven = drive_joints(arm.bodies, path.name, None if drives is None else Path(drives), problems, gravity)
+    chosen = read_drives(None if drives is None else Path(drives), arm.bodies, problems)
+    arm = replace(arm, bodies=completed(arm.bodies, chosen, density, path.name, tree))
     problems.raise_any()
+    driven = drive_joints(arm.bodies, path.name, chosen, gravity)
     folder = Path(out).parent if out is not None else path.parent
     text = robot_text(tree.name, path.name, arm, driven, folder)
     robot = robot_from_dict(tomllib.loads(text), f"{path}: the arm to {arm.tip}")
@@ -140,8 +153,11 @@ def parse_file(path: Path) -> Any:
     except SspError as error:
         raise ModelError(error.problems) from None
     if root.nsmap.get("xacro") and next(root.iter(f"{{{root.nsmap['xacro']}}}*"), None) is not None:
+        plain = f"{path.stem.removesuffix('.urdf')}.urdf"
+        plain = (
+            f"{path.stem}_plain.urdf" if plain == path.name else plain
+        )  # the shell empties what > names first
         raise ModelError(
-            f"{path}: expected a URDF, got one with xacro's elements. Write the URDF first: "
-            f"xacro {path.name} > {path.stem.removesuffix('.urdf')}.urdf"
+            f"{path}: expected a URDF, got one with xacro's elements. Write the URDF first: xacro {path.name} > {plain}"
         )
     return root

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -42,13 +42,23 @@ class Placement(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Link:
-    """A rigid link: centroid (3,) [m] and inertia (3, 3) [kg.m2] about it, both in the link's frame."""
+    """A rigid link: centroid (3,) [m] and inertia (3, 3) [kg.m2] about it, both in the link's frame.
+
+    `collisions` are shapes of one that has no inertia.
+    """
 
     name: str
     mass: float = 0.0
     centroid: Floats = field(default_factory=lambda: np.zeros(3))
     inertia: Floats = field(default_factory=lambda: np.zeros((3, 3)))
     visuals: tuple[Visual, ...] = ()
+    collisions: tuple[Visual, ...] = ()
+
+    @property
+    def solid(self) -> tuple[Visual, ...]:
+        """The shapes to take for the link's own: those of collisions, if they have no mesh, which are the simpler."""
+        meshes = [shape for shape in self.collisions if shape.shape == "mesh"]
+        return self.visuals if meshes or not self.collisions else self.collisions
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,6 +88,36 @@ class Joint:
     axis: Floats
     given: Mapping[str, float] = field(default_factory=dict[str, float])
     follows: str = ""
+
+
+Numbers = dict[str, tuple[Any, str]]
+"""Path in a robot file, such as ``joints.drive.ell``, to the number or array there and where it is from."""
+
+
+@dataclass(frozen=True, eq=False)
+class Body:
+    """What one joint moves, in the frame {B_i} of a robot file.
+
+    Attributes
+    ----------
+    joint : Joint
+    links : tuple of str
+        Names of the links that have mass, which are joined to one body; of all where none has.
+    placement : Placement
+        Of {B_i} in {B_(i-1)} at q = 0.
+    mass, centroid, inertia
+        As in a robot file; 0 where the robot's file has none.
+    shapes : tuple of Visual
+        Of its links, for a body without inertia.
+    """
+
+    joint: Joint
+    links: tuple[str, ...]
+    placement: Placement
+    mass: float
+    centroid: Floats
+    inertia: Floats
+    shapes: tuple[Visual, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)

@@ -116,7 +116,7 @@ class _Reader:
         visuals = tuple(v for e in element.findall("visual") for v in self.visual(what, e, materials))
         inertial = element.find("inertial")
         if inertial is None:
-            return Link(name, visuals=visuals)
+            return Link(name, visuals=visuals, collisions=self.collisions(what, element))
         frame = self.placement(inertial, what)
         mass, matrix = inertial.find("mass"), inertial.find("inertia")
         value = None if mass is None else self.numbers(mass, "value", 1, f"{what}: mass")
@@ -139,10 +139,15 @@ class _Reader:
             frame.p,
             frame.R @ inertia @ frame.R.T,
             visuals,
+            () if inertia.any() else self.collisions(what, element),
         )
 
+    def collisions(self, what: str, element: Any) -> tuple[Visual, ...]:
+        """Return the shapes of every <collision>."""
+        return tuple(v for e in element.findall("collision") for v in self.visual(what, e, {}))
+
     def visual(self, what: str, element: Any, materials: Mapping[str, Any]) -> Iterator[Visual]:
-        """Yield the shape of a <visual>, if it has one that a robot file has too."""
+        """Yield the shape of a <visual> or <collision>, if it has one that a robot file has too."""
         geometry = element.find("geometry")
         shape = None if geometry is None else next(iter(geometry), None)
         sizes = {"mesh": ("scale", 3), "box": ("size", 3), "sphere": ("radius", 1), "cylinder": ("radius", 1)}
@@ -163,7 +168,7 @@ class _Reader:
             material = materials.get(material.get("name"))
         color = None if material is None else material.find("color")
         rgba = None if color is None else self.numbers(color, "rgba", 4, f"{what}: color")
-        frame = self.placement(element, f"{what}: visual")
+        frame = self.placement(element, f"{what}: {element.tag}")
         yield Visual(
             joint=0,
             shape=shape.tag,
@@ -171,7 +176,9 @@ class _Reader:
             rotation=frame.R,
             offset=frame.p,
             color=read_only(np.clip(_GREY if rgba is None else rgba, 0.0, 1.0)),
-            file=self.mesh(shape.get("filename", "")) if shape.tag == "mesh" else "",
+            file=self.mesh(shape.get("filename", ""))
+            if (shape.tag, element.tag) == ("mesh", "visual")
+            else "",
         )
 
     def mesh(self, name: str) -> str:

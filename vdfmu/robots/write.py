@@ -12,9 +12,9 @@ import numpy as np
 
 from vdfmu.model.parameters import PARAMETERS, Section, section
 from vdfmu.model.visual import Visual
-from vdfmu.robots.chain import Arm, Body
+from vdfmu.robots.chain import Arm
 from vdfmu.robots.drives import PARTS, Driven
-from vdfmu.robots.tree import MOVING, few
+from vdfmu.robots.tree import MOVING, Body, few
 
 _HEAD = """\
 # {file}, from {base} to {tip}, as a robot file of vdfmu.
@@ -51,6 +51,7 @@ def robot_text(name: str, file: str, arm: Arm, driven: Sequence[Driven], folder:
     lines += [f"{row.key} = {toml_value(whole[row.given])}" for row in section("robot") if row.given in whole]
     for i, (body, drive) in enumerate(zip(arm.bodies, driven, strict=True), 1):
         lines += ["", f"# Joint {i}: {_about(body, drive)}", "[[joints]]"]
+        lines.append(f"name = {toml_value(body.joint.name)}")
         lines.append(f"type = {toml_value(MOVING[body.joint.kind])}")
         lines += _entries("joint", {"rotation": body.placement.R, "offset": body.placement.p})
         lines += ["", "[joints.link]"]

@@ -7,6 +7,7 @@ import numpy as np
 from vdfmu.engine.algorithms import count_steps
 from vdfmu.errors import UsageError
 from vdfmu.measure import WIDE_ANGLE
+from vdfmu.model.parameters import PARAMETERS
 from vdfmu.model.read import Problems
 from vdfmu.scenario.parts import tables_of, units_of
 from vdfmu.scenario.scenario import Scenario
@@ -41,7 +42,8 @@ def model_notes(scenario: Scenario) -> list[str]:
     if robot.limits:
         for name in ("q_min", "q_max"):
             pairs = enumerate(zip(robot.joint_types, getattr(robot, name), strict=True), start=1)
-            angles |= {f"{name}[{i}]": q for i, (joint, q) in pairs if joint == "revolute"}
+            none = PARAMETERS[name].largest  # as the importers write for a joint without end stops
+            angles |= {f"{name}[{i}]": q for i, (joint, q) in pairs if joint == "revolute" and abs(q) < none}
     wide = (f"{name} = {q:g} rad looks like degrees: {np.radians(q):.4g} rad." for name, q in angles.items()
             if abs(q) > WIDE_ANGLE)  # fmt: skip
     notes += [

@@ -71,6 +71,7 @@ def tracking_errors(results: Results, robot: Robot) -> dict[str, Any]:
         largest = np.maximum(largest, np.max(np.abs(error), axis=0))
     rms_error, rms_compensation = np.sqrt(squares / len(results)).tolist()
     return {
+        **({"joint_names": list(robot.joint_names)} if any(robot.joint_names) else {}),
         "position_units": ["deg" if r else "mm" for r in revolute],
         "torque_units": [unit_of("torque", t) for t in robot.joint_types],
         "rms_position_error_deg": rms_error,
