@@ -152,6 +152,8 @@ FMI016 | The times of the default experiment make sense | correct the value
 FMI017 | There is a library for this platform, under the model identifier | build the FMU for it
 FMI018 | A library is one of its platform and processor | build the FMU for it
 FMI019 note | An FMU has co-simulation | export it for co-simulation
+FMI020 | A nominal value is a finite number other than 0 | state the size of the values
+FMI021 | The manifest of a layered standard states its name and version | add what is missing
 OSP001 | The file is an `OspSystemStructure` of version 0.1, of elements and attributes of that | correct it
 OSP002 | Numbers and the algorithm are those that libcosim takes | correct the value
 OSP003 | Simulators have names of their own, and FMUs beside the file | rename one, or add the FMU
@@ -164,6 +166,7 @@ RUN003 | Reference results can be read, and the unit gives them | correct the ta
 RUN004 note | All reference results are compared | see why not
 RUN005 note | All signals are finite | do not read or record it
 RUN006 note | The file is run | mend its problems; leave out `--no-run`
+RUN009 | Inputs can be set, and the calls that an FMU declares work | mend the call, or do not declare it
 RUN008 note | An FMU is of FMI 2.0 or 3.0, which the master runs | export it for one of them
 RUN007 | The master can step the system | another master, or another FMU
 SRC001 | A robot, a scenario, a system or a unit is one that its reader takes | change what the text names

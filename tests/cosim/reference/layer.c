@@ -293,6 +293,10 @@ fmi3Instance fmi3InstantiateCoSimulation(fmi3String name, fmi3String token, fmi3
                                          fmi3LogMessageCallback log, fmi3IntermediateUpdateCallback update)
 {
     (void)name, (void)token, (void)visible, (void)logs, (void)early, (void)r, (void)n, (void)log;
+#ifdef REFUSES_EVENT_MODE
+    if (events)
+        return log(environment, fmi3Error, "logEvents", "Event mode is not supported."), NULL;
+#endif
     Instance *I = make(place, environment, events, false);
     I->update = update;
     return I;

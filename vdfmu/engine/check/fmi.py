@@ -1,11 +1,14 @@
-"""Rules of FMI that fmpy does not know: ranges, aliases, source files, terminals."""
+"""Rules of FMI that fmpy does not know: ranges, nominal values, aliases, source files, terminals, manifests."""
 
 from __future__ import annotations
 
+import math
 import posixpath
 from collections.abc import Collection, Mapping
 from typing import Any
 from urllib.parse import unquote
+
+from lxml.etree import QName  # pyright: ignore[reportAttributeAccessIssue]  # lxml ships no stubs
 
 from vdfmu.engine.check.description import DESCRIPTION, schema_faults, variables_of
 from vdfmu.engine.check.findings import Findings
@@ -33,10 +36,31 @@ def variable_faults(root: Any) -> list[str]:
         )
         declared = types.get(value.get("declaredType"))
         faults += [found("FMI009", f"{where}: {fault}", place) for fault in _range_faults(value, declared)]
+        faults += [found("FMI020", f"{where}: {fault}", place) for fault in _nominal_fault(value, declared)]
         if version == "2" and item.get("causality") == "input" and item.get("initial") is not None:
             text = f"initial is {item.get('initial')!r}; FMI 2.0 allows none where causality is 'input'"
             faults.append(found("FMI010", f"{where}: {text}", place))
     return faults + (_alias_faults(root, types) if version == "2" else [])
+
+
+def _nominal_fault(value: Any, declared: Any) -> list[str]:
+    """Return what is wrong with the nominal value, by which importers scale tolerances; it may be that of the type."""
+    text = value.get("nominal") or (declared.get("nominal") if declared is not None else None)
+    if text is None or _number(text) is None or (math.isfinite(float(text)) and float(text)):
+        return []
+    return [f"nominal is {text}; expected a finite number other than 0"]
+
+
+def manifest_faults(name: str, root: Any) -> list[str]:
+    """Return what the manifest of a layered standard does not state."""
+    missing = [
+        key
+        for key in ("fmi-ls-name", "fmi-ls-version")
+        if not any(QName(each).localname == key and text for each, text in root.attrib.items())
+    ]
+    if not missing:
+        return []
+    return [found("FMI021", f"{name}: lacks {', '.join(missing)}", (name, root.sourceline or 0))]
 
 
 def _range_faults(value: Any, declared: Any) -> list[str]:

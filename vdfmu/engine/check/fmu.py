@@ -14,7 +14,14 @@ import fmpy
 from vdfmu.engine.check.binary import ENDINGS, architecture_fault, library_fault
 from vdfmu.engine.check.description import DESCRIPTION, description_faults
 from vdfmu.engine.check.findings import Findings
-from vdfmu.engine.check.fmi import BUILD, TERMINALS, build_faults, terminal_faults, variable_faults
+from vdfmu.engine.check.fmi import (
+    BUILD,
+    TERMINALS,
+    build_faults,
+    manifest_faults,
+    terminal_faults,
+    variable_faults,
+)
 from vdfmu.engine.rules import found, reworded
 from vdfmu.engine.ssp.archive import Archive
 from vdfmu.engine.ssp.parse import parse_xml
@@ -129,6 +136,9 @@ def _rules(unit: _Unit) -> tuple[Findings, Any]:
     ours = variable_faults(root)
     if TERMINALS in unit.roots:
         ours += terminal_faults(unit.roots[TERMINALS], root)
+    for name, other in unit.roots.items():
+        if name.endswith("/fmi-ls-manifest.xml"):
+            ours += manifest_faults(name, other)
     build = build_faults(root, unit.roots.get(BUILD), unit.names)
     problems, description = description_faults(root)
     if description is None:  # faults against the schema come alone

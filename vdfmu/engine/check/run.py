@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import json
+import os
 import signal
 import subprocess
 import sys
@@ -17,6 +18,7 @@ import fmpy
 import numpy as np
 import numpy.typing as npt
 
+from vdfmu.engine.check.abilities import try_abilities
 from vdfmu.engine.check.findings import Findings
 from vdfmu.engine.check.reference import compare, refuse_negative
 from vdfmu.engine.rules import Finding, found
@@ -89,23 +91,25 @@ def run_apart(
             )
         except OSError as error:
             return Findings([found("RUN001", f"{task} could not be tried: {error}")])
-        if code is None:
-            phase = Path(folder, _PHASE)
-            what = phase.read_text(encoding="utf-8") if phase.is_file() else "the start of the process"
-            return Findings([found("RUN002", f"{what} did not end within {SECONDS:g} s")], ran=True)
+        noted = Path(folder, _PHASE)
+        phase = noted.read_text(encoding="utf-8") if noted.is_file() else "the start of the process"
         answer = Path(folder, _ANSWER)
         answered = False
         try:
             if answer.stat().st_size > _ANSWER_LIMIT:
                 raise ValueError(f"they have more than {_ANSWER_LIMIT} bytes")
-            findings.add(_decoded(json.loads(answer.read_text(encoding="utf-8"))))
-            answered = True
+            values = json.loads(answer.read_text(encoding="utf-8"))
+            findings.add(_decoded(values))
+            answered = bool(values["whole"])
         except FileNotFoundError:
             pass
         except (ValueError, TypeError, KeyError) as error:  # cut off, or written by the unit
             text = f"the findings of {task} cannot be read: {error}"
             findings.problems.append(found("RUN002", text))
             answered = True
+    if code is None:
+        findings.problems.append(found("RUN002", f"{phase} did not end within {SECONDS:g} s"))
+        return findings
     last = words.strip().splitlines()[-1:]
     if code and last == [_FULL_NOTICE]:
         raise StorageError(
@@ -114,16 +118,16 @@ def run_apart(
         )
     if code:
         how = f"signal {-code}" if code < 0 else f"exit code {code}"
-        text = f"the process crashed ({how}) in {task}{''.join(f': {s}' for s in last)}"
+        text = f"the process crashed ({how}) in {phase}{''.join(f': {s}' for s in last)}"
         findings.problems.append(found("RUN002", text))
     elif not answered:
-        text = f"the unit ended the process in {task}"
+        text = f"the unit ended the process in {phase}"
         findings.problems.append(found("RUN002", text))
     return findings
 
 
-def _encoded(findings: Findings) -> dict[str, Any]:
-    """Return findings as JSON holds them: rules by their numbers."""
+def _encoded(findings: Findings, whole: bool) -> dict[str, Any]:
+    """Return findings as JSON holds them: rules by their numbers, and whether more would have followed."""
     pairs = {
         key: [
             (text.rule.number, text, text.file, text.line)
@@ -133,7 +137,7 @@ def _encoded(findings: Findings) -> dict[str, Any]:
         ]
         for key, texts in (("problems", findings.problems), ("notes", findings.notes))
     }
-    return {**pairs, "compared": findings.compared, "ran": findings.ran}
+    return {**pairs, "compared": findings.compared, "ran": findings.ran, "whole": whole}
 
 
 def _decoded(values: Any) -> Findings:
@@ -168,8 +172,8 @@ def _contained(module: str, *arguments: str) -> tuple[int | None, str]:
     return code, listener.finish()
 
 
-def _run_unit(path: Path, phase: Callable[[str], None]) -> Findings:
-    """Make ten steps of an FMU, then compare with the reference results that it carries."""
+def _run_unit(path: Path, phase: Callable[..., None]) -> Findings:
+    """Make ten steps of an FMU, compare with the reference results that it carries, try what else it declares."""
     messages: list[str] = []
 
     def logger(*given: Any) -> None:
@@ -216,6 +220,9 @@ def _run_unit(path: Path, phase: Callable[[str], None]) -> Findings:
         phase("the comparison with the reference results")
         findings = compare(path)
     findings.notes += _not_finite(results)
+    if not str(description.fmiVersion).startswith("1"):
+        phase("the calls that it declares", findings)
+        findings.add(try_abilities(path, start, step))
     return findings
 
 
@@ -261,8 +268,17 @@ def _run_system(path: Path, deadline: float) -> Findings:
     return Findings()
 
 
+def _open(stream: Any) -> bool:
+    """Whether the file of a stream of the process is open still."""
+    try:
+        os.fstat(stream.fileno())
+    except OSError:
+        return False
+    return True
+
+
 def serve(
-    check: Callable[[str, Path, float, Callable[[str], None]], Findings],
+    check: Callable[[str, Path, float, Callable[..., None]], Findings],
     kind: str,
     path: str,
     deadline: str,
@@ -280,8 +296,14 @@ def serve(
     """  # fmt: skip
     tempfile.tempdir = folder  # what a crash leaves there goes with the folder
 
-    def phase(what: str) -> None:
+    def phase(what: str, findings: Findings | None = None) -> None:
+        """Say what is done next, and what was found before."""
+        if findings is not None:
+            answer(findings, whole=False)
         Path(folder, _PHASE).write_text(what, encoding="utf-8")
+
+    def answer(findings: Findings, whole: bool) -> None:
+        Path(folder, _ANSWER).write_text(json.dumps(_encoded(findings, whole)), encoding="utf-8")
 
     try:
         for what, size in (("AS", MEMORY), ("FSIZE", FILE_SIZE), ("CORE", 0)):
@@ -289,14 +311,17 @@ def serve(
         phase(task)
         with package_limit(int(unpacked)):
             findings = check(kind, Path(path), float(deadline), phase)
-        Path(folder, _ANSWER).write_text(json.dumps(_encoded(findings)), encoding="utf-8")
+        if not _open(sys.__stderr__):
+            text = "the unit closed files of the process that are not its own"
+            findings.problems.append(found("RUN002", text))
+        answer(findings, whole=True)
     except OSError as error:
         if error.errno not in _FULL:
             raise
         sys.exit(_FULL_NOTICE)
 
 
-def _check(kind: str, path: Path, deadline: float, phase: Callable[[str], None]) -> Findings:
+def _check(kind: str, path: Path, deadline: float, phase: Callable[..., None]) -> Findings:
     return _run_system(path, deadline) if kind == "SSP" else _run_unit(path, phase)
 
 

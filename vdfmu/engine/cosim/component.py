@@ -7,7 +7,7 @@ import math
 import threading
 from collections.abc import Callable, Sequence
 from contextlib import nullcontext
-from ctypes import CDLL, c_double, c_int, c_size_t, c_uint, c_void_p
+from ctypes import CDLL, byref, c_double, c_int, c_size_t, c_uint, c_void_p
 from pathlib import Path
 from typing import Any
 
@@ -201,6 +201,25 @@ class Slave:
         if self.in_event:
             self.call("EnterContinuousTimeMode" if self.integrator else "EnterStepMode")
             self.in_event = False
+
+    # ------------------------------------------------------------------ FMU state
+
+    def saved_state(self) -> c_void_p:
+        """Return a copy of the FMU state, to be freed with `free_state`."""
+        state = c_void_p()
+        self.call(f"Get{self.state_name}", byref(state))
+        return state
+
+    def restore_state(self, state: c_void_p) -> None:
+        """Take the instance back to a saved state."""
+        self.call(f"Set{self.state_name}", state)
+        self.stage = "initialized"
+        self.box.ended.pop(self.name, None)
+
+    def free_state(self, state: c_void_p) -> None:
+        """Free a saved state."""
+        if not self.dead:
+            self.call(f"Free{self.state_name}", byref(state))
 
     # ------------------------------------------------------------------ values
 

@@ -69,7 +69,21 @@ class Components:
                 slave.event_mode = description.event_mode and sampled
                 slave.updates = description.updates_inputs and self.checked.algorithm in CONTINUOUS
             with InterruptGuard():  # of which units written in Python would make an error
-                slave.instantiate()
+                self._instantiate(slave)
+
+    def _instantiate(self, slave: Slave) -> None:
+        """Create an instance; without event mode where it declares that and refuses it."""
+        try:
+            slave.instantiate()
+        except CosimError as error:
+            clocked = any(v.clock is not None for v in slave.description.variables.values())
+            if clocked or not isinstance(slave, Slave3) or not slave.event_mode:
+                raise
+            self.box.pending.clear()
+            slave.event_mode = False
+            slave.instantiate()
+            text = f"{slave.name}: declares event mode (hasEventMode) and refuses it, runs without: {error.reason}"
+            self.box.pending.append(LogMessage("", self.box.time, "note", "", text))
 
     def initialize(
         self, begin: float, end: float, tolerance: float | None, convergence: float = CONVERGENCE

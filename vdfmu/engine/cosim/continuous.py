@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from ctypes import byref, c_void_p
+from ctypes import c_void_p
 from typing import Any
 
 import numpy as np
@@ -348,19 +348,16 @@ class ContinuousStepper:
 
     def _save(self, slave: Slave) -> None:
         self._free(slave)
-        state = self._states[slave.name] = c_void_p()
-        slave.call(f"Get{slave.state_name}", byref(state))
+        self._states[slave.name] = slave.saved_state()
 
     def _restore(self, units: list[Unit]) -> None:
         for unit in units:
-            unit.slave.call(f"Set{unit.slave.state_name}", self._states[unit.slave.name])
-            unit.slave.stage = "initialized"
-            self.box.ended.pop(unit.slave.name, None)
+            unit.slave.restore_state(self._states[unit.slave.name])
 
     def _free(self, slave: Slave) -> None:
         state = self._states.pop(slave.name, None)
-        if state is not None and not slave.dead:
-            slave.call(f"Free{slave.state_name}", byref(state))
+        if state is not None:
+            slave.free_state(state)
 
     def close(self) -> None:
         """Free the saved states."""

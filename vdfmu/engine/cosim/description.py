@@ -43,6 +43,8 @@ class Description:
     """Of the arrays."""
     saves_state: bool = False
     """Whether its state can be saved and restored, so that a step can be repeated."""
+    serializes_state: bool = False
+    """Whether its saved state can be written to bytes."""
     interpolates_inputs: bool = False
     """Whether it takes derivatives of its real inputs, and lets them run linearly over a step."""
     updates_inputs: bool = False
@@ -189,6 +191,7 @@ def _describe(model: ModelDescription, root: Any, source: str, exchange: bool) -
         initial_dependencies=_unknowns(model.initialUnknowns),
         version=str(model.fmiVersion),
         saves_state=bool(part.canGetAndSetFMUstate),
+        serializes_state=_declared(root, exchange, "canSerializeFMUstate", "canSerializeFMUState"),
         varies_steps=exchange or bool(part.canHandleVariableCommunicationStepSize),
         interpolates_inputs=exchange or bool(part.canInterpolateInputs),
         updates_inputs=not exchange
@@ -199,10 +202,8 @@ def _describe(model: ModelDescription, root: Any, source: str, exchange: bool) -
             if type_of(v.tag) == "Real" and (v.get("causality"), v.get("variability")) in _CONTINUOUS_INPUT
         ),
         derives_outputs=not exchange and part.maxOutputDerivativeOrder > 0,
-        derives_unknowns=any(
-            each.get(f"providesDirectionalDerivative{s}") in _TRUE
-            for each in root.iterfind("ModelExchange" if exchange else "CoSimulation")
-            for s in ("", "s")  # of FMI 2.0; of FMI 3.0, which FMPy does not read
+        derives_unknowns=_declared(
+            root, exchange, "providesDirectionalDerivative", "providesDirectionalDerivatives"
         ),
         states=tuple(
             (v.derivative.valueReference, v.valueReference, math.prod(v.shape or ()))
@@ -213,6 +214,12 @@ def _describe(model: ModelDescription, root: Any, source: str, exchange: bool) -
         exchange=exchange,
         sizes=(model.numberOfContinuousStates, model.numberOfEventIndicators),
     )
+
+
+def _declared(root: Any, exchange: bool, *flags: str) -> bool:
+    """Whether an FMU declares an ability, by its name in FMI 2.0 or in FMI 3.0; FMPy reads few of those."""
+    parts = root.iterfind("ModelExchange" if exchange else "CoSimulation")
+    return any(part.get(flag) in _TRUE for part in parts for flag in flags)
 
 
 def _unknowns(unknowns: Iterable[Any]) -> dict[str, frozenset[str] | None]:
