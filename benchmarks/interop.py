@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import platform
 import re
 import shutil
 import subprocess
 import sys
 import tempfile
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
@@ -42,6 +43,7 @@ PACKAGES = importers.PACKAGES | {
 }
 """Tool to the Python packages that install it."""
 
+PAGE = Path(__file__).resolve().parents[1] / "docs" / "importers.md"
 SSP_OF_FMI = {"2.0": "1.0", "3.0": "2.0"}
 UNITS = tuple(load_scenario("tracking").system.parts)
 EXACT_STEP = 2.0**-10
@@ -359,6 +361,23 @@ _EXAMINERS: Mapping[str, Callable[[Tracking, Case], Seen]] = {
 }
 
 
+def write_page(rows: Sequence[Sequence[Any]], versions: str) -> None:
+    """Write the rows, and the versions they are of, into the page of the documentation."""
+
+    def cell(value: Any) -> str:
+        return "-" if value is None else f"{value:.1e}" if isinstance(value, float) else str(value)
+
+    begin, rule, end = "| tool | form |", "| --- |", "\n\nOn Linux"
+    page = PAGE.read_text(encoding="utf-8")
+    head = page.index(begin)
+    first = page.index("\n", page.index(rule, head)) + 1
+    last = page.index(end, first)
+    after = page.index("\n", last + len(end))
+    lines = "\n".join(f"| {' | '.join(map(cell, row))} |" for row in rows)
+    system = f"On {platform.system()}, {platform.machine()}, with {versions.removeprefix('Versions: ')}"
+    PAGE.write_text(f"{page[:first]}{lines}\n\n{system}{page[after:]}", encoding="utf-8")
+
+
 def run(report: Report, quick: bool = False) -> None:
     """Examine all cases whose tool is installed, and tabulate."""
     absent = {tool: text for tool in PACKAGES if (text := missing(tool))}
@@ -388,4 +407,7 @@ def run(report: Report, quick: bool = False) -> None:
         ) + ".",
     ]  # fmt: skip
     report.show(table)
+    if not quick and not absent:
+        write_page(table.rows, str(table.notes[-1]))
+        report.say(f"written to {PAGE.name}")
     report.facts |= {"absent": list(absent), "rows": table.rows, "allowed_rad": allowed}
