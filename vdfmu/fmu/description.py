@@ -19,6 +19,9 @@ LOG_CATEGORIES = {
     "logStatusFatal": "Log messages with fmi2Fatal status.",
     "logAll": "Log all messages.",
 }
+SAMPLED = "org.vdfmu.sampled"
+"""Annotation that names the parameter with the time between samples: the discrete outputs are states that are sampled
+by the inputs at the begin of a communication step, and a directional derivative of them is that of the next sample."""
 _TIME_STAMP = "2026-01-01T00:00:00Z"  # fixed, so that the same sources give the same FMU
 
 
@@ -89,6 +92,8 @@ def model_description(
     shown = interface.memory[: interface.time] if native else interface.variables
     add_units(root, shown)
     add_log_and_experiment(root, "fmi2", interface)
+    if interface.is_sampled:
+        add_sampled(SubElement(SubElement(root, "VendorAnnotations"), "Tool", {"name": SAMPLED}))
     variables = SubElement(root, "ModelVariables")
     for reference, variable in enumerate(shown):
         _add_variable(variables, variable, reference)
@@ -142,15 +147,23 @@ def add_units(root: Element, variables: Iterable[Variable]) -> None:
 def add_log_and_experiment(root: Element, fmi: str, interface: Interface) -> None:
     """Add the log categories and the default experiment; `fmi` is the prefix of status names.
 
-    A unit with a solver names the tolerance of its parameter: importers take one of their own where there is none.
+    A unit with a solver names the tolerance of its parameter: importers take one of their own where there is none. The
+    step of one with sampled states is their period.
     """
     categories = SubElement(root, "LogCategories")
     for name, description in LOG_CATEGORIES.items():
         text = description.replace("fmi2", fmi)
         SubElement(categories, "Category", {"name": name, "description": text})
     experiment = SubElement(root, "DefaultExperiment", DEFAULT_EXPERIMENT)
+    if interface.is_sampled:
+        experiment.set("stepSize", start_text(interface.find("period")))
     if "tolerance" in interface.groups:
         experiment.set("tolerance", start_text(interface.find("tolerance")))
+
+
+def add_sampled(annotation: Element) -> None:
+    """Say of a unit with sampled states what `SAMPLED` means."""
+    SubElement(annotation, "Sampled", {"xmlns": f"urn:{SAMPLED}", "period": "period"})
 
 
 def value_attributes(variable: Variable) -> dict[str, str]:

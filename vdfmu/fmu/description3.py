@@ -6,7 +6,9 @@ from collections.abc import Callable, Mapping, Sequence
 from xml.etree.ElementTree import Element, SubElement
 
 from vdfmu.fmu.description import (
+    SAMPLED,
     add_log_and_experiment,
+    add_sampled,
     add_units,
     boolean,
     initial,
@@ -44,6 +46,8 @@ def model_description_3(interface: Interface, guid: str, tool: str, about: Mappi
     for array in interface.arrays:
         _add_variable(variables, interface, array)
     _add_structure(root, interface)
+    if interface.is_sampled:
+        add_sampled(SubElement(SubElement(root, "Annotations"), "Annotation", {"type": SAMPLED}))
     return root
 
 

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from vdfmu.arrays import Floats
-from vdfmu.errors import VdfmuError
+from vdfmu.errors import UsageError, VdfmuError
 from vdfmu.interrupt import InterruptGuard
 from vdfmu.study.wired import Action, Carry, Clock, Evaluate, Places, Run, System
 from vdfmu.unit.motion import samples
@@ -194,13 +194,17 @@ class Continuous:
     def __init__(self, system: System) -> None:
         self._system = system
         moving = [Evaluate(name, "derivatives") for name, unit in system.units.items() if unit.x.size]
-        sampled = [name for name, unit in system.units.items() if unit.interface.is_sampled]
+        try:
+            order = system.order()
+        except UsageError:  # there is no sampled reference
+            order = list(system.units)
+        sampled = [name for name in order if system.units[name].interface.is_sampled]
         self._updates = {name: f"update_{i}" for i, name in enumerate(sampled)}
         self.lists: dict[str, list[Action]] = {
             "inputs": system.evaluate,
             "outputs": [*system.evaluate, *(Evaluate(name, "outputs") for name in system.units)],
             "rate": [*system.evaluate, *moving, Carry(system.x_dot, system.solver_x_dot)],
-            **{key: [Evaluate(name, "update")] for name, key in self._updates.items()},
+            **{key: [Evaluate(name, "update"), *system.evaluate] for name, key in self._updates.items()},
         }
 
     def solve(self, t: Floats, run: Mapping[str, Run]) -> Iterator[None]:
@@ -216,8 +220,9 @@ class Continuous:
         for begin, end, sampled in self._parts(float(t[-1])):
             system.feed(begin, held=True)
             self._calculate(run["inputs"], begin, x)
-            for name in sampled:
-                run[self._updates[name]](begin)
+            for name in self._updates:
+                if name in sampled:
+                    run[self._updates[name]](begin)
             stop = len(t) if end == t[-1] else int(np.searchsorted(t, end + _CLOSE * (end - begin)))
             while begin < end:
                 points = t[k : min(k + _STRETCH, stop)]

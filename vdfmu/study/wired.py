@@ -108,7 +108,7 @@ class System:
         }
         self.starting = self._passes(Interface.start_dependencies, list(self._outputs()), " at the start")
         moving = self._passes(
-            Interface.step_dependencies,
+            Interface.held_dependencies,
             [node for node in dict.fromkeys(self._source.values()) if not self._is_state(*node)],
         )
         self.clocks = self._places((name, interface.time) for name, interface in interfaces.items())

@@ -143,9 +143,32 @@ class State(Declared):
 
 
 class Sampled(State):
-    """A state that ``update`` sets every ``period``, a parameter of the unit [s]; it is held in between."""
+    """A state that ``update`` sets every ``period``, a parameter of the unit [s]; it is held in between.
+
+    Its value is that of the time from the sample on, so the unit is stepped before those that read it. One that is
+    `delayed` reaches them at the next communication point: that breaks a loop of sampled units.
+
+    Parameters as of :class:`Declared`, and
+
+    delayed : bool
+    """
 
     variability = "discrete"
+
+    def __init__(
+        self,
+        unit: str | Sequence[str] = "1",
+        shape: Axis | tuple[Axis, ...] = (),
+        text: str | Sequence[str] = "",
+        *,
+        start: Any = 0.0,
+        minimum: float | None = None,
+        maximum: float | None = None,
+        when: str | None = None,
+        delayed: bool = False,
+    ) -> None:
+        super().__init__(unit, shape, text, start=start, minimum=minimum, maximum=maximum, when=when)
+        self.delayed = delayed
 
 
 class Derivative(Declared):

@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from vdfmu.unit.base import Unit
+from vdfmu.unit.declaration import Sampled
 from vdfmu.unit.program import Call
 
 if TYPE_CHECKING:
@@ -23,35 +24,46 @@ Pattern = npt.NDArray[np.bool_]
 """(N, N): row `i` marks the positions on which position `i` depends."""
 
 
-def patterns(interface: Interface) -> tuple[Pattern, Pattern]:
+def patterns(interface: Interface) -> tuple[Pattern, Pattern, Pattern]:
     """Return the patterns over the whole memory of a unit: variables, derivatives of the states, time.
 
     Returns
     -------
     step : (N, N)
-        What outputs and derivatives depend on after initialization: inputs, continuous states and time. Such a state
-        depends on itself.
+        What outputs and derivatives depend on after initialization: inputs, continuous states and time. A continuous
+        state depends on itself, a sampled one on all that its unit reads for a sample, unless it is delayed.
     start : (N, N)
         What they depend on during initialization: inputs, parameters and time.
+    between : (N, N)
+        What they depend on from one sample to the next, while sampled states are held.
 
     A unit that cannot be traced may depend on everything, but for states that start at parameters.
     """
     if interface.unit.backend == "python":
-        step = np.ones((interface.size, interface.size), dtype=bool)
+        between = np.ones((interface.size, interface.size), dtype=bool)
         states = np.array([v.variability == "discrete" for v in interface.memory])
         states[interface.states] = True
-        step[states] = np.eye(interface.size, dtype=bool)[states]
-        start = np.ones_like(step)
+        between[states] = np.eye(interface.size, dtype=bool)[states]
+        start = np.ones_like(between)
         if interface.unit.start is Unit.start:  # which reads parameters
             start[states] = [v.causality == "parameter" for v in interface.memory]
-        return _known(interface, step, start)
-    program = interface.program
-    moving = (*program.outputs, *program.derivatives)
-    step, start = _after(interface, moving), _after(interface, (*program.start, *moving))
-    return _known(interface, step, start)
+        read = np.ones(interface.size, dtype=bool)
+    else:
+        program = interface.program
+        moving = (*program.outputs, *program.derivatives)
+        between, start = _after(interface, moving), _after(interface, (*program.start, *moving))
+        read = _after(interface, program.update)[interface.sampled].any(axis=0)
+    step = between.copy()
+    outputs = [i for i, v in enumerate(interface.memory) if v.causality == "output"]
+    for name, declared in interface.unit.declared.items():
+        if isinstance(declared, Sampled) and not declared.delayed and name in interface.groups:
+            step[outputs] |= between[outputs, interface.groups[name]].any(axis=1, keepdims=True) & read
+    return _known(interface, step, start, between)
 
 
-def _known(interface: Interface, step: Pattern, start: Pattern) -> tuple[Pattern, Pattern]:
+def _known(
+    interface: Interface, step: Pattern, start: Pattern, between: Pattern
+) -> tuple[Pattern, Pattern, Pattern]:
     """Return the patterns without the rows of what is given, and the columns of what is not known then.
 
     Sampled states are no knowns of FMI.
@@ -62,10 +74,11 @@ def _known(interface: Interface, step: Pattern, start: Pattern) -> tuple[Pattern
     time = causality == "independent"
     inputs, given = causality == "input", np.isin(causality, ("input", "parameter"))
     calculated = np.isin(causality, ("output", "local"))
-    for found, known in ((step, inputs | of_state | time), (start, given | time)):
+    moving = inputs | of_state | time
+    for found, known in ((step, moving), (start, given | time), (between, moving)):
         found[~calculated] = False
         found[:, ~known] = False
-    return step, start
+    return step, start, between
 
 
 def _after(interface: Interface, calls: Sequence[Call]) -> Pattern:

@@ -187,9 +187,15 @@ class Interface:
         return self.states.stop > self.states.start
 
     @cached_property
+    def sampled(self) -> slice:
+        """Positions of the sampled states, which follow the continuous ones."""
+        found = [i for i, v in enumerate(self) if v.variability == "discrete"]
+        return slice(found[0], found[-1] + 1) if found else slice(0, 0)
+
+    @property
     def is_sampled(self) -> bool:
         """Whether the unit has sampled states."""
-        return any(v.variability == "discrete" for v in self)
+        return self.sampled.stop > 0
 
     @property
     def size(self) -> int:
@@ -251,16 +257,20 @@ class Interface:
     def step_dependencies(self, position: int) -> list[int]:
         """Positions on which an output or derivative depends after initialization: inputs, states, time.
 
-        A state depends on itself.
+        A continuous state depends on itself, a sampled one on what its unit reads for a sample, unless it is delayed.
         """
         return np.flatnonzero(self._patterns[0][position]).tolist()
+
+    def held_dependencies(self, position: int) -> list[int]:
+        """As :meth:`step_dependencies`, while sampled states are held."""
+        return np.flatnonzero(self._patterns[2][position]).tolist()
 
     def start_dependencies(self, position: int) -> list[int]:
         """Positions on which it depends during initialization: inputs, parameters, time."""
         return np.flatnonzero(self._patterns[1][position]).tolist()
 
     @cached_property
-    def _patterns(self) -> tuple[np.ndarray, np.ndarray]:
+    def _patterns(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         return patterns(self)
 
     # ---------------------------------------------------------------- arrays of FMI 3

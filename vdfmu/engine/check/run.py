@@ -252,19 +252,21 @@ def _run_system(path: Path, deadline: float) -> Findings:
     start = experiment.start or 0.0
     steps = [component.step for component in system.components if component.step is not None]
     step = experiment.step or min(steps, default=1e-3)
-    if experiment.stop is not None and not steps:
-        step = min(step, (experiment.stop - start) / STEPS)
+    count = STEPS
+    if experiment.stop is not None and not steps:  # fewer steps, not shorter ones: periods of samples fit the step
+        step = min(step, experiment.stop - start)
+        count = min(STEPS, int((experiment.stop - start) / step + 1e-6))
     try:
         with listening(signal.SIGTERM):  # the time limit, or Ctrl-C: the components are in another session
             simulate(
-                system, start=start, stop=start + STEPS * step, step=step, algorithm=master_of(system),
+                system, start=start, stop=start + count * step, step=step, algorithm=master_of(system),
                 ignore_unmatched=True, log=lambda message: None, isolate=True,
                 time_limit=max(1.0, round(deadline - monotonic(), 1)),
             )  # fmt: skip
     except (VdfmuError, OSError) as error:
         if isinstance(error, OSError) and error.errno in _FULL:
             raise
-        return Findings([found("RUN001", f"{STEPS} steps of {step:g} s failed: {error}")])
+        return Findings([found("RUN001", f"{count} steps of {step:g} s failed: {error}")])
     return Findings()
 
 

@@ -26,6 +26,7 @@ from vdfmu.engine.cosim.check import check_system
 from vdfmu.engine.cosim.checked import Checked
 from vdfmu.engine.cosim.description import Description
 from vdfmu.engine.cosim.link import Link
+from vdfmu.engine.cosim.multirate import with_steps
 from vdfmu.engine.cosim.schedule import cycles, topological
 from vdfmu.engine.cosim.variables import Value
 from vdfmu.engine.ssp.archive import Archive
@@ -73,6 +74,7 @@ def write_container(
         raise UsageError(
             f"{', '.join(slow)}: has a step of its own; a container FMU steps all together. Remove the annotation."
         )
+    with_steps(checked, step)
     changing = [str(link) for link in checked.links if not link.conversion.trivial]
     if changing:
         raise UsageError(f"{changing[0]}: a container FMU passes values on unchanged; remove the conversion.")

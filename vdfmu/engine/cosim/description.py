@@ -20,6 +20,7 @@ from vdfmu.errors import SspError
 
 KINDS = ("CoSimulation", "ModelExchange", "ScheduledExecution")
 _TRUE = {"true", "1"}
+_SAMPLED = ".//{urn:org.vdfmu.sampled}Sampled[@period]"
 _CONTINUOUS_INPUT = {("input", None), ("input", "continuous")}
 
 
@@ -63,6 +64,14 @@ class Description:
     """Whether it is for model exchange: the master integrates it."""
     sizes: tuple[int, int] = (0, 0)
     """Numbers of continuous states and of event indicators."""
+    period: str = ""
+    """Parameter with the time between samples of its discrete outputs, as an annotation of this project names it: they
+    are states that change by the inputs at the begin of a step. Directional derivatives give the next sample's."""
+
+    @property
+    def sampled(self) -> list[Variable]:
+        """The sampled states, of an FMU that names their period."""
+        return [v for v in self.named("output") if self.period and v.variability == "discrete"]
 
     @property
     def names(self) -> list[str]:
@@ -213,6 +222,7 @@ def _describe(model: ModelDescription, root: Any, source: str, exchange: bool) -
         event_mode=not exchange and bool(part.hasEventMode),
         exchange=exchange,
         sizes=(model.numberOfContinuousStates, model.numberOfEventIndicators),
+        period=next((e.get("period", "") for e in root.iterfind(_SAMPLED)), ""),
     )
 
 

@@ -1,7 +1,8 @@
-"""Components with steps of their own: whole multiples of the communication step."""
+"""Components with steps of their own, whole multiples of the communication step, and the periods of sampled states."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
@@ -10,6 +11,7 @@ from vdfmu.engine.cosim.access import Call
 from vdfmu.engine.cosim.checked import Checked
 from vdfmu.engine.cosim.component import Slave
 from vdfmu.engine.cosim.exchange import Exchange, SampledStepper, largest_step
+from vdfmu.engine.cosim.link import Link
 from vdfmu.errors import UsageError
 
 
@@ -19,7 +21,8 @@ def with_steps(checked: Checked, step: float) -> Checked:
     Raises
     ------
     UsageError
-        Steps that are no whole multiples of `step`, or that the algorithm cannot make.
+        Steps that are no whole multiples of `step`, or that the algorithm cannot make; periods of sampled states that
+        are no whole multiples of their component's step.
     """
     multiples: dict[str, int] = {}
     problems: list[str] = []
@@ -56,9 +59,45 @@ def with_steps(checked: Checked, step: float) -> Checked:
                 f"{name}: has a step of its own, passes inputs on within it, and {'.'.join(late[0].start)}, which is "
                 "read, is a state; gauss-seidel cannot pass on both at their times; use jacobi, or split the unit"
             )
+    notes: list[str] = []
+    for name, period in _periods(checked).items():
+        if wrong := [k for k in checked.links if k.end == (name, checked.descriptions[name].period)]:
+            problems.append(f"{wrong[0]}: expected a value for the time between samples, not a connection")
+        fed = [k for k in checked.links if k.stepped and k.end[0] == name]
+        own = step * multiples.get(name, 1)
+        if fed and abs(period / own - max(1, round(period / own))) > 1e-9 * period / own:
+            problems.append(
+                f"{name}: samples every {period:g} s, expected a whole multiple of its step {own:g} s: between "
+                f"communication points it would read inputs of an earlier time. Take a step that divides the period, "
+                f"such as {period / math.ceil(period / own - 1e-9):g} s (step, --step), or another period (--set "
+                f"{name}.{checked.descriptions[name].period}={own * max(1, round(period / own)):g})"
+            )
+        late = {k.start[1] for k in checked.links if _is_late(checked, k, name)}
+        if late and checked.algorithm not in CONTINUOUS:
+            groups = ", ".join(dict.fromkeys(output.split("[")[0] for output in late))
+            notes.append(
+                f"{name}: samples every {period:g} s; what {groups} says of a sample acts a communication step later, "
+                f"after {own:g} s"
+            )
     if problems:
         raise UsageError("\n".join(problems))
-    return replace(checked, multiples=multiples if slow else {})
+    return replace(checked, multiples=multiples if slow else {}, notes=(*checked.notes, *sorted(notes)))
+
+
+def _periods(checked: Checked) -> dict[str, float]:
+    """Return the times between samples [s] of the components that have sampled states and name their period."""
+    found: dict[str, float] = {}
+    for name, each in checked.descriptions.items():
+        if each.period in each.variables:
+            given = {v.name: value for v, value in checked.starts.get(name, ())}
+            found[name] = float(given.get(each.period, each.variables[each.period].start))
+    return found
+
+
+def _is_late(checked: Checked, link: Link, name: str) -> bool:
+    """Whether a link brings samples of a component to another one a step late."""
+    sampled = link.source.variability == "discrete" or link.start in checked.schedule.direct
+    return link.stepped and link.start[0] == name and sampled and link.end not in checked.schedule.fresh
 
 
 def _feeding(checked: Checked) -> set[str]:
