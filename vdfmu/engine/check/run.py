@@ -253,7 +253,8 @@ def _run_system(path: Path, deadline: float) -> Findings:
     steps = [component.step for component in system.components if component.step is not None]
     step = experiment.step or min(steps, default=1e-3)
     count = STEPS
-    if experiment.stop is not None and not steps:  # fewer steps, not shorter ones: periods of samples fit the step
+    if experiment.stop is not None and not steps:
+        # fewer steps, not shorter ones: periods of samples fit the step
         step = min(step, experiment.stop - start)
         count = min(STEPS, int((experiment.stop - start) / step + 1e-6))
     try:
