@@ -12,9 +12,11 @@ from vdfmu import run
 from vdfmu.analysis.gains import GROWTH, arm_gains, joint_gains
 from vdfmu.analysis.margins import ArmLoops
 from vdfmu.analysis.reach import reach_scenario, write_reach
+from vdfmu.errors import UsageError
 from vdfmu.model import load_robot, robot_names
 from vdfmu.robots import import_robot
 from vdfmu.scenario import load_scenario
+from vdfmu.scenario.check import model_notes
 
 STEP = 1e-3
 
@@ -88,6 +90,14 @@ def test_gains_follow_the_step() -> None:
     assert (slow.K_p < fast.K_p).all()
 
 
+def test_gains_that_miss_their_margin_are_refused() -> None:
+    """No gains have more than the 1 of none at all."""
+    with pytest.raises(
+        UsageError, match=r"joint 1: expected gains with a modulus margin of 1.1, got 0.9.* smaller"
+    ):
+        arm_gains(load_robot("planar_2dof"), np.zeros((1, 2)), 1e-3, margin=1.1)
+
+
 @pytest.fixture
 def arm(tmp_path: Path) -> Path:
     """Return the path of an imported arm."""
@@ -115,6 +125,10 @@ def test_motors_that_are_too_weak_are_said(arm: Path, tmp_path: Path) -> None:
     arm.write_text(text.replace("tau_stall = 0.5\n", "tau_stall = 0.01\n"), encoding="utf-8")
     (note,) = write_reach(arm, tmp_path / "reach.toml").notes
     assert note.startswith("the motors are too weak")
+    assert "The motors are too weak" in (tmp_path / "reach.toml").read_text(encoding="utf-8")
+    # what is run without being written says so too
+    scenario = reach_scenario(load_robot(arm))
+    assert scenario.notes == (note,) and note in model_notes(scenario)
 
 
 @pytest.mark.slow

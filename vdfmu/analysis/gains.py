@@ -22,6 +22,7 @@ from vdfmu.arrays import Floats
 from vdfmu.dynamics import mass_matrix
 from vdfmu.engine.space import Linear
 from vdfmu.equations.harmonic_drive import deformation_derivative
+from vdfmu.errors import UsageError
 from vdfmu.model import Robot
 
 GROWTH = 2.0
@@ -42,7 +43,7 @@ class Gains(NamedTuple):
 
 
 def joint_gains(
-    J: float, K: float, inertias: Floats, step: float, margin: float = 0.5
+    J: float, K: float, inertias: Floats, step: float, margin: float = 0.5, name: str = "the joint"
 ) -> tuple[float, float, float]:
     """Gains of one joint, K_p and K_v, and its modulus margin.
 
@@ -57,6 +58,13 @@ def joint_gains(
     step : float [s]
     margin : float
         Required modulus margin.
+    name : str
+        What messages call the joint.
+
+    Raises
+    ------
+    UsageError
+        If the smallest gains that are tried miss the margin.
     """
     tries = np.geomspace(inertias.min(), inertias.max(), _INERTIAS)
     N = _FIRST
@@ -70,8 +78,13 @@ def joint_gains(
             least = min(least, *(float(loop.margins(delay=delay).modulus[0]) for delay in (0, 1)))
             if least < margin:
                 break
-        if least >= margin or N < _LAST:
+        if least >= margin:
             return K_p, K_v, least
+        if N < _LAST:
+            raise UsageError(
+                f"{name}: expected gains with a modulus margin of {margin:g}, got {least:.3g} with the smallest, K_p = "
+                f"{K_p:.3g} and K_v = {K_v:.3g}. Give a smaller step or margin, or check the joint's drive and inertia."
+            )
         N *= _FALL
 
 
@@ -88,6 +101,11 @@ def arm_gains(robot: Robot, q: npt.ArrayLike, step: float, margin: float = 0.5) 
         Communication step.
     margin : float
         Required modulus margin of each joint by itself.
+
+    Raises
+    ------
+    UsageError
+        For a joint that misses it.
     """
     M = mass_matrix(robot, np.atleast_2d(np.asarray(q, dtype=float)))
     held = np.diagonal(M, axis1=1, axis2=2)
@@ -95,7 +113,10 @@ def arm_gains(robot: Robot, q: npt.ArrayLike, step: float, margin: float = 0.5) 
     seen: Floats = np.concatenate([held, free]).astype(float)
     J = robot.I_m * robot.ell
     K = 1.0 / np.asarray(deformation_derivative(robot, np.zeros(robot.n)), dtype=float)
-    each = [joint_gains(float(J[i]), float(K[i]), seen[:, i], step, margin) for i in range(robot.n)]
+    each = [
+        joint_gains(float(J[i]), float(K[i]), seen[:, i], step, margin, f"joint {robot.joint_labels[i]}")
+        for i in range(robot.n)
+    ]
     return Gains(*np.array(each).T)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -35,10 +36,12 @@ _TIMES = (1.0, 2.0, 4.0, 8.0, 16.0)
 _RESERVE = 0.7
 """Share of what a motor can give that the motion takes at most."""
 _POINTS = 21
+_STRONG = f"It takes at most {100 * _RESERVE:g} % of what the motors can give."
+_WEAK = "the motors are too weak to move or to hold the arm: see their torques"
 
 _TEXT = """\
 # A first motion of {robot}, written by vdfmu robot reach.
-# SI units, angles in rad. It keeps clear of end stops, and takes at most {reserve:g} % of what the motors can give.
+# SI units, angles in rad. It keeps clear of end stops. {motors}
 
 name = {name}
 description = {description}
@@ -102,8 +105,8 @@ def reach_scenario(robot: Robot | str | os.PathLike[str] | None = None) -> Scena
         )
     with temporary_folder("vdfmu_") as folder:
         path = Path(folder) / f"{name}_reach.toml"
-        _write(robot, name, name, path)
-        return load_scenario(path, robot)
+        _, notes = _write(robot, name, name, path)
+        return replace(load_scenario(path, robot), notes=tuple(notes))
 
 
 def _write(arm: Robot, name: str, written: str, path: Path) -> tuple[Gains, list[str]]:
@@ -112,7 +115,8 @@ def _write(arm: Robot, name: str, written: str, path: Path) -> tuple[Gains, list
     gains = arm_gains(arm, np.linspace(start, end, _POINTS), _STEP)
     text = _TEXT.format(
         robot=name, name=json.dumps(path.stem), written=json.dumps(written), stop=T + 0.5, step=_STEP, T=T,
-        start=_list(start), end=_list(end), K_p=_list(gains.K_p), K_v=_list(gains.K_v), reserve=100 * _RESERVE,
+        start=_list(start), end=_list(end), K_p=_list(gains.K_p), K_v=_list(gains.K_v),
+        motors="; ".join(notes).capitalize() + "." if notes else _STRONG,
         margins=", ".join(f"{m:.2f}" for m in gains.modulus), description=json.dumps(f"A first motion of {name}"),
     )  # fmt: skip
     write_whole(path, [text.encode()])
@@ -131,12 +135,7 @@ def _motion(robot: Robot) -> tuple[Floats, Floats, float, list[str]]:
     end = np.round(start + step, 3)
     T = next((T for T in _TIMES if _within(robot, start, end, T)), None)
     if T is None:
-        return (
-            start,
-            end,
-            _TIMES[-1],
-            ["the motors are too weak to move or to hold the arm: see their torques"],
-        )
+        return start, end, _TIMES[-1], [_WEAK]
     return start, end, T, []
 
 

@@ -15,9 +15,9 @@ from vdfmu.scenario.values import section_values
 
 
 def model_notes(scenario: Scenario) -> list[str]:
-    """Return what of a robot and its motion looks like a wrong sign or unit of measurement, though it may be meant."""
+    """Return the notes of a scenario, and what of it looks like a wrong sign or unit, though it may be meant."""
     robot = scenario.robot
-    notes: list[str] = []
+    notes = list(scenario.notes)
     size = float(np.abs(robot.gravity).max())
     if size > _STRONG_GRAVITY:
         notes.append(f"gravity of {size:g} m/s2 looks like another unit: 9.81 m/s2 on Earth.")

@@ -55,6 +55,8 @@ class Scenario:
         Signals for inputs that nothing is connected to; see :func:`vdfmu.engine.cosim.simulate`.
     input_hold : bool, optional
         Whether they hold until the next row.
+    notes : tuple of str
+        What whoever made the scenario has to say of it.
     """
 
     name: str
@@ -74,6 +76,7 @@ class Scenario:
     inputs: Any = None
     input_hold: bool = False
     payload_known: bool = True
+    notes: tuple[str, ...] = ()
 
     @property
     def plant_robot(self) -> Robot:
