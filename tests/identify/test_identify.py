@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pytest
 import scipy.io
@@ -215,6 +217,20 @@ def test_a_parquet_file_of_a_run_is_read_like_its_csv(run, clean, robot, tmp_pat
 def write(path, t, columns, names):
     np.savetxt(path, np.column_stack([t, *columns]), delimiter=",", header=f"time,{names}", comments="")
     return path
+
+
+def test_columns_of_a_log_may_have_the_names_of_joints(tmp_path, robot):
+    named = dataclasses.replace(robot, joint_names=("lift", "elbow"))
+    t = 0.001 * np.arange(600)
+    y = [np.sin(k * t) for k in (1, 2, 3, 4)]
+    plain = read_log(write(tmp_path / "a.csv", t, y, "kappa[1],kappa[2],tau[1],tau[2]"), named)
+    for names, columns in (
+        ("kappa[lift],kappa[elbow],tau[lift],tau[elbow]", None),
+        ("lift,elbow,lift_effort,elbow_effort", {"kappa": "{}", "tau": "{}_effort"}),
+    ):
+        log = read_log(write(tmp_path / "b.csv", t, y, names), named, columns)
+        np.testing.assert_array_equal(log.kappa, plain.kappa)
+        np.testing.assert_array_equal(log.tau, plain.tau)
 
 
 def test_wrong_logs_are_named(tmp_path, robot, clean):

@@ -7,7 +7,7 @@ import pytest
 
 import vdfmu
 from vdfmu.cli.commands import app
-from vdfmu.errors import ModelError
+from vdfmu.errors import ModelError, UsageError
 from vdfmu.motion.read import KINDS, check_motion
 from vdfmu.scenario.schema import scenario_schema
 
@@ -236,6 +236,17 @@ def test_the_command_prints_and_draws_a_motion(written, tmp_path, capsys):
     assert (tmp_path / "a.png").read_bytes().startswith(b"\x89PNG")
     with pytest.raises(vdfmu.VdfmuError, match="expected a robot"):
         app(["motion", str(written("q1\n0\n", "a.csv"))], standalone_mode=False)
+
+
+def test_the_command_takes_names_of_scenarios(capsys):
+    with pytest.raises(
+        ModelError, match="motion: expected a table, got a scenario without one.*'vdfmu run two_joint'"
+    ):
+        app(["motion", "two_joint"], standalone_mode=False)
+    with pytest.raises(UsageError, match="no scenario 'two_join'.* Did you mean \"two_joint\"?"):
+        app(["motion", "two_join"], standalone_mode=False)
+    with pytest.raises(UsageError, match="no robot 'ur5'.* Did you mean \"ur5e_6dof\"?"):
+        app(["motion", "two_joint", "--robot", "ur5"], standalone_mode=False)
 
 
 def test_a_file_in_degrees_under_rad_is_noted(robot, written):

@@ -13,7 +13,7 @@ from vdfmu.cli.terminal import console, say, say_notes
 
 def motion(
     file: Annotated[
-        Path, typer.Argument(help="Scenario or TOML file with a table motion, or CSV file of samples.")
+        str, typer.Argument(help="Scenario or TOML file with a table motion, or CSV file of samples.")
     ],
     robot: Annotated[
         str | None,
@@ -34,17 +34,18 @@ def motion(
     from vdfmu.motion import load_motion
 
     place: str | Path | None = robot
+    path = Path(file) if file.lower().endswith(".csv") else locate(file, "scenarios")
     if (
         robot is None
-        and file.suffix.lower() == ".toml"
-        and isinstance(named := read_toml(file).get("robot"), str)
+        and path.suffix.lower() == ".toml"
+        and isinstance(named := read_toml(path).get("robot"), str)
     ):
-        place = locate(named, "robots", file.parent)
+        place = locate(named, "robots", path.parent)
     if place is None:
         raise UsageError(f"{file}: expected a robot, named in the file or by --robot.")
     target = None if out is None else target_file(out, out.name, overwrite)
     arm = load_robot(place)
-    found = load_motion(file, arm)
+    found = load_motion(path, arm)
     t = np.linspace(0.0, found.duration, 1001)
     q = found.at(t)
     tau = np.abs(inverse_dynamics(arm, q[0], q[1], q[2])).max(axis=0)
@@ -60,5 +61,5 @@ def motion(
         from vdfmu.report.motion import draw_motion
         from vdfmu.style import save
 
-        save(draw_motion(f"Motion: {file.stem}, {arm.name}", arm, t, q), target)
+        save(draw_motion(f"Motion: {path.stem}, {arm.name}", arm, t, q), target)
         say(f"Written to {target}")

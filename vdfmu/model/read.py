@@ -80,7 +80,8 @@ _LONGEST_TEXT = 4000
 
 def nearest(name: str, known: Sequence[str]) -> str:
     """Return the way out for a wrong name: the nearest known one, and all of them."""
-    match = difflib.get_close_matches(name.lower(), [k.lower() for k in known], n=1, cutoff=0.6)
+    begun = [k.lower() for k in known if len(name) > 1 and k.lower().startswith(name.lower())]
+    match = begun or difflib.get_close_matches(name.lower(), [k.lower() for k in known], n=1, cutoff=0.6)
     hint = next((f'Did you mean "{k}"? ' for k in known if match and k.lower() == match[0]), "")
     return f"{hint}There are: {', '.join(known)}."
 

@@ -66,6 +66,12 @@ def load_motion(path: str | os.PathLike[str], robot: Robot) -> Motion:
         data: Any = {"kind": "samples", "file": path.name}
     else:
         data = read_toml(path)
+        if "motion" not in data and "stop" in data:
+            problems.add(
+                "motion", "a table", "a scenario without one",
+                f"It goes along (57), which 'vdfmu run {path.stem}' shows; or add the table.",
+            )  # fmt: skip
+            problems.raise_any()
         data = data.get("motion", data)
     motion = read_motion(problems, data, robot, path.parent)
     problems.raise_any()
