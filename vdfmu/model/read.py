@@ -80,8 +80,9 @@ _LONGEST_TEXT = 4000
 
 def nearest(name: str, known: Sequence[str]) -> str:
     """Return the way out for a wrong name: the nearest known one, and all of them."""
-    begun = [k.lower() for k in known if len(name) > 1 and k.lower().startswith(name.lower())]
-    match = begun or difflib.get_close_matches(name.lower(), [k.lower() for k in known], n=1, cutoff=0.6)
+    lower = [k.lower() for k in known]
+    match = difflib.get_close_matches(name.lower(), lower, n=1, cutoff=0.6)
+    match = match or [k for k in lower if len(name) > 1 and k.startswith(name.lower())]
     hint = next((f'Did you mean "{k}"? ' for k in known if match and k.lower() == match[0]), "")
     return f"{hint}There are: {', '.join(known)}."
 

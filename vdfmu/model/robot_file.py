@@ -25,7 +25,7 @@ ROBOT_KEYS = (
     "name", "description", "friction", "rotor_coupling", *ENDS, *_keys("robot"), "payload", "joints", "sources",
     "visuals",
 )  # fmt: skip
-JOINT_KEYS = ("name", "type", *_keys("joint"), "link", "drive", "friction", *JOINT_OPTIONS, *NAMED)
+JOINT_KEYS = ("type", *_keys("joint"), "link", "drive", "friction", *JOINT_OPTIONS, *NAMED, "name")
 SOURCE_KEYS = tuple(row.path for row in PARAMETERS.values())
 
 
