@@ -36,10 +36,19 @@ def system_values(scenario: Scenario, settings: Mapping[str, Any] | None = None)
     UsageError
         As :func:`override`, and for positions beyond the robot's end stops.
     """
+    tables = tables_of(scenario.system, scenario.robot)
+    values = given_values(scenario, settings)
+    values = {name: {**followed(tables[name], each), **each} for name, each in values.items()}
+    _check(tables, values, scenario.robot)
+    return values
+
+
+def given_values(scenario: Scenario, settings: Mapping[str, Any] | None = None) -> dict[str, Values]:
+    """Return the values of :func:`system_values` without parameters that follow from others; nothing is checked."""
     system, tables = scenario.system, tables_of(scenario.system, scenario.robot)
     written = _set_all(system, tables, _sections(system, tables, scenario.sections))
     changed = _set_all(system, tables, settings or {})
-    values = {
+    return {
         name: {v.name: v.start for v in table if isinstance(table, Interface) and is_free(system, name, v)}
         | {v.name: scenario.tolerance for v in table if v.name == "tolerance" and v.causality == "parameter"}
         | robot_parameters(name, table, scenario)
@@ -47,8 +56,11 @@ def system_values(scenario: Scenario, settings: Mapping[str, Any] | None = None)
         | changed.get(name, {})
         for name, table in tables.items()
     }
-    _check(tables, values, scenario.robot)
-    return values
+
+
+def followed(table: Variables, values: Values) -> Values:
+    """Return the values of a component's parameters that follow from others, without those in `values`."""
+    return table.followed(values) if isinstance(table, Interface) else {}
 
 
 def section_values(
@@ -295,7 +307,8 @@ def _check(tables: Mapping[str, Variables], values: Mapping[str, Values], robot:
         f"{component}.{problem}"
         for component, table in tables.items()
         if isinstance(table, Interface) and table.unit.requirements is not Unit.requirements
-        for problem in unmet(table, table.memory_of(values.get(component, {})))
+        for known in [values.get(component, {})]
+        for problem in unmet(table, table.memory_of({**table.followed(known), **known}))
     ]
     problems += [
         f"{component}.{v.name}: expected a position of joint {i + 1} between its end stops, {low:g} and {high:g}, "

@@ -61,13 +61,15 @@ class WiredSystem:
     input_hold: bool
     bindings: Mapping[str, Binding]
     program: Program | None = None
+    follow: Callable[[Mapping[str, Any]], dict[str, Any]] | None = None
+    """Values by ``component.variable`` to the values of what follows from them; it stays with the plan."""
 
     def parameters(self, values: Mapping[str, Any]) -> dict[str, Any]:
-        """Values by ``component.variable`` of those of the axes."""
+        """Values by ``component.variable`` of those of the axes, and of what follows from them."""
         return {
             name: one
             for target, value in values.items()
-            for name, one in self.bindings[target].values(value).items()
+            for name, one in self.bindings.get(target, Binding((target,))).values(value).items()
         }
 
 

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import dataclasses
 import hashlib
 import json
+import math
 import os
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -15,7 +17,7 @@ import numpy as np
 from vdfmu import __version__
 from vdfmu.batch.program import LANES, Program
 from vdfmu.engine.cosim.inputs import read_inputs
-from vdfmu.errors import UsageError
+from vdfmu.errors import UnitError, UsageError
 from vdfmu.progress import counted
 from vdfmu.sweeps.axes import Axis, is_option, read_axes
 from vdfmu.sweeps.checks import check_overlap, default_measures, recorded, signals_of, try_measures
@@ -41,6 +43,8 @@ class Plan:
     job: Job
     facts: dict[str, Any]
     """What it is, for the ledger; the same for the same study."""
+    follow: Sequence[Callable[[Mapping[str, Any]], dict[str, Any]] | None]
+    """Of each system, see `WiredSystem.follow`."""
 
     def __len__(self) -> int:
         return len(self.chosen)
@@ -48,7 +52,13 @@ class Plan:
     def task(self, point: int) -> Task:
         """Return what a worker needs to know of a point."""
         own = {t: column[point].item() for t, column in self.points.items() if not is_option(t)}
-        return point, int(self.chosen[point]), own
+        number = int(self.chosen[point])
+        return point, number, own | self.followed(number, own)
+
+    def followed(self, number: int, values: Mapping[str, Any]) -> dict[str, Any]:
+        """Return what follows from the values of the axes in a system, by ``component.variable``."""
+        follow = self.follow[number]
+        return {} if follow is None else follow(self.job.systems[number].parameters(values))
 
     @property
     def key(self) -> str:
@@ -148,9 +158,14 @@ def make_plan(
         facts["functions"] = functions
     chosen = np.array([combinations[row] for row in rows])
     compared = tuple(sorted({0, count // 2, count - 1}))
-    return Plan(
-        points, chosen, Job(tuple(systems), tuple(measures), tuple(record), tuple(keep), compared), facts
+    follow = [system.follow for system in systems]
+    sent = tuple(dataclasses.replace(system, follow=None) for system in systems)
+    plan = Plan(
+        points, chosen, Job(sent, tuple(measures), tuple(record), tuple(keep), compared), facts, follow
     )
+    if any(one is not None for one in follow):  # what follows is decided by code that no package has
+        facts["followed"] = digest(*(repr(plan.task(point)[2]).encode() for point in compared))
+    return plan
 
 
 def _plain(value: Any) -> Any:
@@ -244,6 +259,8 @@ def of_scenario(
     loaded = prepare(scenario, **given, settings=[*settings, *(axis.target for axis in axes)])
     values = system_values(loaded, settings)
     bindings = {axis.target: _binding(loaded, axis, values) for axis in axes}
+    bound = [name for one in bindings.values() for name in one.names]
+    following, follow = _following(loaded, settings, bound)
     with temporary_folder("vdfmu_sweep_") as folder:
         package = write_ssp(
             loaded, cached_fmus(loaded, folder, backend), Path(folder, "system.ssp"), values, mixed=True
@@ -256,21 +273,54 @@ def of_scenario(
         read_inputs(loaded.inputs, loaded.input_hold),
         loaded.input_hold,
         bindings,
-        None if engine == "fmu" else _program(loaded, values, bindings.values(), needed=engine == "batch"),
+        None if engine == "fmu" else _program(loaded, values, [*bound, *following], needed=engine == "batch"),
+        follow,
     )
 
 
+def _following(
+    scenario: Any, settings: Mapping[str, Any], bound: Iterable[str]
+) -> tuple[list[str], Callable[[Mapping[str, Any]], dict[str, Any]] | None]:
+    """Return the variables that follow from those of axes, and their values for values of these."""
+    from vdfmu.scenario.parts import tables_of
+    from vdfmu.scenario.values import followed, given_values
+    from vdfmu.unit.interface import Interface
+
+    given, tables = given_values(scenario, settings), tables_of(scenario.system, scenario.robot)
+    reached: set[str] = set()
+    for name in bound:
+        component, _, variable = name.partition(".")
+        table = tables[component]
+        follows = table.unit.follows if isinstance(table, Interface) else {}
+        if any(variable.partition("[")[0] in sources for sources in follows.values()):
+            reached.add(component)
+
+    def follow(changed: Mapping[str, Any]) -> dict[str, Any]:
+        found: dict[str, Any] = {}
+        for component in reached:
+            own = {n.partition(".")[2]: v for n, v in changed.items() if n.partition(".")[0] == component}
+            try:
+                values = followed(tables[component], given[component] | own)
+            except UnitError:  # of one point, which the FMU then refuses
+                values = dict.fromkeys(
+                    followed(tables[component], given[component]).keys() - own.keys(), math.nan
+                )
+            found |= {f"{component}.{name}": value for name, value in values.items()}
+        return found
+
+    names = list(follow({}))
+    return names, follow if names else None
+
+
 def _program(
-    scenario: Any, values: Mapping[str, Any], bindings: Iterable[Binding], *, needed: bool
+    scenario: Any, values: Mapping[str, Any], names: Sequence[str], *, needed: bool
 ) -> Program | None:
     """Return what runs points of a scenario side by side, if there can be one; UsageError if it is `needed`."""
     from vdfmu.batch.make import make_program
     from vdfmu.ssp.description import SystemDescription
 
     try:
-        return make_program(
-            SystemDescription(scenario, values), [name for one in bindings for name in one.names]
-        )
+        return make_program(SystemDescription(scenario, values), names)
     except UsageError as error:
         if not needed:
             return None

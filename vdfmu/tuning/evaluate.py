@@ -145,15 +145,18 @@ class Evaluations:
         spread = {target: column.tolist() for target, column in self.problem.spread.items()}
         wanted = [(key, robot) for key in keys for robot in range(robots) if (key, robot) not in self._rows]
         tasks: list[Any] = []
+        columns: list[dict[str, Any]] = []
         for key, robot in wanted:
             own = {target: column[robot] for target, column in spread.items()}
-            tasks.append((self._next + len(tasks), 0, dict(zip(self.problem.names, key, strict=True)) | own))
+            own |= dict(zip(self.problem.names, key, strict=True))
+            tasks.append((self._next + len(tasks), 0, own | self.problem.plan.followed(0, own)))
+            columns.append(own)
         self._next += len(tasks)
         together = self.problem.plan.job.together[0]
         groups = [tasks[first : first + together] for first in range(0, len(tasks), together)]
         rows = chain.from_iterable(self._pool.map(self._some, groups))
-        for (key, robot), task, row in zip(wanted, tasks, rows, strict=True):
-            self._rows[key, robot] = row = {**row, **task[2], "robot": float(robot)}
+        for (key, robot), own, row in zip(wanted, columns, rows, strict=True):
+            self._rows[key, robot] = row = {**row, **own, "robot": float(robot)}
             self._fresh.append(row)
         if monotonic() - self._kept_at > _SECONDS:
             self._keep()

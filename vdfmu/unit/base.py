@@ -25,6 +25,7 @@ from vdfmu.unit.declaration import (
     State,
     Terminal,
 )
+from vdfmu.unit.follow import MARK, followers, mark_parameter, roots, start_arrays, with_mark
 
 if TYPE_CHECKING:
     from vdfmu.engine.space import StateSpace
@@ -99,6 +100,8 @@ class Unit:
     """End of the experiment of the FMU's reference results [s]."""
     declared: Mapping[str, Declared] = {}
     """Variables by name: of the class all, of an instance those that it has for its robot."""
+    follows: ClassVar[Mapping[str, tuple[str, ...]]] = {}
+    """Parameters whose start value is a function of others, to these; see :mod:`vdfmu.unit.follow`."""
     robot_fields: ClassVar[tuple[str, ...] | None] = None
     """Fields of the :class:`RobotParameters`; empty: all; None: the unit has none."""
     _watch: Watch | None = None
@@ -126,6 +129,11 @@ class Unit:
         if any(not isinstance(d, Sampled) for d in states) and "tolerance" not in found:
             found["tolerance"] = _added("tolerance", _tolerance(), cls)
         cls.declared = found
+        cls.follows = follows = followers(found)
+        if follows:
+            found[MARK] = _added(MARK, mark_parameter(follows), cls)
+            cls.follows = {**follows, MARK: roots(follows)}
+            cls.requirements = with_mark(cls.requirements)  # pyright: ignore[reportAttributeAccessIssue]
 
     def __init__(self, robot: Robot | None = None, **values: Any) -> None:
         if robot is None and self.needs_robot():
@@ -136,16 +144,18 @@ class Unit:
         self.declared = self.declared_for(robot)
         self.store: dict[str, Any] = {}
         self.t = 0.0
+        self._given: set[str] = set()
         for name, declared in self.declared.items():
-            if declared.set_by is None:
+            if declared.set_by is None and name not in self.follows:
                 start = declared.start_value(robot)[()]
                 self.store[name] = declared.choices[int(start)] if declared.choices else start
         for name, value in values.items():
-            if name not in self.store:
+            if name not in self.store and name not in self.follows:
                 raise UsageError(
                     f"{type(self).__name__} has no {name!r} to set. There are: {', '.join(self.store)}."
                 )
             setattr(self, name, value)
+        self._follow()
 
     @classmethod
     def needs_robot(cls) -> bool:
@@ -296,6 +306,17 @@ class Unit:
             self._watch.write(declared, value)
             return
         self.store[declared.name] = self.fitting(declared, value)
+        if declared.name in self.follows:
+            self._given.add(declared.name)
+        if MARK in self.store and declared.causality == "parameter":
+            self._follow()
+
+    def _follow(self) -> None:
+        """Calculate the parameters that follow from others, without those that were set."""
+        if self.follows:
+            known = {k: v for k, v in self.store.items() if k not in self.follows or k in self._given}
+            found = start_arrays(type(self), self.of_robot, known)
+            self.store.update({name: found[name][()] for name in self.follows if name not in self._given})
 
     def _check_there(self, declared: Declared) -> None:
         if declared.name not in self.declared:

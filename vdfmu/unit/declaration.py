@@ -59,8 +59,9 @@ class Declared:
     text : str or sequence of str
         What it is, or one for each element. An element of a joint gets ``Joint 1:`` before it, others their indices
         behind it.
-    start : number, array_like or function of a robot
-        Start value, broadcast to the shape.
+    start : number, array_like or function
+        Start value, broadcast to the shape. The arguments of a function are the parameters of their names, and the
+        robot, of any other name.
     minimum, maximum : float, optional
     when : str, optional
         Optional section of a robot file: the unit of a robot without it lacks the variable.
@@ -111,7 +112,10 @@ class Declared:
     def start_value(self, robot: Robot | None) -> np.ndarray[Any, Any]:
         """Start value in the shape for a robot; UnitError if it does not fit."""
         start: Any = self.start
-        value = np.asarray(start(robot) if callable(start) else start)
+        return self.shaped(np.asarray(start(robot) if callable(start) else start), robot)
+
+    def shaped(self, value: np.ndarray[Any, Any], robot: Robot | None) -> np.ndarray[Any, Any]:
+        """Return a value in the shape for a robot; UnitError if it does not fit."""
         sizes = self.sizes(robot.n if robot is not None else 0)
         try:
             return np.broadcast_to(value, sizes).copy()

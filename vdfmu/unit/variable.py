@@ -19,6 +19,7 @@ from vdfmu.model.parameters import PARAMETERS
 from vdfmu.model.read import POSITIVE
 from vdfmu.unit.base import Unit
 from vdfmu.unit.declaration import JOINTS, Declared, Derivative, Input, Output, Sampled, State
+from vdfmu.unit.follow import start_arrays
 
 NO_LIMIT = 1e12
 """Start value of a limit that does not limit; FMI has no portable infinity."""
@@ -107,7 +108,8 @@ def scalar_variables(unit: type[Unit], robot: Robot | None) -> list[Variable]:
     """
     groups = [d for d in unit.declared_for(robot).values() if not isinstance(d, Derivative)]
     groups.sort(key=lambda d: _ORDER.index(type(d)) if type(d) in _ORDER else len(_ORDER))
-    found = [v for declared in groups for v in _scalars(declared, robot)]
+    start = start_arrays(unit, robot, {})
+    found = [v for declared in groups for v in _scalars(declared, robot, start.get(declared.name))]
     if unit.robot_fields is not None:
         assert robot is not None
         found += _robot_parameters(robot, unit.robot_fields)
@@ -122,11 +124,8 @@ def derivative_variables(unit: type[Unit], robot: Robot | None) -> list[Variable
     return [v for state in states for v in _scalars(by_state[state], robot)]
 
 
-def _scalars(declared: Declared, robot: Robot | None) -> Iterator[Variable]:
+def _scalars(declared: Declared, robot: Robot | None, start: Any = None) -> Iterator[Variable]:
     shape = declared.sizes(robot.n if robot is not None else 0)
-    start: Any = None
-    if declared.set_by is None:
-        start = declared.start_value(robot)
     for position, index in enumerate(np.ndindex(shape)):
         joint = (
             robot.joint_types[index[0]] if robot is not None and JOINTS in declared.shape[:1] else "revolute"
