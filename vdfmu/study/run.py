@@ -13,10 +13,10 @@ from typing import Any
 import numpy as np
 
 from vdfmu.engine.algorithms import ALGORITHMS, count_steps
-from vdfmu.engine.cosim import Interrupted, LogMessage, Results, simulate
+from vdfmu.engine.cosim import Interrupted, LogMessage, Results
 from vdfmu.engine.cosim.inputs import Inputs, read_inputs
 from vdfmu.engine.cosim.observer import Observer
-from vdfmu.engine.cosim.simulator import check_coupling
+from vdfmu.engine.cosim.simulator import Simulator, check_coupling
 from vdfmu.engine.folder import (
     DRAWN,
     PICTURES,
@@ -56,6 +56,7 @@ from vdfmu.study.summary import (
     tracking_errors,
 )
 from vdfmu.study.verdict import run_checks
+from vdfmu.study.witness import Witness
 from vdfmu.temporary import temporary_folder
 
 RUN_OUTPUTS = (
@@ -269,15 +270,17 @@ def run(
             "left_out": list(scenario.system.dropped),
             "arm": arm_of(scenario.robot, values.get("plant", {})),
         }
+        witness = Witness(scenario, values)
         try:
             results = _simulate(
-                scenario, package, progress=bound(report, "co-simulation"), log=log, about=summary, observer=observer,
-                stream=[partial / f"results.{form}" for form in formats],
+                scenario, package, log, progress=bound(report, "co-simulation"), about=summary, observer=observer,
+                stream=[partial / f"results.{form}" for form in formats], probe=witness.probe,
             )  # fmt: skip
         except (CosimError, Interrupted) as error:
             keep(error, partial)
             raise
         summary = results.summary
+        summary["witness"] = witness.summary(results)
         summary["real_time_factor"] = scenario.stop / summary["wall_s"]
         summary |= tracking_errors(results, scenario.robot)
         summary |= power_bond(results, scenario.robot)
@@ -301,11 +304,14 @@ def run(
         return results
 
 
-def _simulate(scenario: Scenario, package: Path, **options: Any) -> Results:
-    return simulate(
-        package, start=0.0, stop=scenario.stop, step=scenario.step, algorithm=scenario.master,
-        adaptive=scenario.adaptive, inputs=scenario.inputs, **options,
-    )  # fmt: skip
+def _simulate(
+    scenario: Scenario, package: Path, log: Callable[[LogMessage], None] | None = None, **options: Any
+) -> Results:
+    simulator = Simulator(
+        package, algorithm=scenario.master, adaptive=scenario.adaptive, inputs=scenario.inputs, log=log
+    )
+    with simulator:
+        return simulator.run(start=0.0, stop=scenario.stop, step=scenario.step, **options)
 
 
 def _run_contrast(

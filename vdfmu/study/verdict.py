@@ -26,11 +26,23 @@ def run_checks(summary: Summary) -> Iterator[Check]:
         yield Check(
             "Gains and step", not warnings, " ".join(warnings) or "no known cause of an unstable sampled loop"
         )
+    yield from _witness(summary)
     yield from _reference(summary)
     if summary.get("kind") == "contrast":
         share = max(summary["rms_torque_difference_nmm"]) / (1e3 * max(summary["rms_torque_nm"]))
         text = f"they differ by {share:.1g} of the largest torque; limit {_ROUNDING:g}"
         yield Check("Virtual decomposition equals Newton-Euler", share <= _ROUNDING, text)
+
+
+def _witness(summary: Summary) -> Iterator[Check]:
+    """Yield whether numbers of the components are those of their units' methods in numpy."""
+    found: Summary | None = summary.get("witness")
+    if found is None or not (found["components"] or found["faults"]):
+        return
+    text = f"{found['numbers']} numbers of {len(found['components'])} components at {len(found['times_s'])} times"
+    if found["left_out"]:
+        text += f"; without {', '.join(found['left_out'])}"
+    yield Check("Equals the units in plain numpy", not found["faults"], "; ".join(found["faults"]) or text)
 
 
 def _reference(summary: Summary) -> Iterator[Check]:

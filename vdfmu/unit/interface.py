@@ -215,8 +215,7 @@ class Interface:
         """Positions of an argument of traced functions: a group, or ``p``, ``x``, ``x_dot``, ``t``."""
         match group:
             case "p":
-                assert self.robot is not None
-                return slice(len(self) - len(parameters(self.robot)), len(self))
+                return self._robot_parameters
             case "x":
                 return self.states
             case "x_dot":
@@ -225,6 +224,11 @@ class Interface:
                 return slice(self.time, self.size)
             case _:
                 return self._arguments[group]
+
+    @cached_property
+    def _robot_parameters(self) -> slice:
+        assert self.robot is not None
+        return slice(len(self) - len(parameters(self.robot)), len(self))
 
     @cached_property
     def _arguments(self) -> dict[str, slice]:

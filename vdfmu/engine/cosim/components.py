@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from ctypes import c_double, c_void_p
 from pathlib import Path
 
 from vdfmu.arrays import Floats
@@ -16,6 +17,7 @@ from vdfmu.engine.cosim.events import Events, EventStepper
 from vdfmu.engine.cosim.exchange import Exchange, SampledStepper
 from vdfmu.engine.cosim.messages import LogMessage, MessageBox
 from vdfmu.engine.cosim.multirate import MultirateStepper
+from vdfmu.engine.cosim.probe import reader
 from vdfmu.errors import CosimError
 from vdfmu.interrupt import InterruptGuard
 
@@ -55,6 +57,7 @@ class Components:
         self._watch = watch
         self._events: Events | None = None
         self._stepper: SampledStepper | ContinuousStepper | None = None
+        self._kept: list[list[tuple[Slave, c_void_p]]] = []
 
     def load(self) -> None:
         """Load the libraries and create the instances."""
@@ -133,6 +136,35 @@ class Components:
                 gather()
             for slave in self.slaves.values():
                 slave.run(bank.calls(slave, "Set"))
+
+    def keep(self, names: Sequence[str]) -> None:
+        """Keep the states that components have now, for `look`."""
+        self._kept.append([(self.slaves[name], self.slaves[name].saved_state()) for name in names])
+
+    def look(
+        self, steps: Mapping[str, float], times: Sequence[float], end: float
+    ) -> list[dict[str, list[list[float]]]]:
+        """Return the numbers of components in the states that were kept at `times` [s], and after one more step.
+
+        Parameters
+        ----------
+        steps : mapping of str to float
+            Length of the step [s] by component; none is done for 0, and none beyond `end` [s].
+        """
+        found: list[dict[str, list[list[float]]]] = []
+        read = {name: reader(self.slaves[name]) for name in steps}
+        for time, kept in zip(times, self._kept, strict=True):
+            found.append({})
+            for slave, state in kept:
+                slave.restore_state(state)
+                slave.free_state(state)
+                listed = found[-1][slave.name] = [read[slave.name]()]
+                size, slave.line = steps[slave.name], lambda time: None  # inputs hold
+                if size and slave.integrator is None and time + size <= end:
+                    slave.run([slave.step_call(c_double(time), c_double(size))])
+                    listed.append(read[slave.name]())
+        self._kept.clear()
+        return found
 
     def reset(self) -> None:
         """Take all back to what they were after loading."""

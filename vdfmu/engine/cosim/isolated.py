@@ -18,7 +18,7 @@ import signal
 import struct
 import subprocess
 import threading
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 from time import monotonic
@@ -136,6 +136,14 @@ class Isolated:
     def notes(self) -> list[str]:
         """Return what is worth knowing after the run."""
         return self.ask("notes")
+
+    def keep(self, names: Sequence[str]) -> None:
+        """See `Components.keep`."""
+        self.ask("keep", names)
+
+    def look(self, steps: Mapping[str, float], times: Sequence[float], end: float) -> Any:
+        """See `Components.look`."""
+        return self.ask("look", steps, times, end)
 
     def close(self) -> CosimError | None:
         """Free all, end the process, and return the first failure in that."""

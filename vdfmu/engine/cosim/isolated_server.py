@@ -85,6 +85,14 @@ class Server:
         """Return what is worth knowing after the run."""
         return self._stepper.notes()
 
+    def keep(self, *arguments: Any) -> None:
+        """See `Components.keep`."""
+        self._components.keep(*arguments)
+
+    def look(self, *arguments: Any) -> Any:
+        """See `Components.look`."""
+        return self._components.look(*arguments)
+
     def close(self, time: float) -> list[Any] | None:
         """See `Components.close`; `time` is that of the last row."""
         self._box.time = time

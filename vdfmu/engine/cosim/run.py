@@ -23,6 +23,7 @@ from vdfmu.engine.cosim.isolated import Isolated, Limits
 from vdfmu.engine.cosim.messages import LogMessage, MessageBox
 from vdfmu.engine.cosim.observer import Observer, observed
 from vdfmu.engine.cosim.parquet import write_parquet
+from vdfmu.engine.cosim.probe import Probe
 from vdfmu.engine.cosim.recorder import ROWS, Recorder
 from vdfmu.engine.cosim.results import Results, copies_of
 from vdfmu.engine.cosim.unpacked import no_room, unpack_units
@@ -138,6 +139,7 @@ class Run:
         progress: Callable[[int, int], None] | None,
         stream: Sequence[Path] = (),
         observer: Observer | None = None,
+        probe: Probe | None = None,
     ) -> Results:
         """Do the steps and return the results."""
         box, stepper = self.box, self.stepper
@@ -181,6 +183,9 @@ class Run:
             store = recorder.store
         if observer is not None:
             store = observed(observer, exchange, self.summary, begin, step, store)
+        if probe is not None:
+            assert isinstance(self.components, (Components, Isolated))
+            store = probe.keeping(self.components, self.checked, begin, n, store)
         self._save = save
         began = clock.perf_counter()
         stride = max(1, -(-n // 100))
@@ -225,7 +230,11 @@ class Run:
             self.summary["notes"].append(note)
             pending.append(LogMessage("", box.time, "note", "", note))
         box.flush()
-        return results()
+        found = results()
+        if probe is not None and not box.ended:
+            assert isinstance(self.components, (Components, Isolated))
+            probe.read(self.components, self.checked, end)
+        return found
 
     def _end(self, k: int, time: float) -> int:
         """Note the end that a unit has made in the step after row k, at `time`; return the last row."""

@@ -18,6 +18,7 @@ from vdfmu.engine.cosim.messages import LogMessage
 from vdfmu.engine.cosim.multirate import with_steps
 from vdfmu.engine.cosim.observer import Observer
 from vdfmu.engine.cosim.parquet import needed
+from vdfmu.engine.cosim.probe import Probe
 from vdfmu.engine.cosim.results import Results
 from vdfmu.engine.cosim.run import Run
 from vdfmu.engine.cosim.schedule import DEFAULT
@@ -121,6 +122,7 @@ class Simulator:
         stream: Path | Sequence[Path] | None = None,
         about: Mapping[str, Any] | None = None,
         observer: Observer | None = None,
+        probe: Probe | None = None,
     ) -> Results:
         """Run the system, from its start.
 
@@ -130,6 +132,8 @@ class Simulator:
             For this run, before those of the simulator.
         start, stop, step, record, progress, stream, about, observer
             As of :func:`vdfmu.simulate`.
+        probe : Probe, optional
+            Reads the numbers of some components at five rows.
 
         Raises
         ------
@@ -163,7 +167,7 @@ class Simulator:
             }  # fmt: skip
             run.stepper = run.components.couple(self._adaptive, self._convergence, end - begin, record)
             with shown_steps(progress, "co-simulation") as advance:
-                run.results = run.steps(begin, end, step, n, record, advance, files, observer)
+                run.results = run.steps(begin, end, step, n, record, advance, files, observer, probe)
         except BaseException as error:
             failed, self._run = self._run, None
             if failed is not None:
