@@ -4,10 +4,17 @@ from __future__ import annotations
 
 import difflib
 import re
-from collections.abc import Iterable
+from collections import Counter
+from collections.abc import Callable, Iterable, Sequence
 
 _ACTING = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069\ud800-\udfff]")
 """What a terminal acts on: controls but tab and newline, directions of writing, halves of characters."""
+
+FEW = 20
+"""Most messages of a rule that are printed."""
+_LONGEST_NAME, _LONGEST_LINE, _MOST_LINES = 200, 2000, 100
+"""Most characters of a message without a space between them, and of a line; most lines."""
+_LONG_NAME = re.compile(rf"\S{{{_LONGEST_NAME + 1},}}")
 
 
 def shown(text: str, acting: re.Pattern[str] = _ACTING) -> str:
@@ -16,9 +23,40 @@ def shown(text: str, acting: re.Pattern[str] = _ACTING) -> str:
 
 
 def error_text(error: object) -> str:
-    """Return what an error says, with what was added to it on its way."""
+    """Return what an error says, with what was added to it on its way; see `elided`."""
     notes = getattr(error, "__notes__", [])
-    return ". ".join([*filter(None, [str(error).removesuffix(".")]), *notes]) if notes else str(error)
+    return elided(". ".join([*filter(None, [str(error).removesuffix(".")]), *notes]) if notes else str(error))
+
+
+def elided(text: str) -> str:
+    """Return a message of bounded length: long names, lines and texts without their middle."""
+    if len(text) <= _LONGEST_NAME:
+        return text
+    text = _LONG_NAME.sub(lambda name: _without_middle(name[0], _LONGEST_NAME, "characters"), text)
+    lines = [_without_middle(line, _LONGEST_LINE, "characters") for line in text.splitlines()]
+    if len(lines) > _MOST_LINES:
+        lines[_MOST_LINES // 2 : -_MOST_LINES // 2] = [f"... ({len(lines) - _MOST_LINES:,} lines) ..."]
+    return "\n".join(lines)
+
+
+def _without_middle(text: str, most: int, what: str) -> str:
+    """Return a text, or its two ends and the size of what is left out if it is longer than `most`."""
+    half = most // 2
+    return (
+        text if len(text) <= most else f"{text[:half]}...({len(text) - 2 * half:,} {what})...{text[-half:]}"
+    )
+
+
+def first_few(texts: Sequence[str], rule_of: Callable[[str], str] = lambda text: "") -> list[str]:
+    """Return at most `FEW` of the texts of a rule, then how many more of it there are."""
+    counts: Counter[str] = Counter()
+    kept: list[str] = []
+    for text in texts:
+        counts[rule := rule_of(text)] += 1
+        if counts[rule] <= FEW:
+            kept.append(text)
+    more = {rule: count - FEW for rule, count in counts.items() if count > FEW}
+    return [*kept, *(f"and {count:,} more{f' [{rule}]' if rule else ''}" for rule, count in more.items())]
 
 
 def matching(names: Iterable[str], patterns: Iterable[str]) -> list[str]:

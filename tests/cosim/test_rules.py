@@ -419,3 +419,14 @@ def test_the_page_of_the_rules_is_that_of_the_list():
         "\n".join(["| rule | severity | what holds | way out |", "| --- | --- | --- | --- |", *rows]) in page
     )
     assert re.findall(r"^\| ((?:PKG|SSP|FMI|OSP|RUN|SRC)\d+) ", page, re.MULTILINE) == list(RULES)
+
+
+def test_what_a_check_prints_is_bounded_however_long_names_and_lists_are(tmp_path):
+    path, long = tmp_path / "x.toml", "n" * 2_000_000
+    path.write_text(f'name = "x"\n{long} = 1\n' + "".join(f"k{i} = 1\n" for i in range(9_000)))
+    done = subprocess.run(
+        [sys.executable, "-m", "vdfmu.cli", "check", path], capture_output=True, text=True, check=False, timeout=120
+    )  # fmt: skip
+    assert done.returncode == 1
+    assert "Traceback" not in done.stderr
+    assert len(done.stdout) < 25 * 2200  # FEW lines of a rule, each of 2,000 characters and its place

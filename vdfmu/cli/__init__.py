@@ -21,6 +21,7 @@ __all__ = ["main"]
 def main() -> None:
     """Entry point: signals end the command from here on, while its modules are imported too. Python ends with it."""
     command_begins()
+    short = ""
     try:
         from vdfmu.cli.commands import command
 
@@ -31,9 +32,18 @@ def main() -> None:
             with suppress(OSError):
                 sys.stderr.write(f"stopped: {shown(error_text(stop))}\n" if error_text(stop) else "stopped\n")
             _flush()
+        elif short := _lacks_memory(error):
+            with suppress(OSError, MemoryError):
+                sys.stderr.write(
+                    f"error: the memory does not hold it ({short}): choose fewer steps or signals, "
+                )
+                sys.stderr.write("or raise the limit (ulimit -v).\n")
         elif isinstance(error, ImportError):
             _say_missing(error)
         command_ended()
+        if stop is None and short:
+            _flush()
+            sys.exit(1)
         if stop is not None:
             sys.exit(128 + getattr(stop, "number", signal.SIGINT))
         raise
@@ -53,6 +63,24 @@ def _say_missing(error: ImportError) -> None:
         f"Install it, or vdfmu with all that it needs: {sys.executable} -m pip install {package}\n"
     )
     sys.exit(1)
+
+
+def _lacks_memory(error: BaseException | None) -> str:
+    """Return what says that an error, or one behind it, is a lack of memory; empty if none does."""
+    while error is not None and not isinstance(error, SystemExit):  # that has said why
+        text = str(error)
+        if isinstance(error, MemoryError):
+            return text.partition("\n")[0] or "MemoryError"
+        if any(words in text for words in _MEMORY) and isinstance(
+            error, (ImportError, OSError, RuntimeError)
+        ):
+            return text.partition("\n")[0]
+        error = error.__cause__ or error.__context__
+    return ""
+
+
+_MEMORY = ("can't start new thread", "Cannot allocate memory", "failed to map segment", "std::bad_alloc")
+"""Words with which Python, the loader and libraries say so."""
 
 
 def _stop_behind(error: BaseException | None) -> KeyboardInterrupt | None:

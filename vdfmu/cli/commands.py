@@ -103,8 +103,6 @@ def command() -> None:
     try:
         with one_job():
             app()
-    except MemoryError:
-        fail("the memory does not hold it: choose fewer steps or signals.", 1)
     except (UsageError, ModelError, SspError) as error:
         fail(error, 2)
     except VdfmuError as error:

@@ -25,7 +25,9 @@ from vdfmu.cli.terminal import (
     say,
     say_notes,
 )
+from vdfmu.engine.rules import Finding
 from vdfmu.errors import StorageError
+from vdfmu.text import first_few
 
 if TYPE_CHECKING:
     from vdfmu.scenario import Scenario
@@ -243,17 +245,20 @@ def check(
 
 def _report(file: Path, what: str | None, problems: Sequence[str], notes: Sequence[str]) -> None:
     """Print findings; the command fails with problems."""
-    for note in notes:
-        say(f"note: {_ruled(note)}")
-    for problem in problems:
-        say(f"problem: {_ruled(problem)}")
+    for kind, texts in (("note", notes), ("problem", problems)):
+        for text in first_few(texts, _rule):
+            say(f"{kind}: {_ruled(text)}")
     count = f"{len(problems)} problem(s)" if problems else "no problems"
     say(f"{file}{f' ({what})' if what else ''}: {count}")
     if problems:
         raise typer.Exit(1)
 
 
+def _rule(text: str) -> str:
+    """Return the number of the rule of a finding; empty for another text."""
+    return text.rule.number if isinstance(text, Finding) else ""
+
+
 def _ruled(text: str) -> str:
     """Return a finding with the number of its rule at its end, where no script looks for the text."""
-    number = getattr(text, "rule", None)
-    return text if number is None else f"{text} [{number.number}]"
+    return f"{text} [{_rule(text)}]" if _rule(text) else text

@@ -17,7 +17,7 @@ from rich.markup import escape
 from vdfmu.bars import Bars, Terminal, errors
 from vdfmu.errors import UsageError
 from vdfmu.progress import LOG
-from vdfmu.text import error_text
+from vdfmu.text import elided, error_text, first_few
 
 if TYPE_CHECKING:
     from rich.panel import Panel
@@ -131,8 +131,8 @@ def tell(*shown: Table | Panel | str) -> None:
 
 def say_notes(notes: Sequence[str]) -> None:
     """Print notes beside what a command writes."""
-    for note in notes:
-        errors.print(f"note: {note}", markup=False, soft_wrap=True)
+    for note in first_few(notes):
+        errors.print(f"note: {elided(note)}", markup=False, soft_wrap=True)
 
 
 def load(scenario: str, robot: str | None, settings: list[str] | None = None) -> Scenario:
@@ -194,7 +194,7 @@ def unit_messages() -> Generator[Callable[[LogMessage], None]]:
             notes.setdefault(what if colon else name, []).extend([name] if colon else [])
         elif message.status not in ("ok", "error", "fatal"):  # the error that ends the run quotes these
             text = str(message) if message.unit else f"{message.status}: {message.text}"
-            errors.print(text, markup=False, soft_wrap=True)
+            errors.print(elided(text), markup=False, soft_wrap=True)
 
     try:
         yield show

@@ -6,6 +6,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field
 
 from vdfmu.engine.rules import Finding, reworded, within
+from vdfmu.text import elided
 
 
 @dataclass
@@ -38,5 +39,5 @@ def _placed(texts: Iterable[str], where: str, file: str) -> Iterable[str]:
 
 
 def one_line(text: str) -> str:
-    """Return a text without line breaks: a problem is one line, whatever a foreign parser or unit says."""
-    return reworded(text, "; ".join(line.strip() for line in text.splitlines() if line.strip()))
+    """Return a text without line breaks, and bounded: a problem is one line, whatever a parser or unit says."""
+    return reworded(text, elided("; ".join(line.strip() for line in text.splitlines() if line.strip())))

@@ -146,7 +146,11 @@ class HelicsLink:
             ) from None
         for other, values, words in heard:
             if "failed" in words:
-                raise CosimError(*words["failed"])
+                match words["failed"]:
+                    case [str(unit), str(call), int() | float() as at, str(reason)]:
+                        raise CosimError(unit, call, at, reason)
+                    case _:
+                        raise self._failure(time, f"federate {other} failed, and what it said of it cannot be read")
             if "left" in words:
                 raise self._failure(time, f"federate {other} left the run")
             if (
