@@ -1,7 +1,9 @@
 """All corpora: each module of this folder that has some is named here."""
 
-from . import bombs, calls, faults, models, packages, runs, signals
+from . import bombs, calls, faults, models, packages, results, runs, signals
 
 CORPORA = [
-    corpus for module in (packages, bombs, models, signals, faults, calls, runs) for corpus in module.CORPORA
+    corpus
+    for module in (packages, bombs, models, results, signals, faults, calls, runs)
+    for corpus in module.CORPORA
 ]

@@ -92,7 +92,8 @@ SetOption = Annotated[
     typer.Option(
         "--set",
         metavar="UNIT.PARAMETER=VALUE",
-        help="Set a parameter or free input; without an index, all elements. Repeatable.",
+        help="Set a parameter or free input; without an index, all elements, to one value or to one each: 0.3,-0.5. "
+        "Repeatable.",
     ),
 ]
 

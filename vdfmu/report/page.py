@@ -7,7 +7,6 @@ Tables, checks and the diagram are HTML from here; what moves is drawn by ``web/
 
 from __future__ import annotations
 
-import json
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import lru_cache
@@ -25,6 +24,7 @@ from vdfmu.fmu.page import page, table
 from vdfmu.report.content import content_of
 from vdfmu.report.sheets import Sheet, comparison_sheet, facts, sheets
 from vdfmu.report.simulation import compressed, simulation_of
+from vdfmu.report.summary import read_summary
 from vdfmu.ssp.drawing import system_diagram
 
 NAME = "report.html"
@@ -88,15 +88,7 @@ def read_run(folder: Path) -> Run:
     UsageError
         It has no results of a run.
     """
-    try:
-        summary = json.loads((folder / "summary.json").read_bytes())
-        if not isinstance(summary, dict):
-            raise ValueError("no table of facts")
-    except (OSError, ValueError) as error:
-        raise UsageError(
-            f"{folder}: expected the folder of a run, with summary.json and results.csv or results.parquet: "
-            f"{getattr(error, 'strerror', None) or error}. 'vdfmu run' writes one."
-        ) from None
+    summary = read_summary(folder / "summary.json")
     table = folder / "results.parquet"
     results = Results.read(table if table.exists() else folder / "results.csv")
     if not len(results):

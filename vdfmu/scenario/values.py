@@ -268,7 +268,7 @@ def _spread(variables: Sequence[Variable], key: str, value: Any) -> Values:
         try:
             found[variable.name] = _cast(variable, one)
         except ValueError as error:
-            place = key if len(variables) == 1 or np.ndim(value) == 0 else f"{component}.{variable.name}"
+            place = key if len(variables) == 1 or values[0] is value else f"{component}.{variable.name}"
             problems.append(f"{place}: {error}.")
     if problems:
         raise UsageError("\n".join(dict.fromkeys(problems)))

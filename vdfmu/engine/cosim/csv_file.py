@@ -8,7 +8,7 @@ import json
 from collections.abc import Mapping, Sequence
 from itertools import chain
 from pathlib import Path
-from typing import Any
+from typing import Any, TextIO
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,26 +32,10 @@ def write_csv(results: Results, path: Path) -> None:
 def read_csv(path: Path) -> Results:
     """Read what `write_csv` or a run wrote; see `Results.read`."""
     try:
-        text = path.read_bytes().decode()
+        with path.open(encoding="utf-8", newline="") as stream:
+            names, units, table = _read_table(path, stream)
     except (OSError, UnicodeDecodeError) as error:
         raise UsageError(f"cannot read {path}: {getattr(error, 'strerror', None) or error}") from None
-    stream = io.StringIO(text, newline="")
-    reader = csv.reader(stream)
-    try:
-        names, units = next(reader), next(reader)
-    except (StopIteration, csv.Error):
-        raise UsageError(f"{path}: expected a line of names and a line of units") from None
-    if len(names) != len(units) or names[:1] != ["time"]:
-        raise UsageError(f"{path}: expected as many units as names, and 'time' as the first column")
-    body = stream.read()
-    try:
-        table = (
-            np.loadtxt(io.StringIO(body), delimiter=",", ndmin=2, comments=None)
-            if body.strip()
-            else np.empty((0, len(names)))
-        )
-    except ValueError as error:
-        raise UsageError(f"{path}: {error}") from None
     if table.shape[1] != len(names):
         raise UsageError(f"{path}: expected {len(names)} columns, got {table.shape[1]}")
     signals: list[Signal] = []
@@ -64,9 +48,32 @@ def read_csv(path: Path) -> Results:
         kind: table[:, columns].astype(np.float64 if kind == "real" else np.int32)
         for kind, columns in chosen.items()
     }
+    time = table[:, 0].copy()
+    del table  # a run of hours is in memory once
     summary = summary_beside(path)
     signals, data = with_copies(signals, data, copies_in(summary))
-    return Results(table[:, 0].copy(), signals, data, summary)
+    return Results(time, signals, data, summary)
+
+
+def _read_table(path: Path, stream: TextIO) -> tuple[list[str], list[str], Floats]:
+    """Return names, units, and the numbers below them, read line by line."""
+    reader = csv.reader(stream)
+    try:
+        names, units = next(reader), next(reader)
+    except (StopIteration, csv.Error):
+        raise UsageError(f"{path}: expected a line of names and a line of units") from None
+    if len(names) != len(units) or names[:1] != ["time"]:
+        raise UsageError(f"{path}: expected as many units as names, and 'time' as the first column")
+    first = next((line for line in stream if line.strip()), None)
+    if first is None:
+        return names, units, np.empty((0, len(names)))
+    try:
+        lines = chain([first], stream)
+        return names, units, np.loadtxt(lines, delimiter=",", ndmin=2, comments=None)
+    except UnicodeDecodeError:
+        raise
+    except ValueError as error:
+        raise UsageError(f"{path}: {error}") from None
 
 
 def summary_beside(path: Path) -> dict[str, Any]:

@@ -339,7 +339,8 @@ def copies_in(summary: Any) -> dict[str, tuple[str, int]]:
     """Return signal to the one that it copies, and how many rows late, as a summary has it; nothing if it has not."""
     try:
         found = summary["copies"].items()
-        return {str(name): (str(of), int(n)) for n, each in found for name, of in each.items()}
+        late = {n: int(n) for n, _ in found if 0 <= int(n) < 2**31}
+        return {str(name): (str(of), late[n]) for n, each in found for name, of in each.items()}
     except (KeyError, TypeError, ValueError, AttributeError):  # none of ours
         return {}
 

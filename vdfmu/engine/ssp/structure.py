@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -59,11 +60,17 @@ class Unit:
 def spread(value: Any, names: Sequence[str]) -> list[Any]:
     """Return a value for each of some variables: one value is for all, a list or array has one for each, in order.
 
+    A text of several numbers is a list: ``0.3,-0.5``, ``[0.3, -0.5]``, ``0.3 -0.5``.
+
     Raises
     ------
     ValueError
         Another number of values than variables.
     """
+    if isinstance(value, str) and len(names) > 1:
+        numbers = re.sub(r"[\[\],]", " ", value).split()
+        if len(numbers) > 1 and all(map(_is_number, numbers)):
+            value = numbers
     if not isinstance(value, (list, tuple, np.ndarray)):
         return [value] * len(names)
     values = np.asarray(value, dtype=object).ravel().tolist()
@@ -71,6 +78,14 @@ def spread(value: Any, names: Sequence[str]) -> list[Any]:
         last = f" to {names[-1]}" if len(names) > 1 else ""
         raise ValueError(f"expected one value, or {len(names)} for {names[0]}{last}, got {len(values)}")
     return values
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
 
 
 @dataclass(frozen=True)
