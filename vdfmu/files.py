@@ -16,6 +16,9 @@ from vdfmu.errors import StorageError, UsageError, VdfmuError
 from vdfmu.progress import LOG
 
 _EPOCH = (1980, 1, 1, 0, 0, 0)
+MARK = b'generationTool="vdfmu'
+"""In the first kilobytes of what is written for other tools."""
+_HEAD = 8192
 _PACKED = (".fmu", ".ssp", ".png")
 
 
@@ -105,6 +108,27 @@ def regular_target(path: Path) -> Path:
             f"{path}: is a device, a pipe or another special file; expected a regular file or a new name"
         )
     return target
+
+
+def require_ours(*paths: Path) -> None:
+    """Raise UsageError for files that are there and that vdfmu did not write; FMUs and packages say what did."""
+    foreign = [str(path) for path in paths if path.is_file() and not _is_ours(path)]
+    if foreign:
+        raise UsageError(
+            f"{', '.join(foreign)}: expected no file of this name, or one that vdfmu wrote. Move it away, or choose "
+            "another name or folder with --out."
+        )
+
+
+def _is_ours(path: Path) -> bool:
+    """Whether the generation tool that a file names is vdfmu; an empty file is no loss."""
+    described = (read_member(path, name) for name in ("modelDescription.xml", "SystemStructure.ssd"))
+    try:
+        with path.open("rb") as file:
+            head = file.read(_HEAD)
+    except OSError:
+        return False
+    return not head or any(MARK in text[:_HEAD] for text in (*described, head) if text)
 
 
 def read_member(path: Path, name: str) -> bytes | None:

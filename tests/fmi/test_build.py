@@ -98,13 +98,22 @@ def test_the_guid_changes_with_sources_scripts_and_pythonfmu(planar: Robot) -> N
     assert Content(shipped_units()["plant"], planar, {}).guid == first.guid
 
 
-@pytest.mark.parametrize("damage", [b"", b"not a zip", None])
-def test_what_cannot_be_read_is_built_anew(planar: Robot, tmp_path: Path, damage: bytes | None) -> None:
+@pytest.mark.parametrize("damage", [b"not a zip", None])
+def test_a_file_that_vdfmu_did_not_write_is_not_replaced(
+    planar: Robot, tmp_path: Path, damage: bytes | None
+) -> None:
     path = build_fmus(planar, tmp_path, units=["controller"], backend="python")["controller"]
     good = path.read_bytes()
-    path.write_bytes(good[: len(good) // 2] if damage is None else damage)
+    path.write_bytes(b"")  # no loss
     build_fmus(planar, tmp_path, units=["controller"], backend="python")
     assert path.read_bytes() == good
+    there = good[: len(good) // 2] if damage is None else damage
+    path.write_bytes(there)
+    with pytest.raises(
+        UsageError, match=r"PDController\.fmu: expected no file of this name, or one that vdfmu wrote"
+    ):
+        build_fmus(planar, tmp_path, units=["controller"], backend="python")
+    assert path.read_bytes() == there
 
 
 def test_others_may_read_the_files_and_nothing_else_is_left(planar: Robot, tmp_path: Path) -> None:

@@ -169,7 +169,7 @@ def test_an_osp_folder_has_no_file_that_is_cut_off(scenario, fmus, tmp_path, mon
     names = {path.name for path in write_osp(scenario, fmus, tmp_path).parent.iterdir()}
     assert len(names) == 5
     for name in names:
-        (tmp_path / name).write_bytes(b"old")
+        (tmp_path / name).write_bytes(b'generationTool="vdfmu old"')
     new = {path.name: path.read_bytes() for path in fmus.values()}
     replace, moved = os.replace, []
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import os
 import random
@@ -219,7 +220,7 @@ def test_a_table_that_cannot_be_read_is_made_again_with_retry(wild, tmp_path, un
     found = study(wild, tmp_path / "study")
     found.path.write_text("x")
     again = study(wild, tmp_path / "study", retry=True)
-    assert table(again) == undisturbed and "cannot be read" in again.notes[0]
+    assert table(again) == undisturbed and "is not whole" in again.notes[0]
 
 
 SCRIPT = """
@@ -346,6 +347,35 @@ def test_a_part_that_cannot_be_read_is_made_again(wild, tmp_path, undisturbed, m
     found = study(wild, tmp_path / "study")
     assert table(found) == undisturbed
     assert len(found.notes) == 1 and broken.name in found.notes[0]
+    assert len((broken.parent / f"{broken.name}.broken").read_bytes()) == 100
+
+
+@pytest.mark.parametrize("number", [errno.EIO, errno.EACCES, errno.EMFILE])
+def test_a_study_that_the_disk_does_not_give_now_is_left_as_it_is(
+    wild, tmp_path, undisturbed, monkeypatch, number
+):
+    whole = study(wild, tmp_path / "study").path
+    there, read = whole.read_bytes(), Path.read_bytes
+
+    def failing(path):
+        if path == whole:
+            raise OSError(number, os.strerror(number))
+        return read(path)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Path, "read_bytes", failing)
+        for options in ({}, {"retry": True}):
+            with pytest.raises(UsageError, match=r"sweep\.parquet: cannot be read: .*It is left as it is"):
+                study(wild, tmp_path / "study", **options)
+    assert read(whole) == there
+    assert table(study(wild, tmp_path / "study")) == undisturbed
+
+
+def test_a_folder_whose_name_is_not_text_holds_a_study(wild, tmp_path, undisturbed):
+    folder = tmp_path / os.fsdecode(b"caf\xe9")
+    study(wild, folder)
+    again = study(wild, folder)
+    assert table(again) == undisturbed and not again.notes
 
 
 def test_a_study_that_is_complete_runs_nothing(wild, tmp_path, undisturbed):

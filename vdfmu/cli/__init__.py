@@ -23,6 +23,7 @@ def main() -> None:
     command_begins()
     short = ""
     try:
+        _require_named_folder()
         from vdfmu.cli.commands import command
 
         command()
@@ -47,6 +48,18 @@ def main() -> None:
         if stop is not None:
             sys.exit(128 + getattr(stop, "number", signal.SIGINT))
         raise
+
+
+def _require_named_folder() -> None:
+    """End in a working folder whose name is not text: FMPy can read no FMU there, as lxml cannot encode it."""
+    with suppress(OSError):  # it is gone: commands that need it say so
+        folder = os.getcwd()
+        if any("\udc80" <= letter <= "\udcff" for letter in folder):
+            sys.stderr.write(
+                f"error: the working folder {ascii(folder)}: expected a name in UTF-8, and a locale that has UTF-8. "
+                "Start the command in another folder, with the paths of files in this one, or set LC_ALL=C.UTF-8\n"
+            )
+            sys.exit(2)
 
 
 def _say_missing(error: ImportError) -> None:

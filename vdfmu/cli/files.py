@@ -27,6 +27,7 @@ from vdfmu.cli.terminal import (
 )
 from vdfmu.engine.rules import Finding
 from vdfmu.errors import StorageError
+from vdfmu.files import require_ours
 from vdfmu.text import first_few
 
 if TYPE_CHECKING:
@@ -111,6 +112,7 @@ def container(
     chosen = prepare(chosen, step=step)
     values = _values(chosen, "native", settings)
     path = out if out is not None else Path(f"{chosen.name}.fmu")
+    require_ours(path)
     with temporary_folder("vdfmu_") as folder:
         package = write_ssp(
             chosen, cached_fmus(chosen, folder, "native"), Path(folder) / "system.ssp", values
@@ -150,14 +152,16 @@ def ssp(
     from vdfmu.temporary import temporary_folder
 
     fmi_version = fmi_of_format(form, backend)
+    name = chosen.name if form == "1.0" else f"{chosen.name}_{form}"
+    target = out or Path(f"{chosen.name}_osp" if form == "osp" else f"{name}.ssp")
+    require_ours(target)
     values = _values(chosen, backend, settings)
     with temporary_folder("vdfmu_") as folder:
         fmus = build_parts(chosen, folder, values, backend=backend, fmi_version=fmi_version)
         if form == "osp":
-            say(str(write_osp(chosen, fmus, out or Path(f"{chosen.name}_osp"), values)))
+            say(str(write_osp(chosen, fmus, target, values)))
         else:
-            name = chosen.name if form == "1.0" else f"{chosen.name}_{form}"
-            say(str(write_ssp(chosen, fmus, out or Path(f"{name}.ssp"), values, version=form)))
+            say(str(write_ssp(chosen, fmus, target, values, version=form)))
 
 
 def reference(

@@ -8,7 +8,7 @@ from importlib import import_module
 from pathlib import Path
 
 from vdfmu.errors import UsageError
-from vdfmu.files import regular_target, storing
+from vdfmu.files import regular_target, require_ours, storing
 from vdfmu.fmu.built import is_built, keep_record
 from vdfmu.fmu.content import BACKENDS, FMI_VERSIONS, Content
 from vdfmu.fmu.native import native_available
@@ -144,6 +144,7 @@ def build_fmus(
         _check(content)
     for path in contents:  # all of them before the first is replaced
         regular_target(path)
+        require_ours(path)
     native = {path: content for path, content in contents.items() if content.backend == "native"}
     if native:
         from vdfmu.fmu.native.package import build_native_fmus

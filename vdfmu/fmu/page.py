@@ -37,7 +37,7 @@ def page(title: str, what: str, body: str, width: int, head: str = "") -> bytes:
 {body}
 </body>
 </html>
-""".encode()
+""".encode("utf-8", "backslashreplace")
 
 
 def table(heads: Sequence[str], rows: Iterable[Sequence[str]], classes: Sequence[str]) -> str:

@@ -9,8 +9,9 @@ from typing import Any
 
 from lxml import etree  # pyright: ignore[reportAttributeAccessIssue]  # lxml ships no stubs
 
+from vdfmu import __version__
 from vdfmu.errors import StorageError
-from vdfmu.files import replacing, storing
+from vdfmu.files import MARK, replacing, require_ours, storing
 from vdfmu.fmu.description import number
 from vdfmu.scenario import Scenario
 from vdfmu.ssp.description import SystemDescription
@@ -47,6 +48,8 @@ def write_osp(
     ------
     UsageError
         If the FMUs are not of FMI 2.0.
+    UsageError
+        If the folder has files of these names that vdfmu did not write.
     StorageError
         If a file cannot be written.
     """
@@ -59,17 +62,24 @@ def write_osp(
     fmus = {unit: fmu for unit, fmu in fmus.items() if unit in description.tables}
     require_fmi(fmus, ("2.0",), "an OSP system structure")
     names = {unit: Path(fmu).name for unit, fmu in fmus.items()}
-    content = to_bytes(osp_structure(description, names))
+    head, end, structure = to_bytes(osp_structure(description, names)).partition(b"?>\n")
+    content = head + end + b"<!-- " + MARK + f' {__version__}" -->\n'.encode() + structure
     path = folder / "OspSystemStructure.xml"
+    targets = {unit: folder / name for unit, name in names.items()}
+    require_ours(path, *(target for unit, target in targets.items() if not _same(target, Path(fmus[unit]))))
     with storing(folder):
         folder.mkdir(parents=True, exist_ok=True)
         for unit, fmu in fmus.items():
             data = Path(fmu).read_bytes()
-            target = folder / names[unit]
-            if not (target.is_file() and target.samefile(fmu)):
-                _write(target, data)
+            if not _same(targets[unit], Path(fmu)):
+                _write(targets[unit], data)
         _write(path, content)
     return path
+
+
+def _same(target: Path, fmu: Path) -> bool:
+    """Whether a file is there and is the FMU that is to be put there."""
+    return target.is_file() and target.samefile(fmu)
 
 
 def _write(path: Path, content: bytes) -> None:

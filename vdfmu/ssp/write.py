@@ -10,7 +10,7 @@ from typing import Any
 from vdfmu.data import data_path
 from vdfmu.engine.ssp.parse import validate
 from vdfmu.errors import StorageError
-from vdfmu.files import pack_zip, regular_target, storing
+from vdfmu.files import pack_zip, regular_target, require_ours, storing
 from vdfmu.scenario import Scenario
 from vdfmu.ssp.description import SystemDescription
 from vdfmu.ssp.documentation import system_page
@@ -66,6 +66,7 @@ def write_ssp(
         raise StorageError("the name of the file to write is empty; expected one such as system.ssp")
     path = Path(path)
     regular_target(path)
+    require_ours(path)
     fmi_version = require_version(version)
     description = SystemDescription(scenario, values, version)
     fmus = {unit: fmu for unit, fmu in fmus.items() if unit in description.tables}

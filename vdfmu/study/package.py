@@ -9,7 +9,7 @@ from typing import Any
 from vdfmu.data import data_path
 from vdfmu.engine.cosim.master import simulate
 from vdfmu.engine.ssp.read import load_ssp
-from vdfmu.files import regular_target, replacing
+from vdfmu.files import regular_target, replacing, require_ours
 from vdfmu.progress import counted
 from vdfmu.scenario import Scenario
 from vdfmu.scenario.parts import build_parts
@@ -49,6 +49,8 @@ def write_reference(scenario: Scenario, folder: Path, values: Mapping[str, Mappi
     }
     for path in (*packages.values(), *tables.values(), *texts):
         regular_target(path)
+    readme = folder / "README.md"  # it says of the tables and the script, which cannot, that they are ours
+    require_ours(*packages.values(), readme, *(() if readme.exists() else (*tables.values(), *texts)))
     for version, package in packages.items():
         with temporary_folder("vdfmu_") as built:
             fmus = build_parts(scenario, built, values, backend="native", fmi_version=FMI_OF_SSP[version])

@@ -87,9 +87,9 @@ class Ledger:
         place = self._folder / LEDGER
         facts: dict[str, Any] = {}
         try:
-            facts = json.loads(place.read_bytes()) if place.exists() else {}
+            facts = json.loads(readable(place)) if place.exists() else {}
             known = facts.get("key")
-        except (OSError, ValueError, AttributeError):
+        except (ValueError, AttributeError):
             facts, known = {}, ""
         there = [*self._files(), *([self._folder / TABLE] if (self._folder / TABLE).exists() else [])]
         if known != self._key and there:
@@ -128,29 +128,37 @@ class Ledger:
         return sorted(self._parts.glob("part_*.parquet"))
 
     def done(self) -> NDArray[np.bool_]:
-        """Whether each point is done, shape (n,). Parts that cannot be read are removed, with a note."""
+        """Whether each point is done, shape (n,).
+
+        A part whose bytes are not those of a study is set aside, with a note, and its points are run again. One that
+        the disk does not give is refused: it may be whole.
+        """
         found = np.zeros(self._facts["n"], dtype=bool)
         table = self._folder / TABLE
         for file in [*([table] if table.exists() else []), *self._files()]:
+            content = readable(file)
             try:
-                found[self._parquet.read_table(file, columns=["point"])["point"].to_numpy()] = True
+                found[table_of(content, ["point"])["point"].to_numpy()] = True
             except (OSError, ValueError, IndexError, KeyError) as error:
-                self.notes.append(f"{file}: cannot be read, so its points are run again: {error}")
-                file.unlink()
+                aside = file.with_name(f"{file.name}.broken")
+                os.replace(file, aside)
+                self.notes.append(
+                    f"{file}: is not whole, so its points are run again: {error}. It is now {aside}"
+                )
         return found
 
     def reopen(self) -> None:
         """Make a part of the table again, so that points can be added."""
         table = self._folder / TABLE
         if table.exists():
-            points = self._parquet.read_table(table, columns=["point"])["point"].to_numpy()
+            points = table_of(readable(table), ["point"])["point"].to_numpy()
             table.replace(self._place(points[0], points[-1]))
 
     def forget_failed(self) -> None:
         """Remove the rows of points that failed, so that they are run again."""
         table = self._folder / TABLE
         for file in [*([table] if table.exists() else []), *self._files()]:
-            rows = self._parquet.read_table(file)
+            rows = table_of(readable(file))
             kept = rows.filter(rows["failed"].is_null())
             if kept.num_rows == rows.num_rows:
                 continue
@@ -201,14 +209,12 @@ class Ledger:
         if not (files := self._files()):
             return place
         schema = self._arrow.unify_schemas(
-            [self._parquet.read_schema(file) for file in files], promote_options="permissive"
+            [schema_of(readable(file)) for file in files], promote_options="permissive"
         ).with_metadata({_METADATA: json.dumps(self._facts)})
         try:
             with InterruptGuard(), replacing(place) as stream:
                 with self._parquet.ParquetWriter(stream, schema, compression="zstd") as writer:
-                    for tables in _groups(
-                        (self._parquet.read_table(file) for file in files), _in_order(files)
-                    ):
+                    for tables in _groups((table_of(readable(file)) for file in files), _in_order(files)):
                         together = self._arrow.concat_tables(
                             [schema.empty_table(), *tables], promote_options="permissive"
                         )
@@ -221,6 +227,33 @@ class Ledger:
         for file in files:
             file.unlink()
         return place
+
+
+def readable(path: Path) -> bytes:
+    """Return the content of a file of a study; UsageError if the disk does not give it now. Nothing is changed."""
+    try:
+        return path.read_bytes()
+    except OSError as error:
+        raise UsageError(
+            f"{path}: cannot be read: {error.strerror or error}. It is left as it is: give the same command again "
+            "once it can be read, or choose another folder with --out."
+        ) from None
+
+
+def table_of(content: bytes, columns: Sequence[str] | None = None) -> Any:
+    """Return the table of a Parquet file's bytes, or some columns of it.
+
+    By the bytes: Arrow takes only names in UTF-8, and tells no error of the disk from one of the file. Without its
+    threads: where memory is short it waits for them for ever.
+    """
+    pyarrow, parquet = needed()
+    return parquet.read_table(pyarrow.BufferReader(content), columns=columns, use_threads=False)
+
+
+def schema_of(content: bytes) -> Any:
+    """Return the schema of a Parquet file's bytes."""
+    pyarrow, parquet = needed()
+    return parquet.read_schema(pyarrow.BufferReader(content))
 
 
 def _in_order(files: Sequence[Path]) -> bool:

@@ -15,7 +15,7 @@ from vdfmu.arrays import Floats
 from vdfmu.engine.cosim.parquet import needed
 from vdfmu.errors import UsageError
 from vdfmu.sweeps.axes import is_option
-from vdfmu.sweeps.ledger import LEDGER, TABLE
+from vdfmu.sweeps.ledger import LEDGER, TABLE, readable, schema_of, table_of
 from vdfmu.text import close_to
 
 
@@ -42,7 +42,6 @@ class Sweep:
     """
 
     def __init__(self, path: str | os.PathLike[str], notes: Sequence[str] = ()) -> None:
-        _, parquet = needed()
         self.path = Path(path)
         self.notes = list(notes)
         folder = self.path if self.path.is_dir() else self.path.parent
@@ -50,7 +49,7 @@ class Sweep:
         table = folder / TABLE if self.path.is_dir() else self.path
         self._files = [table] if table.exists() else sorted((folder / "parts").glob("part_*.parquet"))
         try:
-            self._schemas = [parquet.read_schema(file) for file in self._files]
+            self._schemas = [schema_of(file.read_bytes()) for file in self._files]
             self.facts: dict[str, Any] = json.loads(
                 self._schemas[0].metadata[b"vdfmu"]
                 if self._files == [table]
@@ -75,15 +74,13 @@ class Sweep:
 
     def table(self, columns: Sequence[str] | None = None) -> Any:
         """Return a ``pyarrow.Table`` of some columns, or all."""
-        pyarrow, parquet = needed()
+        pyarrow, _ = needed()
         for name in columns or ():
             if name not in self.columns:
                 way = close_to(name, self.columns) or f"; it has {', '.join(self.columns)}"
                 raise UsageError(f"the study has no column {name!r}{way}")
         tables = [
-            parquet.read_table(
-                file, columns=None if columns is None else [c for c in columns if c in schema.names]
-            )
+            table_of(readable(file), None if columns is None else [c for c in columns if c in schema.names])
             for file, schema in zip(self._files, self._schemas, strict=True)
         ]
         if not tables:
@@ -95,8 +92,7 @@ class Sweep:
         return self.table([column])[column].to_numpy(zero_copy_only=False)
 
     def __len__(self) -> int:
-        _, parquet = needed()
-        return sum(parquet.read_metadata(file).num_rows for file in self._files)
+        return self.table(["point"]).num_rows if self._files else 0
 
     @property
     def failed(self) -> dict[int, str]:

@@ -33,7 +33,7 @@ from vdfmu.engine.ssp.archive import Archive
 from vdfmu.engine.ssp.read import load_ssp
 from vdfmu.engine.ssp.structure import System
 from vdfmu.errors import UsageError
-from vdfmu.files import pack_zip, storing
+from vdfmu.files import pack_zip, require_ours, storing
 from vdfmu.temporary import temporary_folder
 
 
@@ -86,6 +86,7 @@ def write_container(
             "solve it; break the loop, or run the system without a container."
         )
     path = Path(path)
+    require_ours(path)
     with storing(path), temporary_folder("vdfmu_container_") as folder:
         _write(checked, path, step, Path(folder))
     return path

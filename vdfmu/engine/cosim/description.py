@@ -146,7 +146,7 @@ def _inspect(
         try:
             model = read_model_description(unit.file, validate=False)
         except Exception:
-            raise SspError(problems) from None
+            raise SspError(problems or broken) from None
     for variable in model.modelVariables if sizes else ():
         chosen = [
             sizes.get(d.variable.name, d.variable.start) if d.variable else d.start

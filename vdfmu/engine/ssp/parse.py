@@ -31,6 +31,11 @@ _NAMED = {
 }  # fmt: skip
 
 
+def _url(name: str) -> str:
+    """Return a name as a URL that lxml takes: bytes of a name that are not UTF-8 are written out."""
+    return name.encode("utf-8", "backslashreplace").decode()
+
+
 def parse_xml(data: bytes, where: str) -> Any:
     """Parse XML without entities, external files or network, and return its root, which knows `where` as its URL.
 
@@ -44,7 +49,7 @@ def parse_xml(data: bytes, where: str) -> Any:
         remove_comments=True, remove_pis=True,
     )  # fmt: skip
     try:
-        root = etree.fromstring(data, parser, base_url=where)
+        root = etree.fromstring(data, parser, base_url=_url(where))
     except (etree.XMLSyntaxError, ValueError) as error:
         if b"<!DOCTYPE" in data:  # entities may be what the parser stumbles over
             raise SspError(found("PKG009", f"{where}: {_DOCTYPE}", (where, 0))) from None
