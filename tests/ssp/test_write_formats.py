@@ -166,10 +166,11 @@ def test_the_page_shows_the_system(scenario):
 
 def test_an_osp_folder_has_no_file_that_is_cut_off(scenario, fmus, tmp_path, monkeypatch):
     """A disk that fills up at any file: each file is the old one or the new one."""
+    old = b'generationTool="vdfmu old"'
     names = {path.name for path in write_osp(scenario, fmus, tmp_path).parent.iterdir()}
     assert len(names) == 5
     for name in names:
-        (tmp_path / name).write_bytes(b'generationTool="vdfmu old"')
+        (tmp_path / name).write_bytes(old)
     new = {path.name: path.read_bytes() for path in fmus.values()}
     replace, moved = os.replace, []
 
@@ -184,7 +185,7 @@ def test_an_osp_folder_has_no_file_that_is_cut_off(scenario, fmus, tmp_path, mon
         write_osp(scenario, fmus, tmp_path)
     assert {path.name for path in tmp_path.iterdir()} == names
     for name in names:
-        assert (tmp_path / name).read_bytes() == (new[name] if name in moved else b"old")
+        assert (tmp_path / name).read_bytes() == (new[name] if name in moved else old)
 
 
 RUN = """

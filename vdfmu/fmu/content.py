@@ -86,6 +86,11 @@ class Content:
             object.__setattr__(self, "made_by", about(self.unit))
 
     @property
+    def generation_tool(self) -> str:
+        """Names and versions of what made the FMU; by the first a later build knows that it may be replaced."""
+        return f"vdfmu {self.version}, {self.tool}"
+
+    @property
     def model_name(self) -> str:
         """Model identifier."""
         return self.unit.__name__

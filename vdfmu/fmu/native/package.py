@@ -109,7 +109,7 @@ def _members(
     """Path to content of everything in the FMU."""
     major = _MAJOR[content.fmi_version]
     c_files = [name for name in sorted(sources) if name.endswith(".c")]
-    interface, guid, tool = content.interface, content.guid, f"vdfmu {content.version}, {content.tool}"
+    interface, guid, tool = content.interface, content.guid, content.generation_tool
     about = content.made_by or {}
     members = {f"sources/{name}": text for name, text in sources.items()}
     if major == 2:
