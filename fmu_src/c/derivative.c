@@ -7,7 +7,8 @@
 
 static bool is_state(Reference ref)
 {
-    return unit.n_x && ref >= unit.x && ref < unit.x + unit.n_x;
+    return (unit.n_x && ref >= unit.x && ref < unit.x + unit.n_x) ||
+           (unit.update && ref >= unit.sampled && ref < unit.sampled + unit.n_sampled);
 }
 
 static bool can_be_known(const Instance *I, Reference ref)
@@ -97,6 +98,8 @@ Status directional_derivative(Instance *I, const Direction *a)
     unit.outputs_forward(I->m, I->d);
     if (unit.n_x)
         unit.derivatives_forward(I->m, I->d);
+    if (unit.update && I->core->phase != INITIALIZATION)
+        unit.update_forward(I->m, I->d); /* the last: it replaces the seeds of sampled states */
     reap(I, a->unknowns, a->n_unknowns, a->sensitivity);
     return STATUS_OK;
 }
@@ -106,6 +109,8 @@ Status adjoint_derivative(Instance *I, const Direction *a)
     if (check(I, a, true) != STATUS_OK)
         return STATUS_ERROR;
     sow(I, a->unknowns, a->n_unknowns, a->seed);
+    if (unit.update && I->core->phase != INITIALIZATION)
+        unit.update_reverse(I->m, I->d);
     if (unit.n_x)
         unit.derivatives_reverse(I->m, I->d);
     unit.outputs_reverse(I->m, I->d);

@@ -71,6 +71,7 @@ typedef struct {
     size_t tolerance;         /* position of the solver's tolerance; n if the unit has no solver */
 
     size_t period;            /* position of the time from one sample to the next [s]; n if nothing is sampled */
+    size_t sampled, n_sampled; /* sampled states: position of the first, number */
 
     Pattern step_pattern;     /* outputs and derivatives on inputs, states and time, after initialization */
     Pattern start_pattern;    /* outputs and derivatives on inputs, parameters and time, during initialization */
@@ -94,6 +95,8 @@ typedef struct {
     void (*start_reverse)(const double *m, double *d);
     void (*outputs_reverse)(const double *m, double *d);
     void (*derivatives_reverse)(const double *m, double *d);
+    void (*update_forward)(const double *m, double *d); /* sampled states are both: known, and calculated for the next sample */
+    void (*update_reverse)(const double *m, double *d);
 
     /* One step of the solver over h [s]; the inputs are m[i] + rate[i] * (time since the start of the step). NULL if the
      * unit has no states. `ratio` is the local error by component over the tolerance, `norm` its root mean square. */

@@ -59,5 +59,8 @@ def test_what_gives_no_derivatives_is_refused_and_what_is_sampled_noted(system):
     derives = models.CONTROLLER.simulation | {"providesDirectionalDerivatives": "true"}
     sampled = replace(models.CONTROLLER, name="SampledDerives", simulation=derives)
     path = system({"c": (sampled, "3.0"), "p": (LAG, "3.0")}, ["p.x -> c.e", "c.u -> p.u"])
-    notes = linear_system(path, step=STEP).parts.notes
+    found = linear_system(path, step=STEP)
+    notes = found.continuous().notes
     assert "taken as constant, for it changes at communication points only: c.u" in notes
+    with pytest.raises(UsageError, match=r"c\.u: expected signals with derivatives; these change"):
+        found.sampled()

@@ -12,9 +12,12 @@ import pytest
 from scipy.linalg import expm
 
 import vdfmu
+from vdfmu.analysis.system import margins_along
 from vdfmu.engine.cosim import Simulator
 from vdfmu.engine.cosim.container import write_container
 from vdfmu.errors import SspError, UsageError
+
+from ..native.binding import Instance, Model
 
 STEP, STOP, K, D, START = 0.01, 0.6, 30.0, 4.0, 0.2
 UNITS = '''
@@ -65,6 +68,24 @@ class Encoder(Unit):
         self.y = self.x + self.bias
 
 
+class Coarse(Unit):
+    """Position in steps of 1 mm, which depends on nothing but the rounded input."""
+
+    x = Input("m", text="position")
+    period = Parameter("s", text="time between samples", start=0.01, minimum=1e-6)
+    y = Sampled("m", text="sample", start=0.2)
+
+    def update(self):
+        self.y = 1e-3 * np.floor(self.x / 1e-3 + 0.5)
+
+
+class Wrapped(Coarse):
+    """Position in a range of 1 m, in steps where it rounds, with a slope of its own."""
+
+    def update(self):
+        self.y = self.x - np.floor(self.x)
+
+
 class Clock(Unit):
     """A sampled state that nothing feeds."""
 
@@ -91,6 +112,13 @@ SYSTEMS = {
         ["cart:Cart", "control:Control", "encoder:Encoder"],
         {"cart.x": "encoder.x", "encoder.y": "control.x", "control.u": "cart.u"},
     ),
+    **{
+        kind.lower(): (
+            ["cart:Cart", "control:Control", f"encoder:{kind}"],
+            {"cart.x": "encoder.x", "encoder.y": "control.x", "control.u": "cart.u"},
+        )
+        for kind in ("Coarse", "Wrapped")
+    },
     "ring": (
         ["cart:Cart", "control:Control", "encoder:Encoder"],
         {
@@ -234,3 +262,96 @@ def test_a_period_counts_in_packages_containers_and_each_run(scenario, run, tmp_
             simulator.run(step=0.004, stop=0.04)
         with pytest.raises(UsageError, match=r"such as 0\.007 s"):
             simulator.run(parameters={"control.period": 0.007})
+
+
+def matrix(delay: int = 0) -> np.ndarray:
+    """Return the matrix of a step of the loop: position, velocity, last position, and forces that wait."""
+    E = expm(STEP * np.array([[0.0, 1.0, 0.0], [0.0, -0.5, 1.0], [0.0, 0.0, 0.0]]))
+    force = np.array([-K - D / STEP, 0.0, D / STEP, *[0.0] * delay])
+    acts = force if delay == 0 else np.eye(3 + delay)[3]
+    whole = np.zeros((3 + delay, 3 + delay))
+    whole[:2, :2] = E[:2, :2]
+    whole[:2] += np.outer(E[:2, 2], acts)
+    whole[2, 0] = 1.0
+    if delay:
+        whole[3:-1, 4:] = np.eye(delay - 1)
+        whole[-1] = force
+    return whole
+
+
+@pytest.mark.parametrize(
+    ("system", "master", "delay"),
+    [("plain", "gauss-seidel", 0), ("chain", "gauss-seidel", 0), ("plain", "jacobi", 1),
+     ("coarse", "gauss-seidel", 0), ("wrapped", "gauss-seidel", 0)],
+)  # fmt: skip
+def test_a_sampled_loop_has_the_poles_of_its_equations(scenario, system, master, delay):
+    """Those beyond are zeros: what is held or waits is set anew in each step. Steps of an encoder are their line."""
+    found = vdfmu.linearize(scenario(system, master), at=3 * STEP, sampled=True)
+    poles = np.linalg.eigvals(found.A)
+    poles = poles[np.argsort(-np.abs(poles))]
+    wanted = np.linalg.eigvals(matrix(delay))
+    wanted = wanted[np.argsort(-np.abs(wanted))]
+    # rounding; the nilpotent rest of up to 4 states has eigenvalues of 1e-16 ** (1/4)
+    np.testing.assert_allclose(np.sort_complex(poles[: len(wanted)]), np.sort_complex(wanted), atol=1e-11)
+    assert np.abs(poles[len(wanted) :]).max() < 1e-3
+    assert np.abs(wanted).max() < 1.0
+    assert not any("constant" in note for note in found.notes)
+
+
+@pytest.mark.parametrize("version", ["2.0", "3.0"])
+def test_the_matrix_is_that_of_differences_of_a_whole_step(scenario, run, tmp_path, version):
+    """All start values moved, one by one, through one step of the run of FMUs; the loop is linear."""
+    run(scenario("chain"), stop=STEP, fmi_version=version)
+    package = tmp_path / "results" / "system.ssp"
+    system = vdfmu.linearize(package, at=0.0, sampled=True)
+    names = [name for name in system.states if not name.startswith("at ")]
+    assert sorted(names) == ["cart.v", "cart.x", "control.held", "control.old", "encoder.y"]
+    size = 0.5
+    with Simulator(package, isolate=False, tolerance=1e-12) as simulator:
+
+        def after(values: dict[str, float]) -> np.ndarray:
+            results = simulator.run(stop=STEP, parameters={f"{name}_0": x for name, x in values.items()})
+            return np.array([results[name][-1] for name in names])
+
+        start = dict.fromkeys(names, 0.0)
+        columns = [(after(start | {n: size}) - after(start | {n: -size})) / (2 * size) for n in names]
+    places = [system.states.index(name) for name in names]
+    # what waits at inputs is, at the start, what the outputs are: a column of theirs adds to that of the state
+    waits = {"cart.x": "at encoder.x", "encoder.y": "at control.x"}
+    A = system.A[places]
+    mine = [
+        A[:, system.states.index(n)] + (A[:, system.states.index(waits[n])] if n in waits else 0)
+        for n in names
+    ]
+    # the solver's tolerance, times gains of 430
+    np.testing.assert_allclose(np.array(columns), mine, atol=1e-9)
+
+
+def test_margins_are_those_of_the_sampled_loop(scenario):
+    """By the transfer function of cart and controller, on a grid of its own."""
+    (found,) = margins_along(scenario("plain"), ("cart.u",), at=[2 * STEP]).margins
+    E = expm(STEP * np.array([[0.0, 1.0, 0.0], [0.0, -0.5, 1.0], [0.0, 0.0, 0.0]]))
+    z = np.exp(1j * np.linspace(1e-4, np.pi, 200_001))
+    cart = [(np.linalg.inv(each * np.eye(2) - E[:2, :2]) @ E[:2, 2])[0] for each in z[::100]]
+    loop = (K + D / STEP * (1 - 1 / z[::100])) * np.array(cart)
+    # the smallest distance is flat around its place: squares of the grids' distances, 1e-2 of it
+    assert found.modulus[0] == pytest.approx(np.abs(1 + loop).min(), rel=1e-3)
+    assert found.radius == pytest.approx(np.abs(np.linalg.eigvals(matrix())).max(), abs=1e-11)
+    with pytest.raises(UsageError, match=r"control: expected a period of 0\.01 s, the communication step"):
+        margins_along(scenario("plain"), ("cart.u",), at=[0.0], settings={"control.period": 0.02})
+
+
+def test_derivatives_of_samples_are_declared_and_transposed(scenario, tmp_path):
+    """Of the next sample by inputs and by sampled states, backwards the same numbers."""
+    file = scenario("plain").parent / "loop.py"
+    (path,) = vdfmu.build_fmus(None, tmp_path, units=[f"{file}:Control"], fmi_version="3.0").values()
+    unit = Instance(Model(Path(fmpy.extract(str(path), str(tmp_path / "x")))), "CoSimulation").start()
+    unit.step(STEP)
+    old, held, u = (v for v in unit.model.variables if v.name in ("old", "held", "u"))
+    (x,) = unit.model.of("input")
+    knowns, unknowns = [x, old, held], [old, held, u]
+    J = np.array([unit.directional(unknowns, knowns, seed) for seed in np.eye(3)]).T
+    wanted = [[1, 0, 0], [-K - D / STEP, D / STEP, 0], [0, 0, 1]]
+    np.testing.assert_allclose(J, wanted, rtol=1e-14)  # rounding
+    assert np.array_equal([unit.adjoint(unknowns, knowns, seed) for seed in np.eye(3)], J)
+    unit.free()

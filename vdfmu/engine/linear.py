@@ -7,6 +7,9 @@ In continuous time ``y = (1 - D L)^-1 (C x + D d)``. Sampled, as the master has 
 which x is solved exactly, ``x[k+1] = Phi x[k] + Gamma u[k]``; outputs at its end are ``y[k+1] = C x[k+1] + D u[k]``.
 An input gets ``u[k] = L y[k] + d[k]``, a sample of delay for what feeds through, or, where `gauss-seidel` passes fresh
 values on, ``u[k] = L y[k+1] + d[k]``.
+
+Sampled states s change at the begin of the step, ``s[k+1] = F (x[k], u[k], s[k])``, and are held over it: they are
+further inputs of x and y.
 """
 
 from __future__ import annotations
@@ -14,7 +17,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -23,10 +26,23 @@ from scipy.linalg import block_diag
 from vdfmu.arrays import Floats
 from vdfmu.engine.cosim.component import Slave
 from vdfmu.engine.cosim.interface import derivatives
+from vdfmu.engine.cosim.multirate import periods
 from vdfmu.engine.cosim.simulator import Simulator
 from vdfmu.engine.space import Linear, Signal, StateSpace, held
 from vdfmu.engine.ssp.structure import System
 from vdfmu.errors import UsageError
+
+
+class Samples(NamedTuple):
+    """Sampled states of all components: their signals, and how they enter."""
+
+    signals: Sequence[Signal]
+    E: Floats
+    """Derivatives of the continuous states by them, (n_x, n_s)."""
+    G: Floats
+    """Derivatives of the outputs by them, (n_y, n_s)."""
+    F: Floats
+    """Derivatives of the next sample by continuous states, inputs and sampled states, (n_s, n_x + n_u + n_s)."""
 
 
 @dataclass(frozen=True)
@@ -44,6 +60,12 @@ class LinearSystem:
     step : float [s]
     algorithm : str
         Of the master.
+    samples : Samples
+        The sampled states.
+    constant : tuple of str
+        Connected signals that change at communication points only, in a way that is not known.
+    slow : tuple of str
+        Components that do not sample at each communication point.
     """
 
     parts: StateSpace
@@ -51,6 +73,9 @@ class LinearSystem:
     fresh: npt.NDArray[np.bool_]
     step: float
     algorithm: str
+    samples: Samples
+    constant: tuple[str, ...] = ()
+    slow: tuple[str, ...] = ()
 
     def places(self, inputs: Sequence[str]) -> list[int]:
         """Return the places of inputs, ``component.variable`` with or without an index; UsageError for others."""
@@ -91,16 +116,44 @@ class LinearSystem:
             ) from None
         x = np.hstack([A, np.zeros_like(B)]) + B @ U
         y = np.hstack([C, np.zeros_like(D)]) + D @ U
-        return self._named(x, np.vstack([y, (self.links @ y)[cut]]), cut, None)
+        found = self._named(x, np.vstack([y, (self.links @ y)[cut]]), cut, None)
+        still = [*self.constant, *(name for name, _, _ in self.samples.signals)]
+        notes = [f"taken as constant, for it changes at communication points only: {name}" for name in still]
+        return replace(found, notes=(*found.notes, *notes))
 
     def sampled(self, opened: Sequence[str] = ()) -> StateSpace:
         """Return the system from one communication point to the next; parameters as of :meth:`continuous`.
 
-        States are those of the components, and the values L y that wait at their inputs. Outputs are ``C x + D u``.
+        States are those of the components, sampled ones after the others, and the values L y that wait at their inputs.
+        Outputs are ``C x + D u``.
+
+        Raises
+        ------
+        UsageError
+            For unknown inputs, or signals and samples of which it is not known how they go from one communication point
+            to the next.
         """
+        if self.constant:
+            raise UsageError(
+                f"{', '.join(self.constant)}: expected signals with derivatives; these change at communication points "
+                "in a way that the FMU does not tell, so the sampled loop is not known. FMUs of this project tell it "
+                "of their sampled states."
+            )
+        if self.slow:
+            raise UsageError(
+                f"{', '.join(self.slow)}: expected a period of {self.step:g} s, the communication step, since the loop "
+                "is linearised from one point to the next. Run it with the period as the step, or change the period."
+            )
         A, B, C, D = (getattr(self.parts, name) for name in "ABCD")
-        (n, m), cut = B.shape, self.places(opened)
-        Phi, Gamma = held(Linear(A, B), self.step)
+        (n_x, m), n_s, cut = B.shape, len(self.samples.signals), self.places(opened)
+        _, E, G, F = self.samples
+        Phi, Gamma = held(Linear(A, np.hstack([B, E])), self.step)
+        by_s, keeps = np.vstack([Gamma[:, m:], np.eye(n_s)]), np.zeros((n_x + n_s, n_x + n_s))
+        keeps[:n_x, :n_x] = Phi
+        # the sample is the first of the step: F tells the s that x and y have through it
+        Phi = keeps + by_s @ np.hstack([F[:, :n_x], F[:, n_x + m :]])
+        Gamma = np.vstack([Gamma[:, :m], np.zeros((n_s, m))]) + by_s @ F[:, n_x : n_x + m]
+        C, n = np.hstack([C, G]), n_x + n_s
         ends = np.hstack([self.links @ C @ Phi, np.zeros((m, m))])  # L y at the end of the step, by (x, w)
         by_u = self.links @ (C @ Gamma + D)
         fresh = np.diag(self.fresh.astype(float))
@@ -120,12 +173,12 @@ class LinearSystem:
     def _named(self, motion: Floats, outputs: Floats, cut: list[int], step: float | None) -> StateSpace:
         """Return the state space of matrices by (states, d); what comes to cut inputs are the last outputs."""
         p, size, value = self.parts, len(motion), self.links @ self.parts.y
-        waiting = len(value) if step is not None else 0
+        waiting, signals = (len(value), self.samples.signals) if step is not None else (0, ())
         return replace(
             p, A=motion[:, :size], B=motion[:, size:], C=outputs[:, :size], D=outputs[:, size:], step=step,
-            states=(*p.states, *(f"at {name}" for name in p.inputs[:waiting])),
-            state_units=(*p.state_units, *p.input_units[:waiting]),
-            x=np.concatenate([p.x, value[:waiting]]),
+            states=(*p.states, *(name for name, _, _ in signals), *(f"at {name}" for name in p.inputs[:waiting])),
+            state_units=(*p.state_units, *(unit for _, unit, _ in signals), *p.input_units[:waiting]),
+            x=np.concatenate([p.x, [x for _, _, x in signals], value[:waiting]]),
             outputs=(*p.outputs, *(p.inputs[i] for i in cut)),
             output_units=(*p.output_units, *(p.input_units[i] for i in cut)),
             y=np.concatenate([p.y, value[cut]]),
@@ -142,8 +195,7 @@ def linear_system(
     """Run a system to a time and linearise its components there.
 
     By their directional derivatives; those of a component for model exchange that has none by central differences, of
-    which `notes` tells. Signals that change at communication points only, such as sampled states, count as constant;
-    that is noted, too.
+    which `notes` tells. Sampled states are linearised where an annotation names their period.
 
     Parameters
     ----------
@@ -180,48 +232,64 @@ def linear_system(
             _part(name, slave, components.box.time if at is None else at, notes)
             for name, slave in components.slaves.items()
         ]
-    A, B, C, D = (block_diag(*blocks) for blocks in zip(*(matrices for matrices, _ in each), strict=True))
-    states, inputs, outputs = ([s for _, signals in each for s in signals[i]] for i in range(3))
+    blocks: list[Any] = [
+        block_diag(*each_of) for each_of in zip(*(matrices for matrices, _ in each), strict=True)
+    ]
+    A, B, E, C, D, G, *F = blocks
+    states, inputs, outputs, sampled = ([s for _, signals in each for s in signals[i]] for i in range(4))
     whole: list[list[Any]] = [[A, B], [C, D]]
     parts = StateSpace.of(np.block(whole), states, inputs, outputs)
     rows = {name: i for i, name in enumerate(parts.inputs)}
     columns = {name: i for i, name in enumerate(parts.outputs)}
     links, fresh = np.zeros((len(rows), len(columns))), np.zeros(len(rows), bool)
+    constant: list[str] = []
     for link in checked.links:
         start, end = ".".join(link.start), ".".join(link.end)
         if start in columns and end in rows and link.stepped:
             links[rows[end], columns[start]] = link.conversion.factor
             fresh[rows[end]] = link.end in checked.schedule.fresh
         elif link.source.type == "Real" and end.partition(".")[0] in components.slaves and link.discrete:
-            notes.append(f"taken as constant, for it changes at communication points only: {start}")
+            constant.append(start)
     parts = replace(parts, notes=tuple(dict.fromkeys(notes)))
-    return LinearSystem(parts, links, fresh, step, checked.algorithm)
+    slow = [name for name, period in periods(checked).items() if round(period / step) != 1]
+    return LinearSystem(
+        parts, links, fresh, step, checked.algorithm, Samples(sampled, E, G, np.hstack(F)),
+        tuple(dict.fromkeys(constant)), tuple(slow),
+    )  # fmt: skip
 
 
 def _part(name: str, slave: Slave, time: float, notes: list[str]) -> tuple[list[Floats], list[list[Signal]]]:
-    """Return A, B, C, D of a component at the point where it is, and its states, inputs and outputs."""
+    """Return the matrices of a component at the point where it is, and its states, inputs, outputs, sampled states.
+
+    In the order A, B, E, C, D, G, and F by parts.
+    """
     known = slave.description.variables.values()
-    chosen = (
+    sampled = [v for v in slave.description.sampled if v.type == "Real" and not slave.description.exchange]
+    inputs, outputs = (
         [v for v in known if v.causality == causality and v.type == "Real" and v.variability != "discrete"]
         for causality in ("input", "output")
     )
-    inputs, outputs = chosen
     order = {(reference, i): k for k, (reference, i) in enumerate(
         (x, i) for x, _, length in slave.description.states for i in range(length))}  # fmt: skip
     states = sorted(
         (v for v in known if (v.reference, v.index) in order), key=lambda v: order[v.reference, v.index]
     )
     if slave.description.derives_unknowns:
-        J = derivatives(slave, inputs, outputs)
+        J = derivatives(slave, [*inputs, *sampled], [*outputs, *sampled])
     else:
         assert slave.integrator is not None
         J = slave.integrator.differences(time, inputs, outputs)
         notes.append(f"without directional derivatives, by differences: {name}")
-    n = J.shape[1] - len(inputs)
+    m, s = len(inputs), len(sampled)
+    n = J.shape[1] - m - s
     if not n and inputs and not J.any():
         notes.append(f"without declared states, and no output depends on an input directly: {name}")
+    p = n + len(outputs)
+    F = J[p:]
+    J = np.vstack([J[:p], np.eye(s, J.shape[1], n + m)])  # sampled states are outputs, too
     signals: list[list[Signal]] = [
         [(f"{name}.{v.name}", v.unit.name if v.unit else "1", float(slave.get(v))) for v in part]
-        for part in (states[:n], inputs, outputs)
+        for part in (states[:n], inputs, [*outputs, *sampled], sampled)
     ]
-    return [J[:n, :n], J[:n, n:], J[n:, :n], J[n:, n:]], signals
+    parts = [slice(0, n), slice(n, n + m), slice(n + m, None)]
+    return [M[:, part] for M in (J[:n], J[n:], F) for part in parts], signals

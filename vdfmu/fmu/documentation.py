@@ -115,10 +115,10 @@ def _use(content: Content) -> str:
         )
     if interface.is_sampled:
         lines.append(
-            "<p>Sampled states change every <code>period</code> from the start time on: in co-simulation at the "
-            "start of a communication step, by the inputs set for it, so their values of that time are read after it; inside a "
-            "longer step, by the same inputs: choose steps of which the period is a whole multiple. In model exchange "
-            "they change in event mode, at the times that the FMU names.</p>"
+            "<p>Sampled states change every <code>period</code> from the start time on: in co-simulation at the start "
+            "of a communication step, by the inputs set for it, so their values of that time are read after it; inside "
+            "a longer step, by the same inputs: choose steps of which the period is a whole multiple. In model "
+            "exchange they change in event mode, at the times that the FMU names.</p>"
         )
     elif not interface.has_states:
         lines.append(

@@ -4,41 +4,46 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from itertools import accumulate
+from typing import Any
 
 import casadi as ca
 
 
-def forward(function: ca.Function) -> ca.Function:
+def forward(function: ca.Function, rounded: bool = False) -> ca.Function:
     """Return the product of the Jacobian of `function` with a direction, ``<name>_forward``.
 
     Its arguments are those of `function` and a direction ``d_<argument>`` for each; its results are
-    ``d_<result>``, (J direction).
+    ``d_<result>``, (J direction). With `rounded`, what depends on an argument by rounding alone, as of an encoder,
+    has the slope of the line that the rounding follows, in place of 0.
     """
-    return _product(function, "forward", "d", transposed=False)
+    return _product(function, "forward", "d", False, rounded)
 
 
-def reverse(function: ca.Function) -> ca.Function:
+def reverse(function: ca.Function, rounded: bool = False) -> ca.Function:
     """Return the product of a direction with the Jacobian of `function`, ``<name>_reverse``.
 
     Its arguments are those of `function` and a direction ``bar_<result>`` for each result; its results are
-    ``bar_<argument>``, (direction J).
+    ``bar_<argument>``, (direction J). `rounded` as of :func:`forward`.
     """
-    return _product(function, "reverse", "bar", transposed=True)
+    return _product(function, "reverse", "bar", True, rounded)
 
 
-def _product(function: ca.Function, ending: str, prefix: str, transposed: bool) -> ca.Function:
+def _product(function: ca.Function, ending: str, prefix: str, transposed: bool, rounded: bool) -> ca.Function:
     """Return the product of the Jacobian, or its transpose, with directions; `prefix` names them and the results."""
     arguments = {name: ca.SX.sym(name, function.numel_in(name)) for name in function.name_in()}
     called = function.call(list(arguments.values()))
     results = {name: ca.vec(r) for name, r in zip(function.name_out(), called, strict=True)}
     given, made = (results, arguments) if transposed else (arguments, results)
     directions = {f"{prefix}_{name}": ca.SX.sym(name, *v.shape) for name, v in given.items()}
-    product = ca.jtimes(
-        ca.vertcat(*results.values()),
-        ca.vertcat(*arguments.values()),
-        ca.vertcat(*directions.values()),
-        transposed,
+    result, argument = ca.vertcat(*results.values()), ca.vertcat(*arguments.values())
+    direction = ca.vertcat(*directions.values())
+    product = ca.jtimes(result, argument, direction, transposed)
+    operations = (
+        {function.instruction_id(k) for k in range(function.n_instructions())} if rounded else set[int]()
     )
+    if operations & _ROUNDING.keys() and ca.OP_CALL not in operations:
+        lines = _slopes_of_rounding(function, result, argument, list(arguments.values()))
+        product += (lines.T if transposed else lines) @ direction
     offsets = [0, *accumulate(v.numel() for v in made.values())]
     return ca.Function(
         f"{function.name()}_{ending}",
@@ -51,5 +56,41 @@ def _product(function: ca.Function, ending: str, prefix: str, transposed: bool) 
     )
 
 
-DIRECTIONS: dict[str, Callable[[ca.Function], ca.Function]] = {"forward": forward, "reverse": reverse}
+_ROUNDING = {ca.OP_FLOOR: -0.5, ca.OP_CEIL: 0.5}
+"""Operation to how far it is from its argument in the mean."""
+
+
+def _slopes_of_rounding(
+    function: ca.Function, result: ca.SX, argument: ca.SX, arguments: list[ca.SX]
+) -> ca.SX:
+    """Return those elements of a Jacobian that are 0 but for the lines that roundings follow."""
+    work: list[Any] = [0.0] * function.sz_w()
+    lines = [ca.SX(function.size_out(i)[0], 1) for i in range(function.n_out())]
+    for k in range(function.n_instructions()):
+        operation, read, set_ = (
+            function.instruction_id(k), function.instruction_input(k), function.instruction_output(k)
+        )  # fmt: skip
+        if operation == ca.OP_CONST:
+            work[set_[0]] = ca.SX(function.instruction_constant(k))
+        elif operation == ca.OP_INPUT:
+            work[set_[0]] = arguments[read[0]][read[1]]
+        elif operation == ca.OP_OUTPUT:
+            lines[set_[0]][set_[1]] = work[read[0]]
+        elif operation in _ROUNDING:
+            work[set_[0]] = work[read[0]] + _ROUNDING[operation]
+        else:
+            apply = ca.SX.unary if len(read) == 1 else ca.SX.binary
+            work[set_[0]] = apply(operation, *(work[i] for i in read))
+    exact, followed = (
+        ca.sparsify(ca.jacobian(each, argument)) for each in (result, ca.vertcat(*map(ca.vec, lines)))
+    )
+    known = set(zip(*exact.sparsity().get_triplet(), strict=True))
+    new = [place for place in zip(*followed.sparsity().get_triplet(), strict=True) if place not in known]
+    found = ca.SX(*exact.shape)
+    for row, column in new:
+        found[row, column] = followed[row, column]
+    return found
+
+
+DIRECTIONS: dict[str, Callable[..., ca.Function]] = {"forward": forward, "reverse": reverse}
 """Ending of the name to what makes the derivative."""

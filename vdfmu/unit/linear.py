@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -43,7 +44,9 @@ def state_space(
         [(table.memory[i].name, table.memory[i].unit or "1", float(unit.memory[i])) for i in part]
         for part in (x, u, y)
     )
-    return StateSpace.of(J[np.ix_(np.concatenate([x_dot, y]), np.concatenate([x, u]))], *signals)
+    found = StateSpace.of(J[np.ix_(np.concatenate([x_dot, y]), np.concatenate([x, u]))], *signals)
+    still = ", ".join(dict.fromkeys(v.group for v in table.memory[table.sampled]))
+    return replace(found, notes=(f"sampled states are taken as constant: {still}",)) if still else found
 
 
 def _jacobian(unit: Evaluation, names: Sequence[str]) -> Floats:

@@ -18,6 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 from vdfmu.errors import UnitError
+from vdfmu.kernel.derivatives import DIRECTIONS
 from vdfmu.kernel.functions import Functions
 from vdfmu.kernel.rodas import Stages, rodas_step, stage_equations
 from vdfmu.kernel.structure import SOURCES as KERNEL_SOURCES
@@ -192,6 +193,12 @@ class UnitFunctions(Functions):
         if kind == "jacobian":
             return stiff.jacobian(name)
         return stiff.step(name, self.casadi_function(derivatives))
+
+    def _made(self, name: str) -> ca.Function:
+        base, _, direction = name.rpartition("_")
+        if direction in DIRECTIONS and base in {call.function for call in self._calls["update"]}:
+            return DIRECTIONS[direction](self.casadi_function(base), rounded=True)
+        return super()._made(name)
 
     def _traced(self, leaf: Leaf) -> SymbolicWatch:
         instance = self.unit(self.robot)

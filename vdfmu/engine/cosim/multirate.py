@@ -60,7 +60,7 @@ def with_steps(checked: Checked, step: float) -> Checked:
                 "read, is a state; gauss-seidel cannot pass on both at their times; use jacobi, or split the unit"
             )
     notes: list[str] = []
-    for name, period in _periods(checked).items():
+    for name, period in periods(checked).items():
         if wrong := [k for k in checked.links if k.end == (name, checked.descriptions[name].period)]:
             problems.append(f"{wrong[0]}: expected a value for the time between samples, not a connection")
         fed = [k for k in checked.links if k.stepped and k.end[0] == name]
@@ -84,7 +84,7 @@ def with_steps(checked: Checked, step: float) -> Checked:
     return replace(checked, multiples=multiples if slow else {}, notes=(*checked.notes, *sorted(notes)))
 
 
-def _periods(checked: Checked) -> dict[str, float]:
+def periods(checked: Checked) -> dict[str, float]:
     """Return the times between samples [s] of the components that have sampled states and name their period."""
     found: dict[str, float] = {}
     for name, each in checked.descriptions.items():

@@ -51,10 +51,9 @@ class _Unit:
     def __init__(self, interface: Interface, guid: str) -> None:
         self.interface, self.guid = interface, guid
         self.program = program = interface.program
-        differentiated = (*program.start, *program.outputs, *program.derivatives)
-        names = [name for call in differentiated for name in _with_derivatives(call.function)]
+        names = [name for call in program.calls for name in _with_derivatives(call.function)]
         self.steps = {call.function for call in program.step}
-        names += [call.function for call in program.update] + sorted(self.steps)
+        names += sorted(self.steps)
         self.functions = {
             name: interface.functions.casadi_function(name)
             for name in counted(f"trace {interface.name}", names, len(names))
@@ -205,7 +204,10 @@ class _Unit:
             ("start", program.start),
             ("outputs", program.outputs),
             ("derivatives", program.derivatives),
+            ("update", program.update),
         ):
+            if name == "update" and not calls:
+                continue
             yield _function(name, "double *m", ("m",), self._blocks(calls, self._forth))
             yield _function(
                 f"{name}_forward", "const double *m, double *d", "md", self._blocks(calls, self._forward)
@@ -214,8 +216,6 @@ class _Unit:
             yield _function(
                 f"{name}_reverse", "const double *m, double *d", "md", self._blocks(backwards, self._reverse)
             )
-        if program.update:
-            yield _function("update", "double *m", ("m",), self._blocks(program.update, self._update))
 
     def _blocks(self, calls: Sequence[Call], write: Callable[[Call], list[str]]) -> list[str]:
         """Lines of calls, each in a block of the choices with which it runs."""
@@ -230,28 +230,26 @@ class _Unit:
 
     def _forth(self, call: Call) -> list[str]:
         function = self.functions[call.function]
-        names = (*function.name_in(), *function.name_out())
-        return call_lines(function.name(), [self._place("m", call.group(name)) for name in names])
-
-    def _update(self, call: Call) -> list[str]:
-        """Lines of a call that sets what it reads."""
-        function = self.functions[call.function]
-        made = {name: call.group(name) for name in function.name_out()}
-        new = fields((f"{name}[{self._size(group)}]" for name, group in made.items()), indent="")
-        places = [self._place("m", call.group(name)) for name in function.name_in()]
-        copies = [
-            f"memcpy({self._place('m', group)}, {name}, {self._size(group)} * sizeof(double));"
-            for name, group in made.items()
-        ]
-        return [*f"double {new};".splitlines(), *call_lines(function.name(), [*places, *made]), *copies]
+        given = [self._place("m", call.group(name)) for name in function.name_in()]
+        return self._set("m", function.name(), given, call)
 
     def _forward(self, call: Call) -> list[str]:
         function = self.functions[call.function]
-        given = [call.group(name) for name in function.name_in()]
-        made = [call.group(name) for name in function.name_out()]
-        places = [self._place("m", group) for group in given]
-        places += [self._place("d", group) for group in (*given, *made)]
-        return call_lines(f"{function.name()}_forward", places)
+        given = [self._place(memory, call.group(name)) for memory in "md" for name in function.name_in()]
+        return self._set("d", f"{function.name()}_forward", given, call)
+
+    def _set(self, memory: str, name: str, given: list[str], call: Call) -> list[str]:
+        """Lines of a call that sets its results in a memory, by way of copies where it may read them."""
+        made = {name: call.group(name) for name in self.functions[call.function].name_out()}
+        new = {name: group for name, group in made.items() if name != group}
+        if not new:
+            return call_lines(name, [*given, *(self._place(memory, group) for group in made)])
+        declared = fields((f"{name}[{self._size(group)}]" for name, group in new.items()), indent="")
+        copies = [
+            f"memcpy({self._place(memory, group)}, {name}, {self._size(group)} * sizeof(double));"
+            for name, group in new.items()
+        ]
+        return [*f"double {declared};".splitlines(), *call_lines(name, [*given, *made]), *copies]
 
     def _reverse(self, call: Call) -> list[str]:
         function = self.functions[call.function]
@@ -328,6 +326,8 @@ class _Unit:
             "x_dot": "at_x_dot" if n_x else "0",
             "tolerance": f"at_{argument_name('tolerance')}" if has_step else f"{N}, /* there is no solver */",
             "period": "at_period" if self.program.update else f"{N}, /* nothing is sampled */",
+            "sampled": interface.sampled.start,
+            "n_sampled": interface.sampled.stop - interface.sampled.start,
             "step_pattern": f"{{{calculated}, calculated, step_begin, step_column}}",
             "start_pattern": f"{{{calculated}, calculated, start_begin, start_column}}",
             "n_requirements": len(self.requirements),
@@ -337,7 +337,8 @@ class _Unit:
         for name in ("start", "outputs", "derivatives"):
             for ending in ("", "_forward", "_reverse"):
                 values[name + ending] = name + ending
-        values["update"] = "update" if self.program.update else "NULL"
+        for ending in ("", "_forward", "_reverse") if self.program.update else ():
+            values[f"update{ending}"] = f"update{ending}"
         values["solver_step"] = "solver_step" if has_step else "NULL"
         lines = "".join(f"    .{name} = {value}".rstrip() + ",\n" for name, value in values.items())
         copy = "#ifdef AVX2_STEP\n    .solver_step_avx2 = solver_step_avx2,\n#endif\n" if has_step else ""
