@@ -64,3 +64,16 @@ def test_of_a_run_that_fails_the_rows_so_far_are_seen(fragile):
     with pytest.raises(CosimError):
         simulate(fragile, stop=1.0, step=0.1, parameters={"arm.at": 0.5, "arm.mode": 0}, observer=watcher)
     assert len(watcher.rows) == len(watcher.results) == 6
+
+
+def test_an_observer_needs_nothing_but_row(fragile):
+    class Rows:
+        def __init__(self):
+            self.sizes = []
+
+        def row(self, time, values):
+            self.sizes.append(values.size)
+
+    rows = Rows()
+    results = simulate(fragile, stop=1.0, step=0.1, parameters={"arm.at": 9.0}, observer=rows)
+    assert rows.sizes == [sum(kind == "real" for kind in results.kinds.values())] * 11

@@ -14,12 +14,12 @@ from vdfmu.engine.cosim.results import Results
 
 
 class Observer(Protocol):
-    """Is given rows of a run, which waits for it."""
+    """Is given rows of a run, which waits for it. A class needs those of these that it wants, and ``row``."""
 
     wanted: Sequence[str]
-    """Names of real signals that it is to be given, with ``*`` for any text; there need not be any."""
+    """Names of real signals that it is to be given, with ``*`` for any text; there need not be any. Default: all."""
     period: float
-    """Wall time between two rows [s], at least; 0 for every row."""
+    """Wall time between two rows [s], at least; 0, the default, for every row."""
 
     def begin(self, names: Sequence[str], about: Mapping[str, Any]) -> None:
         """Take the names of the signals that there are, and the facts of the run."""
@@ -43,9 +43,10 @@ def observed(
     store: Callable[[int], None],
 ) -> Callable[[int], None]:
     """Return what stores a row k, of the time ``begin + k * step``, and shows it to the observer when it is due."""
-    names, memory, places = exchange.reals(observer.wanted)
-    observer.begin(names, about)
-    columns, period, due, now = np.array(places, np.intp), observer.period, 0.0, clock.perf_counter
+    names, memory, places = exchange.reals(getattr(observer, "wanted", ("*",)))
+    getattr(observer, "begin", lambda names, about: None)(names, about)
+    period, due, now = getattr(observer, "period", 0.0), 0.0, clock.perf_counter
+    columns = np.array(places, np.intp)
 
     def storing(k: int) -> None:
         nonlocal due

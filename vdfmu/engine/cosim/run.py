@@ -129,6 +129,20 @@ class Run:
         self.summary, self._save = {}, lambda: ""
         self.components.reset()
 
+    def stepping(self, begin: float, end: float, step: float, n: int) -> Callable[[int], None]:
+        """Return what does step k of `n`, after which what is read is finite."""
+        box, advance, exchange, finite = self.box, self.stepper.advance, self.exchange, self.exchange.finite
+
+        def one(k: int) -> None:
+            time, stop = begin + k * step, begin + (k + 1) * step if k < n - 1 else end
+            box.time = time
+            fits = k < n - 1 or time + step == end
+            advance(time, step if fits else largest_step(time, end), stop)
+            if not finite():
+                exchange.refuse_not_finite("doStep", stop)
+
+        return one
+
     def steps(
         self,
         begin: float,
@@ -143,10 +157,9 @@ class Run:
     ) -> Results:
         """Do the steps and return the results."""
         box, stepper = self.box, self.stepper
-        advance, exchange = stepper.advance, self.exchange
+        exchange, one = self.exchange, self.stepping(begin, end, step, n)
         signals, data, store = exchange.recorders(ROWS if stream else n + 1, record)
         recorder = None
-        finite = exchange.finite
         pending = box.pending
         done = -1  # the last complete row
 
@@ -168,7 +181,7 @@ class Run:
                 if path.suffix.lower() == ".parquet":
                     write_parquet(found, path)
             if observer is not None and done >= 0:
-                observer.end(found)
+                getattr(observer, "end", lambda results: None)(found)
             return found
 
         def save() -> str:
@@ -200,16 +213,11 @@ class Run:
                     progress(0, n)
                 while done < n and not box.ended:
                     for k in range(done, min(n, done + stride)):
-                        time, stop = begin + k * step, begin + (k + 1) * step if k < n - 1 else end
-                        box.time = time
-                        fits = k < n - 1 or time + step == end
-                        advance(time, step if fits else largest_step(time, end), stop)
-                        if not finite():
-                            exchange.refuse_not_finite("doStep", stop)
+                        one(k)
                         store(k + 1)
                         done = k + 1
                         if box.ended:
-                            done = self._end(k, time)
+                            done = self._end(k, box.time)
                             break
                         if pending:
                             box.flush()

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Generator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from vdfmu.engine.algorithms import ALGORITHMS, CONTINUOUS, count_steps
+from vdfmu.engine.cosim.by_hand import ByHand
 from vdfmu.engine.cosim.check import Value, check_system, with_parameters
 from vdfmu.engine.cosim.checked import Checked
 from vdfmu.engine.cosim.components import CONVERGENCE, Components
@@ -24,7 +26,7 @@ from vdfmu.engine.cosim.run import Run
 from vdfmu.engine.cosim.schedule import DEFAULT
 from vdfmu.engine.ssp.read import load_ssp
 from vdfmu.engine.ssp.structure import System
-from vdfmu.errors import UsageError
+from vdfmu.errors import CosimError, UsageError
 from vdfmu.progress import Steps, shown_steps
 
 if TYPE_CHECKING:
@@ -53,6 +55,10 @@ class Simulator:
     >>> with vdfmu.Simulator("tracking.ssp") as simulator:
     ...     for mass in (0.5, 1.0, 1.5):
     ...         results = simulator.run(parameters={"plant.payload_mass": mass})
+    ...     simulator.reset(stop=1.0)
+    ...     while simulator.time < 1.0:
+    ...         simulator.set("plant.F_e[3]", -10.0 * simulator.get("plant.p_O[3]"))
+    ...         simulator.step()
     """
 
     def __init__(
@@ -93,6 +99,8 @@ class Simulator:
         self._strict, self._ignore_unmatched, self._federation = strict, ignore_unmatched, federation
         self._checked: Checked | None = None
         self._run: Run | None = None
+        self._by_hand: ByHand | None = None
+        self._begun: Any = None
 
     def __enter__(self) -> Simulator:
         self._tables = read_inputs(self._inputs, self._input_hold)
@@ -106,6 +114,7 @@ class Simulator:
         return self
 
     def __exit__(self, _: object, error: BaseException | None, *__: object) -> None:
+        self._end_by_hand()
         run, self._run, self._checked = self._run, None, None
         if run is not None:
             run.__exit__(None, error)
@@ -144,18 +153,9 @@ class Simulator:
         files = [stream] if isinstance(stream, Path) else list(stream or ())
         if any(path.suffix.lower() == ".parquet" for path in files):
             needed()
-        if self._checked is None:
-            raise UsageError(
-                "Simulator: its runs are made in a block, 'with vdfmu.Simulator(...) as simulator:'."
-            )
-        checked = with_steps(with_parameters(self._checked, parameters or {}), step)
-        if changed := _sizes(checked).items() - _sizes(self._checked).items():
-            names = ", ".join(sorted(name for name, _ in changed))
-            raise UsageError(
-                f"parameters: {names}: sizes of arrays are the same in all runs; give them to the Simulator."
-            )
+        checked = self._prepared(step, parameters)
         reach = outside(self._tables, begin, end)
-        try:
+        with self._freeing():
             run = self._ready(checked)
             run.box.pending += [LogMessage("", begin, "note", "", note) for note in reach]
             run.components.initialize(begin, end, self._tolerance, self._convergence or CONVERGENCE)
@@ -168,12 +168,98 @@ class Simulator:
             run.stepper = run.components.couple(self._adaptive, self._convergence, end - begin, record)
             with shown_steps(progress, "co-simulation") as advance:
                 run.results = run.steps(begin, end, step, n, record, advance, files, observer, probe)
-        except BaseException as error:
-            failed, self._run = self._run, None
+        return run.results
+
+    def reset(
+        self,
+        *,
+        start: float | None = None,
+        stop: float | None = None,
+        step: float | None = None,
+        parameters: Mapping[str, Value] | None = None,
+    ) -> None:
+        """Begin a run whose steps are made by :meth:`step`; arguments as of :meth:`run`.
+
+        With the same arguments as before, components of FMI 2.0 that save their state go back to it, under gauss-seidel
+        and jacobi; others are initialized anew.
+
+        Raises
+        ------
+        UsageError, CosimError
+            As of :meth:`run`; UsageError for components that are isolated, too.
+        """
+        given = {key: np.asarray(value).tolist() for key, value in (parameters or {}).items()}
+        wanted = self.grid(start, stop, step), given
+        if self._by_hand is not None and self._begun == wanted:
+            with self._freeing():
+                if self._by_hand.restart():
+                    return
+        begin, end, step, n = wanted[0]
+        checked = self._prepared(step, parameters)
+        with self._freeing():
+            run = self._ready(checked)
+            if not isinstance(run.components, Components):
+                raise UsageError("reset: isolated components are not stepped by hand; use isolate=False.")
+            run.components.initialize(begin, end, self._tolerance, self._convergence or CONVERGENCE)
+            run.stepper = run.components.couple(self._adaptive, self._convergence, end - begin, ())
+            self._by_hand, self._begun = ByHand(run, begin, end, step, n), wanted
+
+    def step(self, count: int = 1) -> None:
+        """Do steps by hand; UsageError beyond the stop, CosimError if a component fails or ends the run."""
+        steps = self._stepped
+        with self._freeing(CosimError):
+            steps.step(count)
+
+    def set(self, name: str, value: Any) -> None:
+        """Set an input that nothing feeds, or a tunable parameter, for the steps that follow.
+
+        Parameters
+        ----------
+        name : str
+            ``component.variable``; without an index all elements.
+        value : number, or list or array with one for each element
+        """
+        self._stepped.set(name, value)
+
+    def get(self, name: str) -> Any:
+        """Return the value of ``component.variable`` now; of an array, without an index, all elements."""
+        return self._stepped.get(name)
+
+    @property
+    def time(self) -> float:
+        """Time [s] of a run by hand."""
+        return self._stepped.time
+
+    @property
+    def _stepped(self) -> ByHand:
+        if self._by_hand is None:
+            raise UsageError("Simulator: reset() begins a run by hand, in its block and after each run().")
+        return self._by_hand
+
+    @contextmanager
+    def _freeing(self, kind: type[BaseException] = BaseException) -> Generator[None]:
+        """Free the components if what is done in the block fails."""
+        try:
+            yield
+        except kind as error:
+            failed, self._run, self._by_hand = self._run, None, None
             if failed is not None:
                 failed.__exit__(type(error), error)
             raise
-        return run.results
+
+    def _prepared(self, step: float, parameters: Mapping[str, Value] | None) -> Checked:
+        """Return the system with the parameters of a run."""
+        if self._checked is None:
+            raise UsageError(
+                "Simulator: its runs are made in a block, 'with vdfmu.Simulator(...) as simulator:'."
+            )
+        checked = with_steps(with_parameters(self._checked, parameters or {}), step)
+        if changed := _sizes(checked).items() - _sizes(self._checked).items():
+            names = ", ".join(sorted(name for name, _ in changed))
+            raise UsageError(
+                f"parameters: {names}: sizes of arrays are the same in all runs; give them to the Simulator."
+            )
+        return checked
 
     def stand(self, time: float | None = None, step: float | None = None) -> Components:
         """Run the system to a time, by default its start; return its components, with their inputs of that time.
@@ -203,6 +289,7 @@ class Simulator:
 
     def _ready(self, checked: Checked) -> Run:
         """Return the components as they are after loading."""
+        self._end_by_hand()
         run = self._run
         if run is not None and run.isolated:
             self._run = None
@@ -213,6 +300,11 @@ class Simulator:
         else:
             run.reset(checked)
         return run
+
+    def _end_by_hand(self) -> None:
+        if self._by_hand is not None:
+            self._by_hand.close()
+            self._by_hand = None
 
     def grid(
         self, start: float | None, stop: float | None, step: float | None
