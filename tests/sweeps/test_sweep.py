@@ -6,9 +6,11 @@ import errno
 import json
 import os
 import random
+import re
 import signal
 import subprocess
 import sys
+import tempfile
 import threading
 import time
 from contextlib import suppress
@@ -22,6 +24,7 @@ from typer.testing import CliRunner
 import vdfmu
 from vdfmu.cli.commands import app
 from vdfmu.errors import UsageError, VdfmuError
+from vdfmu.sweeps import worker
 from vdfmu.sweeps.table import Sweep
 
 from .conftest import WAYS
@@ -574,3 +577,53 @@ def test_the_command_says_what_it_found(wild, tmp_path):
     assert "sweep.parquet: 2 points" in done.output
     wrong = CliRunner().invoke(app, ["sweep", str(wild), "--over", "unit.way"])
     assert isinstance(wrong.exception, UsageError) and "TARGET=FORM" in str(wrong.exception)
+
+
+def killing(results, times, place):
+    """Kill the process, as the system does for want of memory, a number of times."""
+    with Path(place).open("a+") as file:
+        file.seek(0)
+        if len(file.read()) < times:
+            file.write("x")
+            file.flush()
+            os.kill(os.getpid(), signal.SIGKILL)
+    return 1.0
+
+
+@pytest.mark.parametrize("times", [2, 3])
+def test_a_point_whose_process_is_killed_is_tried_again_and_blames_no_model(
+    wild, tmp_path, monkeypatch, times
+):
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "tmp"))
+    (tmp_path / "tmp").mkdir()
+    place = tmp_path / "killed"
+
+    def measure(results, times=times, place=str(place)):
+        return killing(results, times, place)
+
+    def sweep():
+        return vdfmu.sweep(
+            wild, {"unit.at": [0.0, 1.0]}, measure={"m": measure}, step=0.5, out=tmp_path / "study", workers=1
+        )
+
+    found = sweep()
+    if times == 2:
+        assert found.failed == {}
+    else:
+        assert re.search(r"the process was killed \(SIGKILL\) 3 times: memory may be short", found.failed[0])
+        assert sweep().failed == {}  # without being asked to
+    assert len(place.read_text()) == times
+    assert list((tmp_path / "tmp").iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    "message",
+    [
+        [], [1], [{}], [{"point": 1, "failed": None, "failed_at": None, "wall_s": 0.1}],
+        [{"point": 0, "failed": 7, "failed_at": None, "wall_s": 0.1}],
+        [{"point": 0, "failed": None, "failed_at": None, "wall_s": 0.1, "m": "text"}],
+        [{"point": 0, "failed": None, "failed_at": None, "wall_s": 0.1, "m": [{}]}],
+    ],
+)  # fmt: skip
+def test_what_a_component_writes_for_the_worker_is_refused(message):
+    assert worker._rows(message, [0]) == "a component wrote into the pipe of the worker"

@@ -1,19 +1,21 @@
-"""The process of a worker of a parameter study; see `vdfmu.sweeps.worker`."""
+"""The process of a worker of a parameter study; see `vdfmu.sweeps.worker`. Its argument is its temporary folder."""
 
 from __future__ import annotations
 
+import json
 import logging
 import os
 import pickle
 import struct
+import sys
+import tempfile
 from pathlib import Path
 from typing import Any, BinaryIO
 
 from vdfmu.process import private_pipes
-from vdfmu.temporary import temporary_folder
 
 SIZE = struct.Struct("<Q")
-"""Length of the pickled message that follows."""
+"""Length of the message that follows: pickled for the process, JSON from it."""
 
 
 def _main() -> None:
@@ -21,15 +23,16 @@ def _main() -> None:
     from vdfmu.sweeps.job import Bench
 
     logging.getLogger("vdfmu").addHandler(logging.NullHandler())
-    with temporary_folder("vdfmu_sweep_") as folder:
-        job = _read(requests)
-        bench = Bench(job, Path(folder))
-        try:
-            _write(replies, job.together)
-            while (message := _read(requests)) is not None:
-                _write(replies, bench.run(*message))
-        finally:
-            bench.close()
+    # the worker removes it, whatever ends this process
+    tempfile.tempdir = os.environ["TMPDIR"] = folder = sys.argv[1]
+    job = _read(requests)
+    bench = Bench(job, Path(folder))
+    try:
+        _write(replies, job.together)
+        while (message := _read(requests)) is not None:
+            _write(replies, bench.run(*message))
+    finally:
+        bench.close()
 
 
 def _read(stream: BinaryIO) -> Any:
@@ -39,7 +42,7 @@ def _read(stream: BinaryIO) -> Any:
 
 
 def _write(descriptor: int, message: Any) -> None:
-    content = pickle.dumps(message)
+    content = json.dumps(message, default=lambda value: value.tolist()).encode()
     content = SIZE.pack(len(content)) + content
     while content:
         content = content[os.write(descriptor, content) :]

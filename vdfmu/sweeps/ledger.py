@@ -154,12 +154,14 @@ class Ledger:
             points = table_of(readable(table), ["point"])["point"].to_numpy()
             table.replace(self._place(points[0], points[-1]))
 
-    def forget_failed(self) -> None:
-        """Remove the rows of points that failed, so that they are run again."""
+    def forget_failed(self, reason: str = "") -> None:
+        """Remove the rows of points that failed for a reason that begins so, so that they are run again."""
         table = self._folder / TABLE
         for file in [*([table] if table.exists() else []), *self._files()]:
             rows = table_of(readable(file))
-            kept = rows.filter(rows["failed"].is_null())
+            kept = rows.filter(
+                [words is None or not words.startswith(reason) for words in rows["failed"].to_pylist()]
+            )
             if kept.num_rows == rows.num_rows:
                 continue
             points = kept["point"].to_numpy()

@@ -19,6 +19,7 @@ from vdfmu.sweeps.ledger import Ledger
 from vdfmu.sweeps.local import processors, run_here
 from vdfmu.sweeps.plan import make_plan, name_of
 from vdfmu.sweeps.table import Sweep
+from vdfmu.sweeps.worker import KILLED
 
 
 @with_progress
@@ -134,10 +135,9 @@ def sweep(
     folder = default_folder(scenario) if out is None else Path(out)
     job = packed(plan.job)
     with Ledger(folder, plan.facts, plan.key, plan.points, overwrite) as ledger:
+        ledger.done()  # sets aside what is not whole
+        ledger.forget_failed("" if retry else KILLED)
         done = ledger.done()
-        if retry:
-            ledger.forget_failed()
-            done = ledger.done()
         finished, total = int(done.sum()), len(plan)
         missing = total - finished
 

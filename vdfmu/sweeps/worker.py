@@ -1,28 +1,49 @@
-"""A worker of a parameter study: a process that runs points, and is replaced when one of them kills it or hangs."""
+"""A worker of a parameter study: a process that runs points, and is replaced when one of them kills it or hangs.
+
+It gets pickled messages, and answers in JSON: code of the FMUs might have written the answer.
+"""
 
 from __future__ import annotations
 
+import json
 import pickle
 import queue
 import signal
 import subprocess
 import threading
 from collections.abc import Iterator, Sequence
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from itertools import takewhile
 from time import perf_counter
 from typing import Any
+
+import numpy as np
 
 from vdfmu.errors import VdfmuError
 from vdfmu.process import Listener, end_group, started
 from vdfmu.sweeps.child import SIZE
 from vdfmu.sweeps.job import Row, Task
+from vdfmu.temporary import temporary_folder
 from vdfmu.text import shown
 
 TIME_LIMIT = 600.0
 """Time [s] that a point has."""
 _START = 120.0
 """Time [s] that the process has to start."""
+_LARGEST = 2**30
+"""Largest answer that is read [byte]: rows of some points."""
+_TRIES = 3
+"""Processes that may be killed from outside at one point."""
+KILLED = "the process was killed (SIGKILL)"
+"""Begin of the reason of a point that failed for want of memory, or by somebody: no fault of the model."""
+_WRITTEN = "a component wrote into the pipe of the worker"
+_HEAD = {
+    "point": int,
+    "failed": (str, type(None)),
+    "failed_at": (float, int, type(None)),
+    "wall_s": (float, int),
+}
+"""Keys that each row has, and their types; the others are measures."""
 
 
 class Worker:
@@ -43,6 +64,7 @@ class Worker:
         self._replies: queue.SimpleQueue[Any] = queue.SimpleQueue()
         self._stopped = threading.Event()
         self._together: list[int] = []
+        self._folders = ExitStack()
 
     def run(self, tasks: Sequence[Task]) -> Iterator[Row]:
         """Yield a row for each point, in order; nothing more after `stop`.
@@ -57,6 +79,7 @@ class Worker:
         """
         left = list(tasks)
         apart = 0  # of the next points
+        killed = 0
         while left and not self._stopped.is_set():
             if self._process is None:
                 self._begin()
@@ -68,11 +91,20 @@ class Worker:
             begin = perf_counter()
             self._send(pickle.dumps((group, apart > 0)))
             rows = self._reply(self._limit)
+            if isinstance(rows, list):
+                rows = _rows(rows, [point for point, *_ in group])
+                if rows == _WRITTEN:
+                    self._end()
             if not isinstance(rows, list):
                 if self._stopped.is_set():
                     return
+                if rows == KILLED:
+                    killed += 1
+                    if killed < _TRIES:
+                        continue
+                    rows = f"{KILLED} {killed} times: memory may be short, take fewer workers; a new start tries again"
                 if most > 1:
-                    apart = len(group)
+                    apart, killed = len(group), 0
                     continue
                 rows = [
                     {
@@ -82,6 +114,7 @@ class Worker:
                         "wall_s": perf_counter() - begin,
                     }
                 ]
+            killed = 0
             del left[: len(group)]
             apart = max(apart - 1, 0)
             yield from rows
@@ -94,7 +127,11 @@ class Worker:
             end_group(process)
 
     def close(self) -> None:
-        """Let the process end."""
+        """Let the process end, and remove what it left in its temporary folder."""
+        with self._folders:
+            self._close()
+
+    def _close(self) -> None:
         process, self._process = self._process, None
         if process is not None:
             with suppress(OSError):
@@ -107,7 +144,8 @@ class Worker:
             self._listener.finish()
 
     def _begin(self) -> None:
-        self._process = process = started("vdfmu.sweeps.child")
+        folder = self._folders.enter_context(temporary_folder("vdfmu_sweep_"))
+        self._process = process = started("vdfmu.sweeps.child", folder)
         self._replies = replies = queue.SimpleQueue()
         assert process.stderr is not None
         self._listener = Listener(process.stderr)
@@ -140,6 +178,8 @@ class Worker:
             return message
         code = self._end()
         if code < 0:
+            if code == -signal.SIGKILL:
+                return KILLED
             with suppress(ValueError):
                 return f"a component crashed the process ({signal.Signals(-code).name})"
         last = self._said.strip().rpartition("\n")[2]
@@ -151,6 +191,7 @@ class Worker:
         end_group(process)
         code = process.wait()
         self._said = self._listener.finish()
+        self._folders.close()
         return code
 
 
@@ -161,9 +202,36 @@ def _listen(process: subprocess.Popen[bytes], replies: queue.SimpleQueue[Any]) -
     with stream:
         while len(head := stream.read(SIZE.size)) == SIZE.size:
             size = SIZE.unpack(head)[0]
-            if len(content := stream.read(size)) < size:
+            if size > _LARGEST or len(content := stream.read(size)) < size:
                 break
-            replies.put((True, pickle.loads(content)))
+            try:
+                replies.put((True, json.loads(content)))
+            except ValueError:
+                break
     with suppress(subprocess.TimeoutExpired):
         process.wait(5.0)  # its code is that of its own end
     replies.put((False, None))
+
+
+def _rows(message: list[Any], points: Sequence[int]) -> list[Row] | str:
+    """Return the rows of points, with arrays for lists; or, as text, that they are not of the worker."""
+    good = len(message) == len(points) and all(
+        isinstance(row, dict)
+        and row.get("point") == point
+        and all(isinstance(row.get(key, ()), kinds) for key, kinds in _HEAD.items())
+        and all(
+            isinstance(value, (float, int, list, type(None)))
+            for key, value in row.items()
+            if key not in _HEAD
+        )
+        for row, point in zip(message, points, strict=True)
+    )
+    if not good:
+        return _WRITTEN
+    try:
+        return [
+            {key: np.array(value, float) if isinstance(value, list) else value for key, value in row.items()}
+            for row in message
+        ]
+    except (ValueError, TypeError):
+        return _WRITTEN
