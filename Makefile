@@ -16,7 +16,7 @@ test-all: test $(VENV)/platforms  ## run the heavy ones too: all platforms, emul
 	$(BIN)/python -m pytest -n 2 -m heavy $(PYTEST_ARGS)
 
 hostile: $(VENV)/test  ## try thousands of hostile inputs, print what came of them: minutes
-	$(BIN)/python -m tests.hostile
+	$(BIN)/python -m tests.hostile --write docs/robustness.md
 
 bench: $(VENV)/bench  ## measure times and growth exponents
 	$(BIN)/python -m benchmarks

@@ -26,6 +26,17 @@ from vdfmu.units import shipped_units
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # as a shell starts what it runs in the background
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
+
+@pytest.fixture(scope="session", autouse=True)
+def hangups_end_commands() -> None:
+    """Let commands that tests start have SIGHUP again where it is ignored, as under nohup; the tests go on after one.
+
+    A signal with a handler, unlike one that is ignored, has its default in programs that are started.
+    """
+    if hasattr(signal, "SIGHUP") and signal.getsignal(signal.SIGHUP) is signal.SIG_IGN:
+        signal.signal(signal.SIGHUP, lambda *_: None)
+
+
 TYPICAL = ("manipulator_6dof", "planar_2dof", "slider_3dof")
 """Shipped robots with all that the shipped robots have: what holds for them is not tested with the others again."""
 

@@ -1,4 +1,6 @@
-"""``python -m tests.hostile [--tries N] [NAME ...]``: try the corpora whose names hold a word, and print the table.
+"""``python -m tests.hostile [--tries N] [--write PAGE] [NAME ...]``: try the corpora whose names hold a word.
+
+The table of what came of them is printed.
 
 Ctrl-C ends it with the table so far.
 """
@@ -7,9 +9,10 @@ from __future__ import annotations
 
 import argparse
 import sys
+from pathlib import Path
 
 from .corpora import CORPORA
-from .table import Row, table, tried
+from .table import Row, replaced, table, tried
 
 
 def main() -> int:
@@ -17,6 +20,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(prog="python -m tests.hostile", description=__doc__)
     parser.add_argument("names", nargs="*", help="words of the names of corpora; default all")
     parser.add_argument("--tries", type=int, help="tries of each corpus; default its own number")
+    parser.add_argument("--write", type=Path, help="page whose table gets the rows; rows of others stay")
     options = parser.parse_args()
     rows: list[Row] = []
     stopped = False
@@ -32,6 +36,8 @@ def main() -> int:
             if stopped:
                 break
     print(table(rows))
+    if options.write and not stopped:
+        options.write.write_text(replaced(options.write.read_text(encoding="utf-8"), rows), encoding="utf-8")
     return int(stopped or any(row.failures for row in rows))
 
 

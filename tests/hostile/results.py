@@ -5,6 +5,7 @@ from __future__ import annotations
 import atexit
 import copy
 import json
+import os
 import random
 import shutil
 from functools import cache
@@ -12,7 +13,10 @@ from pathlib import Path
 from tempfile import mkdtemp
 from typing import Any
 
+import numpy as np
+
 import vdfmu
+from vdfmu.identify.log import read_log
 from vdfmu.report.page import read_run, report_page
 from vdfmu.report.sheets import sheets
 from vdfmu.report.tables import run_panel, sheet_table, verdict_table
@@ -77,7 +81,73 @@ def summaries(number: int, folder: Path) -> None:
         sheet_table(sheet)
 
 
+@cache
+def _log() -> str:
+    """Return a log of 600 rows of the planar arm."""
+    t = 1e-3 * np.arange(600)
+    columns = {"time": t}
+    for name in ("plant.q", "plant.kappa", "controller.tau"):
+        columns |= {f"{name}[{i}]": np.sin(9.0 * t + i) for i in (1, 2)}
+    rows = zip(*(column.tolist() for column in columns.values()), strict=True)
+    units = ["s", *["rad"] * 4, *["N.m"] * 2]
+    return "\n".join(
+        [",".join(columns), ",".join(units), *(",".join(f"{x:.9g}" for x in row) for row in rows)]
+    )
+
+
+_WORDS = ("", "nan", "inf", "1e999", "x", "-1", '"', "\0", "\u202e", ",", ";", "\t", "0", "1e-300", "9" * 400)
+
+
+@cache
+def _robot() -> vdfmu.Robot:
+    return vdfmu.load_robot("planar_2dof")
+
+
+def logs(number: int, folder: Path) -> None:
+    """Read a log of a measurement in which cells, lines or bytes are changed."""
+    rng = random.Random(number)
+    rows = [line.split(",") for line in _log().splitlines()]
+    for _ in range(rng.randint(1, 3)):
+        i = min(rng.choice([0, 0, 1, rng.randrange(len(rows))]), len(rows) - 1)
+        match rng.randrange(5):
+            case 0:
+                rows[i] = rows[i][: rng.randrange(len(rows[i]) + 1)]
+            case 1:
+                rows.insert(i, list(rng.choice(rows)))
+            case 2:
+                del rows[min(i, len(rows) - 2) : i + rng.choice([1, 1, len(rows)])]
+            case _:
+                if rows[i : i + 1] and rows[i]:
+                    rows[i][rng.randrange(len(rows[i]))] = rng.choice(_WORDS)
+        rows = rows or [[""]]
+    data = bytearray("\n".join(",".join(row) for row in rows).encode())
+    if rng.random() < 0.3 and data:
+        data[rng.randrange(len(data))] = rng.randrange(256)
+    (folder / "log.csv").write_bytes(data)
+    read_log(folder / "log.csv", _robot())
+
+
+def pipes(number: int, folder: Path) -> None:
+    """Make the page of a folder in which a file of the run is a pipe that nobody writes, a folder or a device."""
+    source = _runs()[0]
+    for name in ("summary.json", "results.csv"):
+        shutil.copyfile(source / name, folder / name)
+    name = ("summary.json", "results.csv", "results.parquet")[number % 3]
+    (folder / name).unlink(missing_ok=True)
+    match number // 3 % 3:
+        case 0:
+            os.mkfifo(folder / name)
+        case 1:
+            (folder / name).mkdir()
+        case _:
+            (folder / name).symlink_to("/dev/zero")
+    read_run(folder)
+    raise AssertionError(f"{name} was read")
+
+
 CORPORA = [
+    Corpus("logs of measurements, with changes", 500, logs),
+    Corpus("pipes, folders and devices as files of a run", 9, pipes, quick=9, seconds=120.0),
     # the first try makes the runs, on an empty cache
-    Corpus("summaries of runs, with changes", 1000, summaries, quick=40, seconds=120.0),
+    Corpus("summaries of runs, with changes", 400, summaries, quick=40, seconds=120.0),
 ]

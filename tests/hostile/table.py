@@ -88,5 +88,18 @@ def table(rows: Iterable[Row]) -> str:
         "| corpus | tries | refused or stopped in words | failures | slowest [s] |\n"
         "| --- | ---: | ---: | ---: | ---: |"
     )
-    lines = [f"| {r.name} | {r.tries} | {r.refused} | {r.failures} | {r.slowest:.2g} |" for r in rows]
-    return "\n".join([head, *lines])
+    return "\n".join([head, *map(_line, rows)])
+
+
+def _line(row: Row) -> str:
+    return f"| {row.name} | {row.tries} | {row.refused} | {row.failures} | {row.slowest:.2g} |"
+
+
+def replaced(page: str, rows: Iterable[Row]) -> str:
+    """Return a page with the rows in its table, in place of those of the same names; new ones come last."""
+    lines = page.split("\n")
+    first = lines.index(table([]).split("\n")[1]) + 1
+    last = next(i for i in range(first, len(lines)) if not lines[i].startswith("|"))
+    known = {line.split(" | ")[0].removeprefix("| "): line for line in lines[first:last]}
+    known |= {row.name: _line(row) for row in rows}
+    return "\n".join([*lines[:first], *known.values(), *lines[last:]])

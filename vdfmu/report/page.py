@@ -88,9 +88,15 @@ def read_run(folder: Path) -> Run:
     UsageError
         It has no results of a run.
     """
-    summary = read_summary(folder / "summary.json")
     table = folder / "results.parquet"
-    results = Results.read(table if table.exists() else folder / "results.csv")
+    table = table if table.exists() else folder / "results.csv"
+    for file in (folder / "summary.json", table):
+        if file.exists() and not file.is_file():
+            raise UsageError(
+                f"{file}: expected a file, got a folder, a pipe or a device, which may never end."
+            )
+    summary = read_summary(folder / "summary.json")
+    results = Results.read(table)
     if not len(results):
         raise UsageError(f"{folder}: the results have no rows, so there is nothing to show.")
     package = folder / "system.ssp"

@@ -65,12 +65,13 @@ KEYS: Mapping[str, Any] = {
     },
 }  # fmt: skip
 """Keys and the types of their values; other keys are not read. Of a table without names for its keys, all are read."""
-_NEEDS: Mapping[tuple[str, ...], tuple[str, ...]] = {
-    ("arm",): ("types", "ell", "rotation", "offset", "tool_offset", "tool_rotation", "gravity", "shapes"),
-    ("power_bond",): ("residual_energy_j", "residual_energy_abs_j", "exchanged_energy_j"),
-    ("communication",): ("steps", "rejected", "unit_steps", "shortest_step", "longest_step"),
-    ("separation",): ("change", "max_position_difference_rad"),
-    ("implied_gains",): ("K_p_paper", "K_p"),
+_NEEDS: Mapping[str, tuple[str, ...]] = {
+    "arm": ("types", "ell", "rotation", "offset", "tool_offset", "tool_rotation", "gravity", "shapes"),
+    "power_bond": ("residual_energy_j", "residual_energy_abs_j", "exchanged_energy_j"),
+    "communication": ("steps", "rejected", "unit_steps", "shortest_step", "longest_step"),
+    "separation": ("change", "max_position_difference_rad"),
+    "implied_gains": ("K_p_paper", "K_p"),
+    "verdict": ("passed", "checks"),
 }
 """Keys that a table has together."""
 _TOGETHER = (_TRACKING, _SPRINGS)
@@ -134,9 +135,13 @@ def _missing(summary: Mapping[str, Any]) -> Iterator[str]:
         there = [key for key in keys if key in summary]
         if there or "joints" in keys:
             yield from (f"{key}: is missing" for key in keys if key not in summary)
-    for (key,), needs in _NEEDS.items():
+    for key, needs in _NEEDS.items():
         yield from (
             f"{key}.{need}: is missing" for need in needs if key in summary and need not in summary[key]
+        )
+    for i, check in enumerate(summary.get("verdict", {}).get("checks", ()), 1):
+        yield from (
+            f"verdict.checks[{i}].{k}: is missing" for k in ("name", "passed", "text") if k not in check
         )
     g = summary.get("gravities_m_s2", [0.0, 0.0])
     if len(g) != 2:
