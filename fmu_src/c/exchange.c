@@ -3,6 +3,7 @@
 #include <math.h>
 #include <string.h>
 
+#include "solver.h"
 #include "step.h"
 
 #define READABLE (INITIALIZATION | EVENT | CONTINUOUS | TERMINATED)
@@ -41,15 +42,25 @@ Status update_discrete_states(Instance *I, bool pointers_given, double *next)
     if (check_event_iteration(I, pointers_given) != STATUS_OK)
         return STATUS_ERROR;
     *next = INFINITY;
-    if (unit.period == unit.n)
-        return STATUS_OK;
-    const Samples at = samples_at(I, I->m[unit.time]);
-    if (at.last > I->core->sampled) {
-        unit.update(I->m);
-        I->core->sampled = at.last;
-        time_or_states_changed(I);
+    const double time = I->m[unit.time];
+    if (unit.period < unit.n) {
+        const Samples at = samples_at(I, time);
+        if (at.last > I->core->sampled) {
+            unit.update(I->m);
+            I->core->sampled = at.last;
+            time_or_states_changed(I);
+        }
+        *next = at.next;
     }
-    *next = at.next;
+    if (unit.left) {
+        double left;
+        I->m[unit.time] = time + 2.0 * SWITCH_MARGIN(time); /* after the switching that is now */
+        unit.left(I->m, I->rate, &left);
+        *next = fmin(*next, I->m[unit.time] + left);
+        I->m[unit.time] = time;
+    }
+    if (*next > 1e299)
+        *next = INFINITY;
     return STATUS_OK;
 }
 

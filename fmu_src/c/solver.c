@@ -26,11 +26,20 @@ static SolverFailure failure_of(const Solver *s, double time, double error)
     return failure;
 }
 
+/* Time until a switching by time is approached to rounding, or, from there, crossed. */
+static double ahead(const Solver *s)
+{
+    double left;
+    unit.left(s->m, s->rate, &left);
+    const double close = SWITCH_MARGIN(s->m[unit.time]);
+    return left > 2.0 * close ? left - close : left + close;
+}
+
 bool solver_advance(const Solver *s, double t, double duration, SolverFailure *failure)
 {
     double done = 0.0;
     for (long tried = 1; done < duration; tried++) {
-        const double rest = duration - done;
+        const double whole = duration - done, rest = unit.left ? fmin(whole, ahead(s)) : whole;
         double h = *s->h;
         const bool last = h >= rest * (1.0 - 1e-10);
         if (last)
@@ -42,7 +51,7 @@ bool solver_advance(const Solver *s, double t, double duration, SolverFailure *f
         s->step(s->m, s->rate, h, s->tolerance, s->x_new, &error, s->ratio);
         const double factor = error > 0.0 ? SAFETY * pow(error, -1.0 / ORDER) : GROW;
         if (error <= 1.0) {
-            done = last ? duration : done + h;
+            done = last && rest == whole ? duration : done + h;
             memcpy(s->m + unit.x, s->x_new, unit.n_x * sizeof *s->x_new);
             s->m[unit.time] = t + done;
             if (s->rates)

@@ -8,6 +8,9 @@
 #include "control.h"
 #include "unit.h"
 
+/* Time before and after a switching within which it may be, by rounding: 18 units in the last place [s]. */
+#define SWITCH_MARGIN(time) (4e-15 * fabs(time) + 1e-17)
+
 typedef struct {
     SolverStep *step;
     double *m;            /* memory of the unit: states, inputs and time are moved */

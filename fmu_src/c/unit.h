@@ -101,6 +101,8 @@ typedef struct {
     /* One step of the solver over h [s]; the inputs are m[i] + rate[i] * (time since the start of the step). NULL if the
      * unit has no states. `ratio` is the local error by component over the tolerance, `norm` its root mean square. */
     SolverStep *solver_step;
+    /* Time until the derivatives switch by time [s], where all goes on as it changes now; NULL if they never do. */
+    void (*left)(const double *m, const double *rate, double *left);
     SolverStep *solver_step_avx2; /* the same bits, for processors with AVX2; NULL if there is none */
 } Unit;
 

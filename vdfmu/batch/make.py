@@ -52,6 +52,8 @@ def make_program(description: SystemDescription, varied: Iterable[str]) -> Progr
             problems.append(f"{name}: a unit in plain Python")
         elif unit.interface.is_sampled:
             problems.append(f"{name}: sampled states")
+        elif unit.interface.program.left:
+            problems.append(f"{name}: switching by time")
         else:
             problems += _deciding(name, unit, set(varied))
     if problems:

@@ -133,7 +133,8 @@ def _limits(content: Content) -> str:
     items: list[str] = []
     if interface.has_states:
         items += [
-            "There are no event indicators: equations that jump are solved with small steps where they do.",
+            "There are no event indicators: equations that jump with a state or an input are solved with small steps "
+            "where they do. Switching by time is located; in model exchange it is a time event.",
             "The solver that cannot meet the tolerance returns an error that names time and state; the state is that "
             "before the step.",
         ]

@@ -64,23 +64,11 @@ def _slopes_of_rounding(
     function: ca.Function, result: ca.SX, argument: ca.SX, arguments: list[ca.SX]
 ) -> ca.SX:
     """Return those elements of a Jacobian that are 0 but for the lines that roundings follow."""
-    work: list[Any] = [0.0] * function.sz_w()
-    lines = [ca.SX(function.size_out(i)[0], 1) for i in range(function.n_out())]
-    for k in range(function.n_instructions()):
-        operation, read, set_ = (
-            function.instruction_id(k), function.instruction_input(k), function.instruction_output(k)
-        )  # fmt: skip
-        if operation == ca.OP_CONST:
-            work[set_[0]] = ca.SX(function.instruction_constant(k))
-        elif operation == ca.OP_INPUT:
-            work[set_[0]] = arguments[read[0]][read[1]]
-        elif operation == ca.OP_OUTPUT:
-            lines[set_[0]][set_[1]] = work[read[0]]
-        elif operation in _ROUNDING:
-            work[set_[0]] = work[read[0]] + _ROUNDING[operation]
-        else:
-            apply = ca.SX.unary if len(read) == 1 else ca.SX.binary
-            work[set_[0]] = apply(operation, *(work[i] for i in read))
+    lines = rebuilt(
+        function,
+        arguments,
+        lambda operation, read: read[0] + _ROUNDING[operation] if operation in _ROUNDING else None,
+    )
     exact, followed = (
         ca.sparsify(ca.jacobian(each, argument)) for each in (result, ca.vertcat(*map(ca.vec, lines)))
     )
@@ -90,6 +78,32 @@ def _slopes_of_rounding(
     for row, column in new:
         found[row, column] = followed[row, column]
     return found
+
+
+def rebuilt(
+    function: ca.Function, arguments: list[ca.SX], replace: Callable[[int, list[ca.SX]], ca.SX | None]
+) -> list[ca.SX]:
+    """Return the results of a function of SX, without calls, as expressions of `arguments`.
+
+    `replace` gets each operation and what it reads, and returns what takes its place, or None.
+    """
+    work: list[Any] = [0.0] * function.sz_w()
+    results = [ca.SX(function.size_out(i)[0], 1) for i in range(function.n_out())]
+    for k in range(function.n_instructions()):
+        operation, read = function.instruction_id(k), function.instruction_input(k)
+        place = function.instruction_output(k)
+        if operation == ca.OP_CONST:
+            work[place[0]] = ca.SX(function.instruction_constant(k))
+        elif operation == ca.OP_INPUT:
+            work[place[0]] = arguments[read[0]][read[1]]
+        elif operation == ca.OP_OUTPUT:
+            results[place[0]][place[1]] = work[read[0]]
+        else:
+            operands = [work[i] for i in read]
+            made = replace(operation, operands)
+            apply = ca.SX.unary if len(read) == 1 else ca.SX.binary
+            work[place[0]] = apply(operation, *operands) if made is None else made
+    return results
 
 
 DIRECTIONS: dict[str, Callable[..., ca.Function]] = {"forward": forward, "reverse": reverse}

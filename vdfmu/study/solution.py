@@ -8,6 +8,7 @@ changes between methods.
 
 from __future__ import annotations
 
+import math
 import warnings
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
@@ -20,7 +21,7 @@ from vdfmu.arrays import Floats
 from vdfmu.errors import UsageError, VdfmuError
 from vdfmu.interrupt import InterruptGuard
 from vdfmu.study.wired import Action, Carry, Clock, Evaluate, Places, Run, System
-from vdfmu.unit.motion import samples
+from vdfmu.unit.motion import samples, switchings
 
 _SHORT: dict[str, Any] = {"rtol": 1e-9, "atol": 1e-11}
 """Tolerances on the way from one communication point to the next: 2e-13 rad in the tracking and the two-joint run."""
@@ -88,7 +89,12 @@ class _Mover:
             if sampled and self._update is not None:
                 self._update(t)
             if self._unit.x.size:
-                self._advance(t, to)
+                for first, last, crossing in switchings(self._unit.left, t, to):
+                    if crossing:
+                        x = self._unit.x.copy()
+                        self._unit.x[:] = x + (last - first) * self._rate(first, x)
+                    else:
+                        self._advance(first, last)
 
     def _solver(self, duration: float) -> Any:
         if self._steps not in self._solvers:
@@ -223,16 +229,29 @@ class Continuous:
             for name in self._updates:
                 if name in sampled:
                     run[self._updates[name]](begin)
-            stop = len(t) if end == t[-1] else int(np.searchsorted(t, end + _CLOSE * (end - begin)))
-            while begin < end:
-                points = t[k : min(k + _STRETCH, stop)]
-                k += len(points)
-                to = end if k == stop else float(points[-1])
-                *states, x = _solved(rate, begin, to, x, points)
-                for point, state in zip(points.tolist(), states, strict=True):
-                    self._calculate(run["outputs"], point, state)
-                    yield
-                begin = to
+            time_left = lambda time: self._left(run["inputs"], time, x)  # noqa: B023, E731  # x as it is then
+            for part, last, crossing in switchings(time_left, begin, end):
+                if crossing:
+                    assert rate is not None
+                    self._feed(part)
+                    x = x + (last - part) * rate(part, x)
+                stop = len(t) if last == t[-1] else int(np.searchsorted(t, last + _CLOSE * (last - part)))
+                while part < last:
+                    points = t[k : min(k + _STRETCH, stop)]
+                    k += len(points)
+                    to = last if k == stop else float(points[-1])
+                    *states, x = _solved(None if crossing else rate, part, to, x, points)
+                    for point, state in zip(points.tolist(), states, strict=True):
+                        self._calculate(run["outputs"], point, state)
+                        yield
+                    part = to
+
+    def _left(self, inputs: Run, t: float, x: Floats) -> float:
+        """Return the time until a unit switches by time."""
+        switching = [u for u in self._system.units.values() if u.switches]
+        if switching:
+            self._calculate(inputs, t, x)
+        return min((unit.left(t) for unit in switching), default=math.inf)
 
     def _feed(self, t: float) -> None:
         self._system.feed(t, held=False)
@@ -264,9 +283,9 @@ class Continuous:
 
 
 def _solved(rate: _Rate | None, begin: float, end: float, x: Floats, points: Floats) -> Floats:
-    """Return scipy's solution at points between two times [s], and at the end, one a row."""
+    """Return scipy's solution at points between two times [s], and at the end, one a row; without a rate, x."""
     if rate is None:
-        return np.empty((len(points) + 1, 0))
+        return np.tile(x, (len(points) + 1, 1))
     from scipy.integrate import odeint
 
     times = np.concatenate([[begin], np.minimum(points, end), [end]])

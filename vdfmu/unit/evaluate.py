@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any
@@ -9,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from vdfmu.arrays import Floats
+from vdfmu.kernel.functions import KernelFunction
 from vdfmu.kernel.structure import set_parameters
 from vdfmu.model.robot import Robot
 from vdfmu.unit.declaration import PHASES, Choice, Declared, Derivative, Switch
@@ -41,6 +43,7 @@ class Evaluation:
         self.interface = interface
         self.memory = memory = interface.memory_of({}) if memory is None else memory
         self.x, self.x_dot = memory[interface.states], memory[interface.derivatives]
+        self._left: list[tuple[Call, KernelFunction]] | None = None
 
     def group(self, name: str) -> Floats:
         """Values of a group, in place."""
@@ -56,6 +59,32 @@ class Evaluation:
         self.x[:] = x
         self.derivatives()
         return self.x_dot.copy()
+
+    @property
+    def switches(self) -> bool:
+        """Whether the derivatives switch by time, as far as that is traced."""
+        return self.interface.unit.backend == "native" and bool(self.interface.program.left)
+
+    def left(self, t: float) -> float:
+        """Return the time [s] until the derivatives switch by time, with the inputs held; inf where they do not."""
+        if self._left is None:
+            calls = self.interface.program.left if self.switches else ()
+            self._left = [(call, self.bound(call.function)) for call in calls]
+        self.memory[-1] = t
+        found = math.inf
+        for call, function in self._left:
+            if self.takes(call):
+                function.run()
+                found = float(function.results["left"][0])
+        return found
+
+    def bound(self, name: str, **buffers: Floats) -> KernelFunction:
+        """Return a function of the step or the time left on the memory, with rates of 0."""
+        functions = self.interface.functions
+        names = [
+            n for n in functions.casadi_function(name).name_in() if n[:5] != "rate_" and n not in buffers
+        ]
+        return functions.function(name, **{n: self.argument(n) for n in names}, **buffers)
 
     def takes(self, call: Call) -> bool:
         """Whether the values of the unit's choices are those for which a call is."""

@@ -12,7 +12,7 @@ from vdfmu.kernel.functions import KernelFunction
 from vdfmu.kernel.rodas import ORDER
 from vdfmu.unit.declaration import SOLVER_TOLERANCE
 from vdfmu.unit.evaluate import Evaluation
-from vdfmu.unit.motion import Solver
+from vdfmu.unit.motion import Solver, margin
 from vdfmu.unit.trace import argument_name
 
 MINIMUM_STEP = 1e-12
@@ -44,7 +44,6 @@ class Integrator(Solver):
         super().__init__(unit)
         self.x = unit.x
         interface = unit.interface
-        functions = interface.functions
         self._h, self._tolerance = np.zeros(1), np.full(1, SOLVER_TOLERANCE)
         self._x_new, self._norm, self._ratio = np.zeros_like(unit.x), np.zeros(1), np.zeros_like(unit.x)
         shared = {
@@ -52,10 +51,8 @@ class Integrator(Solver):
         }  # fmt: skip
         self._steps: list[tuple[list[tuple[Floats, float]], KernelFunction]] = []
         for call in interface.program.step:
-            names = functions.casadi_function(call.function).name_in()
-            own = {name: unit.argument(name) for name in names if name not in shared and name[:5] != "rate_"}
             conditions = [(unit.argument(argument_name(choice)), float(value)) for choice, value in call.when]
-            self._steps.append((conditions, functions.function(call.function, **own, **shared)))
+            self._steps.append((conditions, unit.bound(call.function, **shared)))
         self.h = 1e-4
         self.steps = self.rejected = 0
 
@@ -84,7 +81,9 @@ class Integrator(Solver):
         done, tried, failure = 0.0, 0, ""
         while done < duration:
             tried += 1
-            rest = duration - done
+            rest, left, close = duration - done, self.unit.left(t + done), margin(t + done)
+            end = rest <= (ahead := left - close if left > 2.0 * close else left + close)
+            rest = rest if end else ahead  # a switching is approached, then crossed
             h = self.h
             last = h >= rest * (1.0 - 1e-10)
             if last:
@@ -98,7 +97,7 @@ class Integrator(Solver):
             factor = _SAFETY * error ** (-1.0 / ORDER) if error > 0.0 else _GROW
             if error <= 1.0:
                 self.steps += 1
-                done = duration if last else done + h
+                done = duration if last and end else done + h
                 x[:] = x_new
                 # a step cut short by the communication point says little about the next one: it never shrinks
                 # h

@@ -23,13 +23,14 @@ from vdfmu.kernel.functions import Functions
 from vdfmu.kernel.rodas import Stages, rodas_step, stage_equations
 from vdfmu.kernel.structure import SOURCES as KERNEL_SOURCES
 from vdfmu.kernel.structure import source_digest, structure_key
+from vdfmu.kernel.switching import NEVER, time_left
 from vdfmu.kernel.trace import traced_function
 from vdfmu.model import Robot
 from vdfmu.scalar.elimination import factorize, pattern, solve
 from vdfmu.scalar.symbol import from_sx, to_sx
 from vdfmu.unit.base import Unit, unit_name
 from vdfmu.unit.declaration import PHASES
-from vdfmu.unit.place import shown, source_file
+from vdfmu.unit.place import place, shown, source_file
 from vdfmu.unit.trace import Leaf, SymbolicWatch, argument_name, leaves, run, state_slices
 from vdfmu.unit.variable import scalar_variables
 
@@ -71,6 +72,7 @@ class Program:
     update : to the sampled states of the time until the next sample
     step : one step of the solver. Arguments beside groups are `h`, `tolerance` and ``rate_<input>``; `x_new`, `norm`
         and `ratio` are its results
+    left : time until something switches by time, of units whose derivatives do
     """
 
     def __init__(self, functions: UnitFunctions) -> None:
@@ -80,6 +82,11 @@ class Program:
         self.step = tuple(
             Call(functions.related(call.function, "step"), call.when, call.reads, ())
             for call in self.derivatives
+        )
+        self.left = tuple(
+            Call(functions.related(call.function, "left"), call.when, call.reads, ())
+            for call in self.derivatives
+            if functions.switches(call.function)
         )
 
     @property
@@ -126,10 +133,11 @@ class UnitFunctions(Functions):
 
     def names(self) -> list[str]:
         """Names of the functions, but for derivatives of them."""
-        moving = [c.function for c in self._calls["derivatives"]]
+        moving = self._calls["derivatives"]
         return [
             *self._leaves,
-            *(self.related(name, kind) for kind in ("step", "jacobian") for name in moving),
+            *(self.related(c.function, kind) for kind in ("step", "jacobian") for c in moving),
+            *(self.related(c.function, "left") for c in moving if "t" in c.reads),
         ]
 
     def related(self, derivatives: str, kind: str) -> str:
@@ -187,12 +195,41 @@ class UnitFunctions(Functions):
         if name in self._leaves:
             watch = self._traced(self._leaves[name])
             return traced_function(name, watch.symbols, watch.expressions())
-        kind = "step" if name.startswith(f"{self.name}_step") else "jacobian"
+        kind = next(k for k in ("step", "jacobian", "left") if name.startswith(f"{self.name}_{k}"))
         derivatives = f"{self.name}_derivatives{name.removeprefix(f'{self.name}_{kind}')}"
+        if kind == "left":
+            return self._left(derivatives)[1]
         stiff = _Stiff(self._traced(self._leaves[derivatives]), cut=kind == "step")
         if kind == "jacobian":
             return stiff.jacobian(name)
         return stiff.step(name, self.casadi_function(derivatives))
+
+    def switches(self, derivatives: str) -> bool:
+        """Whether derivatives switch by time; UnitError if it is not known when."""
+        reads = self._leaves[derivatives].reads
+        return self.unit.backend == "native" and "t" in reads and self._left(derivatives)[0]
+
+    def _left(self, derivatives: str) -> tuple[bool, ca.Function]:
+        """Return whether derivatives switch by time, and the function of the time until they do."""
+        watch, function = self._traced(self._leaves[derivatives]), self.casadi_function(derivatives)
+        given = watch.symbols
+        declared = self.unit.declared.items()
+        inputs = [argument_name(name) for name, d in declared if d.causality == "input"]
+        rates = {name: ca.SX.sym(f"rate_{name}", given[name].numel()) for name in inputs if name in given}
+        changing = rates | ({"x": watch.expressions()["x_dot"]} if "x" in given else {})
+        try:
+            left = time_left(function, given, changing)
+        except ValueError as error:
+            raise UnitError(
+                f"{place(self.unit, 'derivatives')}: derivatives() of {self.unit.__name__} may switch by time: "
+                f"{error}. Write conditions that are linear in time, such as of a phase, self.t * f - "
+                "np.floor(self.t * f); or give what switches as an input, from a unit without continuous states."
+            ) from None
+        arguments = given | {f"rate_{name}": rate for name, rate in rates.items()}
+        name = self.related(derivatives, "left")
+        return left is not None, traced_function(
+            name, arguments, {"left": ca.SX(NEVER) if left is None else left}
+        )
 
     def _made(self, name: str) -> ca.Function:
         base, _, direction = name.rpartition("_")

@@ -40,6 +40,10 @@ class _Driven(Motion):
         super().__init__(unit, tolerance=tolerance)
         self._drive = drive
 
+    def drive(self, t: float) -> None:
+        """Set the inputs at `t` [s]."""
+        self._drive(t)
+
     def sample(self, t: float) -> None:
         """Update the sampled states by the inputs at `t` [s]."""
         self._drive(t)

@@ -150,7 +150,9 @@ class HelicsLink:
                     case [str(unit), str(call), int() | float() as at, str(reason)]:
                         raise CosimError(unit, call, at, reason)
                     case _:
-                        raise self._failure(time, f"federate {other} failed, and what it said of it cannot be read")
+                        raise self._failure(
+                            time, f"federate {other} failed, and what it said of it cannot be read"
+                        )
             if "left" in words:
                 raise self._failure(time, f"federate {other} left the run")
             if (

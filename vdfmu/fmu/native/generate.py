@@ -18,6 +18,7 @@ from vdfmu.fmu.native.text import array, call_lines, cell, comment, fields, head
 from vdfmu.kernel import Kernel
 from vdfmu.kernel.c_code import c_prototype
 from vdfmu.kernel.requirements import requirements
+from vdfmu.kernel.switching import NEVER
 from vdfmu.progress import counted
 from vdfmu.unit.interface import Interface
 from vdfmu.unit.program import Call
@@ -53,7 +54,7 @@ class _Unit:
         self.program = program = interface.program
         names = [name for call in program.calls for name in _with_derivatives(call.function)]
         self.steps = {call.function for call in program.step}
-        names += sorted(self.steps)
+        names += [*sorted(self.steps), *(call.function for call in program.left)]
         self.functions = {
             name: interface.functions.casadi_function(name)
             for name in counted(f"trace {interface.name}", names, len(names))
@@ -123,6 +124,7 @@ class _Unit:
             *self._helpers(),
             *self._programs(),
             *self._solver_step(),
+            *self._left(),
             self._unit(),
         )
         return "\n".join(parts)
@@ -284,6 +286,14 @@ class _Unit:
             text = f"static void solver_step{ending}({arguments})\n{{\n{body}}}\n"
             yield f"#ifdef AVX2_STEP\n{text}#endif\n" if ending else text
 
+    def _left(self) -> Iterator[str]:
+        if self.program.left:
+            lines = [
+                f"*left = {number(NEVER)};",
+                *self._blocks(self.program.left, partial(self._step_call, "")),
+            ]
+            yield _function("left", "const double *m, const double *rate, double *left", ("m", "rate"), lines)
+
     def _step_call(self, ending: str, call: Call) -> list[str]:
         function = self.functions[call.function]
         places = [
@@ -339,6 +349,7 @@ class _Unit:
                 values[name + ending] = name + ending
         for ending in ("", "_forward", "_reverse") if self.program.update else ():
             values[f"update{ending}"] = f"update{ending}"
+        values["left"] = "left" if self.program.left else "NULL"
         values["solver_step"] = "solver_step" if has_step else "NULL"
         lines = "".join(f"    .{name} = {value}".rstrip() + ",\n" for name, value in values.items())
         copy = "#ifdef AVX2_STEP\n    .solver_step_avx2 = solver_step_avx2,\n#endif\n" if has_step else ""

@@ -124,7 +124,9 @@ class UnitSlave(Fmi2Slave):
     def to_xml(self, model_options: dict[str, str] | None = None) -> Element:
         """Model description of the unit, with units, dependencies and InitialUnknowns."""
         content = self._content
-        return model_description(content.interface, content.guid, content.generation_tool, content.made_by or {})
+        return model_description(
+            content.interface, content.guid, content.generation_tool, content.made_by or {}
+        )
 
     def log(
         self,
