@@ -123,7 +123,7 @@ def reader(slave: Slave) -> Callable[[], list[float]]:
     for kind in dict.fromkeys(v.kind for v in own):
         variables = [v for v in own if v.kind == kind]
         values = np.zeros(len(variables), DTYPES[kind])
-        parts.append((values, slave.access("Get", variables, values))))
+        parts.append((values, slave.access("Get", variables, values)))
 
     def read() -> list[float]:
         for _, calls in parts:
