@@ -177,6 +177,15 @@ def test_a_limit_that_is_not_a_size_is_refused(tmp_path, monkeypatch, given):
     monkeypatch.setenv("VDFMU_CACHE_MB", given)
     with pytest.raises(UsageError, match=f"VDFMU_CACHE_MB: expected .* a number >= 0 in MB, got '{given}'"):
         cache.store(tmp_path / "a" / "1", b"")
+    with pytest.raises(UsageError, match="VDFMU_CACHE_MB"):  # before any work that would then be lost
+        cache_folder()
+
+
+def test_below_its_size_no_entry_is_opened_to_store_another(tmp_path, monkeypatch):
+    cache.store(tmp_path / "a" / "1", b"one")
+    monkeypatch.setattr(cache, "entries", None)
+    cache.store(tmp_path / "a" / "2", b"two")
+    assert cache.load(tmp_path / "a" / "2") == b"two"
 
 
 CROWD = """

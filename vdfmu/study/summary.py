@@ -185,14 +185,13 @@ def compare(
 def _compare_all(results: Results, reference: Iterable[Reference]) -> dict[str, Any]:
     """Return the largest absolute difference of every output."""
     found: dict[str, float] = {}
-    groups = {signal.partition("[")[0]: "[" in signal for signal in results.names}
+    groups = {signal.partition("[")[0] for signal in results.names}
     name = ""
     for part, solution in zip(results.blocks(BLOCK), reference, strict=True):
         name = solution.name
         for signal, rows in solution.signals.items():
             if signal in groups:
-                seen = part[signal] if groups[signal] else part[signal]
-                values = seen.reshape(rows.shape)
+                values = part[signal].reshape(rows.shape)
                 found[signal] = max(found.get(signal, 0.0), float(np.abs(values - rows).max()))
     return {"name": name, "max_difference": found}
 
