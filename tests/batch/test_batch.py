@@ -243,3 +243,26 @@ def test_units_of_a_user_with_states_and_twice_in_a_system(bench, tmp_path):
     assert_same_runs(rows, others)
     assert not bench.needed
     assert len({row["end"] for row in rows}) == 12
+
+
+def test_what_a_unit_requires_of_its_parameters_holds_in_lanes_too(bench, tmp_path):
+    (tmp_path / "band.py").write_text(
+        "from vdfmu.unit import Derivative, Parameter, State, Unit\n\n\n"
+        'class Band(Unit):\n    """A sum."""\n\n    low = Parameter("1", text="lower edge", start=1.0)\n'
+        '    high = Parameter("1", text="upper edge", start=2.0)\n    y = State("1", text="sum")\n'
+        "    y_dot = Derivative(y)\n\n    def requirements(self):\n"
+        '        return {"high": ("high > low", self.high - self.low)}\n\n'
+        "    def derivatives(self) -> None:\n        self.y_dot = self.high + self.low\n"
+    )
+    (tmp_path / "system.toml").write_text(
+        'name = "bands"\ndescription = "a band"\n\n[units]\na = "band.py"\n'
+    )
+    (tmp_path / "scenario.toml").write_text(
+        'name = "bands"\ndescription = "a band"\nkind = "cosimulation"\nsystem = "system.toml"\n'
+        'robot = "planar_2dof"\nstop = 0.2\nstep = 0.01\nmaster = "gauss-seidel"\ntolerance = 1e-8\n'
+    )
+    over = {"a.low": "0, 0.5, 3", "a.high": "0.2, 1"}
+    rows, others = bench(tmp_path / "scenario.toml", over, measure=["end=final(a.y)"])
+    assert [row["failed"] for row in rows] == [row["failed"] for row in others]
+    # three of the six: 0.5 and 3 are above 0.2, 3 above 1
+    assert sum("high > low" in str(row["failed"]) for row in rows) == 3

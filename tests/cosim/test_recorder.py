@@ -132,7 +132,7 @@ def test_a_signal_that_copies_another_is_not_written_twice(package, tmp_path, al
         assert copies["1"]["controller.q[2]"] == copies["1"]["feedforward.q[2]"] == "plant.q[2]"
     head = cells(tmp_path / "results.csv")[0]
     assert set(head[1:]) == set(memory.names) - {name for each in copies.values() for name in each}
-    (tmp_path / "summary.json").write_text(json.dumps({"copies": copies}))
+    (tmp_path / "summary.json").write_text(json.dumps(stream.summary))
     read = Results.read(tmp_path / "results.csv")
     assert set(read.names) == set(memory.names)
     for name in memory:
@@ -151,8 +151,23 @@ def test_copies_of_a_run_can_be_replayed(package, tmp_path):
     """An input that the file leaves out is one of its columns all the same."""
     out = tmp_path / "results.csv"
     run = simulate(package, stop=0.05, stream=out)
-    (tmp_path / "summary.json").write_text(json.dumps({"copies": run.summary["copies"]}))
+    (tmp_path / "summary.json").write_text(json.dumps(run.summary))
     (table,) = read_inputs(out)
     for name in ("plant.tau[2]", "controller.kappa_dot[1]"):
         np.testing.assert_array_equal(table.values[:, table.names.index(name)], run[name])
         assert table.units[table.names.index(name)] == run.units[name]
+
+
+@pytest.mark.parametrize("moved", ["other rows", "other run", "no rows of a run"])
+def test_the_summary_of_another_file_adds_no_columns(package, tmp_path, moved):
+    rows, mine = tmp_path / "results.csv", tmp_path / "summary.json"
+    simulate(package, stop=0.05, algorithm="jacobi", stream=rows)
+    facts = simulate(package, stop=0.05, algorithm="gauss-seidel", stream=tmp_path / "other.csv").summary
+    if moved == "other rows":
+        facts = simulate(package, stop=0.04, algorithm="jacobi", stream=tmp_path / "other.csv").summary
+    elif moved == "no rows of a run":
+        facts = {"copies": facts["copies"]}
+    mine.write_text(json.dumps(facts))
+    read, (table,) = Results.read(rows), read_inputs(rows)
+    head = cells(rows)[0][1:]
+    assert read.names == head == list(table.names) and read.summary == {}

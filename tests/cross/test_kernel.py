@@ -13,11 +13,10 @@ from vdfmu.errors import KernelError, UsageError
 from vdfmu.kernel import Kernel, cache
 from vdfmu.kernel.cache import cache_folder
 from vdfmu.kernel.functions import KernelFunction
-from vdfmu.kernel.structure import SOURCES
+from vdfmu.kernel.sources import imported
 from vdfmu.scalar.generic import clip, piecewise_hold, sgn, zeros
 from vdfmu.scalar.jet import Jet
 from vdfmu.scalar.symbol import Symbol, from_sx, to_sx
-from vdfmu.unit.program import SOURCES as UNIT_SOURCES
 
 SIZES = [2, 2, 2, 6]
 
@@ -58,18 +57,21 @@ def test_cache_folder_is_taken_from_the_environment(planar, tmp_path, monkeypatc
 
 
 @pytest.mark.parametrize(
-    ("module", "sources"),
-    [("vdfmu.kernel.trace", SOURCES), ("vdfmu.units", UNIT_SOURCES)],
+    ("roots", "code"),
+    [
+        (["kernel"], "import vdfmu.kernel.trace"),
+        (["unit", "units"], "import vdfmu.units; vdfmu.units.shipped_units()"),
+        (["units", "fmu", "fmu.native"], "import vdfmu.fmu.native.package; import vdfmu.fmu.documentation"),
+        (["study.reference"], "import vdfmu.study.reference"),
+    ],
 )
-def test_the_digest_of_the_sources_covers_all_that_a_trace_loads(module, sources):
+def test_the_digest_of_the_sources_covers_all_that_is_loaded(roots, code):
     """Else a change there would leave functions of before in the cache."""
-    code = (
-        f"import sys, {module} as m; getattr(m, 'shipped_units', dict)(); "
-        "print(*(name for name in sys.modules if name.startswith('vdfmu.')))"
-    )
+    code = f"import sys; {code}; print(*(name for name in sys.modules if name.startswith('vdfmu.')))"
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    modules = [name.split(".")[1:] for name in run.stdout.split()]
-    assert {parts[0] for parts in modules if len(parts) > 1} == set(sources)
+    loaded = {name.removeprefix("vdfmu.") for name in run.stdout.split()}
+    assert "measure" in loaded
+    assert loaded <= set(imported(*roots))
 
 
 @pytest.mark.parametrize("content", [b"", b"not a function", "truncated"])
@@ -175,6 +177,15 @@ def test_a_limit_that_is_not_a_size_is_refused(tmp_path, monkeypatch, given):
     monkeypatch.setenv("VDFMU_CACHE_MB", given)
     with pytest.raises(UsageError, match=f"VDFMU_CACHE_MB: expected .* a number >= 0 in MB, got '{given}'"):
         cache.store(tmp_path / "a" / "1", b"")
+    with pytest.raises(UsageError, match="VDFMU_CACHE_MB"):  # before any work that would then be lost
+        cache_folder()
+
+
+def test_below_its_size_no_entry_is_opened_to_store_another(tmp_path, monkeypatch):
+    cache.store(tmp_path / "a" / "1", b"one")
+    monkeypatch.setattr(cache, "entries", None)
+    cache.store(tmp_path / "a" / "2", b"two")
+    assert cache.load(tmp_path / "a" / "2") == b"two"
 
 
 CROWD = """

@@ -311,6 +311,31 @@ def test_structure_decides_the_key_and_values_do_not(arm):
     assert len({key, *map(structure_key, others)}) == 6
 
 
+@pytest.mark.parametrize("row", PARAMETERS.values(), ids=PARAMETERS)
+@pytest.mark.parametrize("kind", ["plain", "lumped", "split"])
+def test_the_key_has_every_value_that_is_folded(row, kind, planar, with_options):
+    robot = planar if kind == "plain" else dataclasses.replace(with_options(), friction=kind)
+    key, array = structure_key(robot), np.array(getattr(robot, row.name))
+    for index in np.ndindex(array.shape):
+        changed = array.copy()
+        changed[index] += 0.125
+        mirrored = (*index[:-2], index[-1], index[-2]) if row.fold == "inertia" else index
+        changed[mirrored] = changed[index]
+        other = dataclasses.replace(robot, **{row.name: changed})
+        free = any(row.is_free(robot, i) and row.is_free(other, i) for i in (index, mirrored))
+        assert (structure_key(other) == key) == free, f"{row.name}{index}"
+
+
+def test_arms_that_differ_in_the_axes_of_the_tool_have_traces_of_their_own(planar, tmp_path):
+    turned = planar.with_parameters(tool_rotation=[[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+    q = [0.3, -0.5]
+    for robot in (planar, turned):  # the second finds the traces of the first
+        pose = Kernel(robot, cache=tmp_path).rows("forward_kinematics", [q], [2])
+        p, R = end_effector_pose(robot, np.array(q))
+        # Some ten products of numbers of at most 1.
+        np.testing.assert_allclose(pose, [*p, *np.ravel(R)], rtol=0, atol=1e-14)
+
+
 def test_kernel_without_cache_traces_the_same(planar, draw):
     state = draw(planar, 1, seed=75)[0]
     kernel = Kernel(planar, cache=None)

@@ -14,6 +14,7 @@ from pyssp_standard.ssm import SSM
 from pyssp_standard.ssv import SSV
 
 from vdfmu.errors import StorageError, UsageError
+from vdfmu.files import read_member
 from vdfmu.scenario import load_scenario
 from vdfmu.scenario.parts import build_parts
 from vdfmu.scenario.values import system_values
@@ -109,6 +110,16 @@ def test_the_wrong_fmus_are_refused(scenario, fmus, fmus_3, tmp_path):
     assert not list(tmp_path.iterdir())
 
 
+def test_the_page_says_which_version_of_fmi_is_in_it(scenario, fmus, fmus_3, tmp_path):
+    for listed, words in (
+        (fmus, "FMI 2.0."),
+        (fmus_3, "FMI 3.0."),
+        ({**fmus_3, "plant": fmus["plant"]}, "FMI 2.0 and 3.0."),
+    ):
+        package = write_ssp(scenario, listed, tmp_path / "x.ssp", mixed=True)
+        assert f"SSP 1.0, {words}" in read_member(package, "documentation/index.html").decode()
+
+
 def test_impossible_formats_say_what_to_do(monkeypatch):
     assert [fmi_of_format(form, None) for form in ("1.0", "2.0", "osp")] == ["2.0", "3.0", "2.0"]
     assert fmi_of_format("osp", "python") == "2.0"
@@ -147,7 +158,7 @@ def test_labels_in_the_diagram_have_room(name, version):
 def test_the_page_shows_the_system(scenario):
     description = SystemDescription(scenario)
     ssd = structure_file(description)
-    page = system_page(description, ssd, {}, "2.0").decode()
+    page = system_page(description, ssd, {}, ["2.0"]).decode()
     root = ElementTree.fromstring(
         page.replace("<!DOCTYPE html>", "")
         .replace('<meta charset="utf-8">', "")

@@ -49,7 +49,7 @@ def solved(monkeypatch):
     return found
 
 
-@pytest.mark.parametrize("name", ["tracking", "planar_tracking", "slider_tracking"])
+@pytest.mark.parametrize("name", ["tracking", "planar_tracking", "slider_tracking", "two_arms"])
 def test_all_that_a_solver_calls_is_one_compiled_function(name):
     system = System(described(name))
     lists = Continuous(system).lists

@@ -25,6 +25,7 @@ import vdfmu
 from vdfmu.cli.commands import app
 from vdfmu.errors import UsageError, VdfmuError
 from vdfmu.sweeps import worker
+from vdfmu.sweeps.plan import make_plan
 from vdfmu.sweeps.table import Sweep
 
 from .conftest import WAYS
@@ -40,6 +41,7 @@ class Late(Trajectory):
         motion = desired_motion(self.t - 0.02, self.q_start, self.q_end, self.T, self.t_start)
         self.q_d, self.q_d_dot, self.q_d_ddot, self.q_d_dddot, self.q_d_ddddot = motion
 """
+OVER = {"controller.K_p": "*0.9, 1.1"}
 MEASURES = ["end=final(unit.y)", "count=integral(unit.y)"]
 
 
@@ -398,6 +400,53 @@ def test_another_study_does_not_take_its_folder(wild, tmp_path, undisturbed):
     assert table(Sweep(tmp_path / "study")) == undisturbed
     other = study(wild, tmp_path / "study", measure=["end=final(unit.y)"], overwrite=True)
     assert other.measures == ["end"]
+
+
+WRENCH = "plant.F_e[1]"
+
+
+@pytest.mark.parametrize("kind", ["arrays", "csv"])
+def test_other_numbers_of_an_input_are_another_study(kind, tmp_path):
+    """The plan alone is enough for the key; the end of the test runs what was changed."""
+
+    def inputs(last):
+        if kind == "arrays":
+            return {WRENCH: ([0.0, 0.05], [0.0, last])}
+        (tmp_path / "push.csv").write_text(f"time,{WRENCH}\n0,0\n0.05,{last}\n")
+        return tmp_path / "push.csv"
+
+    def key(last, hold=False):
+        options = {"stop": 0.02, "inputs": inputs(last), "input_hold": hold}
+        plan = make_plan("planar_tracking", OVER, options=options, engine="fmu")
+        json.dumps(plan.facts)
+        return plan.key
+
+    assert key(10.0) == key(10.0)
+    assert len({key(10.0), key(20.0), key(10.0, True)}) == 3
+    if kind == "csv":
+        return
+
+    def swept(last, **options):
+        measure = {"q": "final(plant.q[1])"}
+        out = tmp_path / "study"
+        return vdfmu.sweep(
+            "planar_tracking", OVER, stop=0.02, inputs=inputs(last), measure=measure, out=out, **options
+        )
+
+    before = swept(10.0)["q"]
+    assert (swept(10.0)["q"] == before).all()
+    with pytest.raises(UsageError, match=r"holds another study.*differ in units, values or files\."):
+        swept(20.0)
+    assert (swept(20.0, overwrite=True)["q"] != before).all()
+
+
+def test_zero_is_not_left_out_of_a_row_that_is_run_again(tmp_path):
+    vdfmu.sweep("planar_tracking", OVER, stop=0.02, out=tmp_path / "study")
+    for option, words in (("--step", "step"), ("--stop", "stop"), ("--adaptive", "adaptive")):
+        done = CliRunner().invoke(
+            app, ["run", "--from", str(tmp_path / "study"), option, "0", "--out", str(tmp_path / "run")]
+        )
+        assert isinstance(done.exception, UsageError) and words in str(done.exception), option
 
 
 def test_two_processes_do_not_share_a_study(wild, tmp_path):

@@ -1,10 +1,12 @@
 """Units of one name in several files, and files that change: each component is what its file says now."""
 
+import sys
+
 import numpy as np
 import pytest
 
 import vdfmu
-from vdfmu.errors import UsageError
+from vdfmu.errors import UnitError, UsageError
 from vdfmu.fmu.content import Content
 from vdfmu.units import find_unit
 
@@ -179,3 +181,12 @@ def test_a_change_within_a_second_and_of_no_size_is_seen(tmp_path, monkeypatch):
         helped.outputs()
         assert helped.y == factor
     assert sorted(file.name for file in tmp_path.iterdir()) == ["factor.py", "helped.py"]
+
+
+def test_a_file_that_fails_leaves_no_module(tmp_path):
+    (tmp_path / "beside.py").write_text("VALUE = 1\n")
+    (tmp_path / "failing.py").write_text("import beside\n\n1 / 0\n")
+    before = set(sys.modules)
+    with pytest.raises(UnitError, match="failing.py, line 3: ZeroDivisionError"):
+        find_unit(tmp_path / "failing.py")
+    assert set(sys.modules) == before

@@ -16,6 +16,7 @@ from vdfmu.study.solution import Sampled
 from vdfmu.study.wired import Evaluate, System
 from vdfmu.unit.evaluate import Evaluation, Traced
 from vdfmu.unit.program import Call
+from vdfmu.unit.requirements import traced_requirements
 
 _DIVISION = re.compile(r" / (w\d+);")
 """End of a line of C that divides: as a product, so that a compiler finds reciprocals that it has."""
@@ -155,17 +156,19 @@ class _LaneCode(Code):
         lines = ["mask good = finite_lanes((real)0.0);", "begin(m, t, shown);"]
         for name, unit in self.system.units.items():
             robot = unit.interface.robot if unit.interface.has_robot else None
-            if robot is None or not (count := len(requirements(robot))):
-                continue
-            function = self.take(Kernel(robot).casadi_function("margins"))
-            place = self._places(name, unit, "p").start
-            lines += [
-                "{",
-                f"    real margin[{count}];",
-                f"    {function.name()}(m + {place}, margin);",
-                f"    for (int i = 0; i < {count}; i++)",
-                "        good &= margin[i] >= 0.0;",
-                "}",
-            ]
+            found = [traced_requirements(unit.interface)[1]]
+            if robot is not None and requirements(robot):
+                found.append(Kernel(robot).casadi_function("margins"))
+            for function in (self.take(each) for each in found if each is not None):
+                count = function.numel_out(0)
+                places = (self._places(name, unit, group).start for group in function.name_in())
+                lines += [
+                    "{",
+                    f"    real margin[{count}];",
+                    f"    {function.name()}({''.join(f'm + {place}, ' for place in places)}margin);",
+                    f"    for (int i = 0; i < {count}; i++)",
+                    "        good &= margin[i] >= 0.0;",
+                    "}",
+                ]
         body = "".join(f"    {line}\n" for line in [*lines, "return good;"])
         return f"static mask start(real *m, scalar t, const bool *shown)\n{{\n{body}}}\n"

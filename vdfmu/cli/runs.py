@@ -170,7 +170,8 @@ def run(
         found = Sweep(study)
         point = found.options(row or "worst", by)
         say_notes(found.notes)
-        given = point | {name: value for name, value in given.items() if value}
+        chosen = {name: value for name, value in given.items() if value not in (None, {}, [])}
+        given = point | chosen | {"units": {**point.get("units", {}), **given["units"]}}
         given["settings"] = point["settings"] | parse_settings(settings)
         given["robot"] = robot or point.get("robot")
     from vdfmu.report import tables

@@ -6,8 +6,9 @@ import json
 import os
 from collections.abc import Generator, Iterable, Sequence
 from contextlib import contextmanager, suppress
-from itertools import islice
+from itertools import count, islice
 from pathlib import Path
+from threading import Lock
 from typing import Any
 
 from vdfmu.engine.cosim import Interrupted
@@ -46,19 +47,38 @@ def replacing_results(folder: Path, outputs: Sequence[str], overwrite: bool) -> 
     """Give a run a folder in `folder` to write to; what it holds in the end replaces an earlier run.
 
     A run that fails or is stopped leaves its rows in ``partial``, which its error says, and the earlier run as it was.
-    Without rows it leaves nothing. One that is killed leaves ``partial_PID``.
+    Without rows it leaves nothing. One that is killed leaves ``partial_PID``. Several at once, in threads or processes,
+    do not meet: the last that is complete stays.
 
     Raises
     ------
     UsageError
         If the folder cannot be written to, or has files of these names that no run wrote, without `overwrite`.
     """
-    partial = folder / f"partial_{os.getpid()}"
+    names = (f"partial_{os.getpid()}" + (f"_{k}" if k > 1 else "") for k in count(1))
+    with _LOCK:
+        partial = folder / next(name for name in names if (folder / name).absolute() not in _TAKEN)
+        taken = partial.absolute()
+        _TAKEN.add(taken)
+    try:
+        with _replacing(partial, folder, outputs, overwrite):
+            yield partial
+    finally:
+        _TAKEN.remove(taken)
+
+
+_TAKEN: set[Path] = set()
+"""Folders of the runs of this process that are under way."""
+_LOCK = Lock()
+
+
+@contextmanager
+def _replacing(partial: Path, folder: Path, outputs: Sequence[str], overwrite: bool) -> Generator[None]:
     made = not folder.exists()
     try:
         _prepare(partial, folder, outputs, overwrite)
-        yield partial
-        with InterruptGuard():
+        yield
+        with InterruptGuard(), _LOCK, _one_process(folder):
             _publish(partial, folder, outputs)
     except BaseException as error:
         if _has_rows(partial / "results.csv") or (partial / "results.parquet").exists():
@@ -71,6 +91,23 @@ def replacing_results(folder: Path, outputs: Sequence[str], overwrite: bool) -> 
                 with suppress(OSError):
                     empty.rmdir()
         raise
+
+
+@contextmanager
+def _one_process(folder: Path) -> Generator[None]:
+    """Let no other process publish in a folder meanwhile, where the system has such locks."""
+    if os.name != "posix":
+        yield
+        return
+    import fcntl
+
+    handle = os.open(folder, os.O_RDONLY)
+    try:
+        with suppress(OSError):  # a file system without locks
+            fcntl.flock(handle, fcntl.LOCK_EX)
+        yield
+    finally:
+        os.close(handle)
 
 
 def _prepare(partial: Path, folder: Path, outputs: Sequence[str], overwrite: bool) -> None:

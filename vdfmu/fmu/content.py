@@ -16,7 +16,7 @@ from vdfmu import __version__
 from vdfmu.data import data_path
 from vdfmu.errors import FmuError, VdfmuError
 from vdfmu.fmu.about import ABOUT, about
-from vdfmu.kernel.structure import SOURCES, source_digest
+from vdfmu.kernel.sources import source_digest
 from vdfmu.model import Robot, robot_from_dict
 from vdfmu.unit.base import Unit, unit_name
 from vdfmu.unit.interface import Interface
@@ -28,20 +28,15 @@ _UNIT_FILE = "unit.py"
 """Source of a unit that is not one of the package, in a Python FMU."""
 BACKENDS = ("python", "native")
 FMI_VERSIONS = ("2.0", "3.0")
-_SOURCES = (*SOURCES, "unit", "units", "fmu")
-_OF_BACKEND = {
-    "python": ((*_SOURCES, "fmu/python"), ("python/*.py",)),
-    "native": ((*_SOURCES, "fmu/native"), ("c/*.[ch]", "icons/*")),
-}
-"""Packages and data files that decide what the FMUs of a backend are."""
+_DATA = {"python": ("python/*.py",), "native": ("c/*.[ch]", "icons/*")}
+"""Data files that decide what the FMUs of a backend are, in addition to the modules."""
 
 
 @lru_cache
 def installed_digest(backend: str = "python") -> str:
     """Digest of all that decides what FMUs compute: vdfmu's sources, scripts or C files, CasADi's version."""
-    packages, patterns = _OF_BACKEND[backend]
-    digest = sha256(source_digest(*packages).encode())
-    for pattern in patterns:
+    digest = sha256(source_digest("units", "fmu", f"fmu.{backend}").encode())
+    for pattern in _DATA[backend]:
         for file in sorted(data_path("fmu_src").glob(pattern)):
             digest.update(f"{file.name}\n".encode())
             digest.update(file.read_bytes().replace(b"\r\n", b"\n"))

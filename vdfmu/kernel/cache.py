@@ -36,7 +36,13 @@ def cache_folder() -> Path:
     """Folder of the cache: ``VDFMU_CACHE_DIR``, else ``vdfmu`` in the user's cache folder.
 
     One that others may write to is not used: the next is, at last a temporary one of this process.
+
+    Raises
+    ------
+    UsageError
+        As :func:`limit`.
     """
+    limit()  # one that is wrong is said before any work
     chosen = os.environ.get("VDFMU_CACHE_DIR")
     own = user_cache_path("vdfmu", appauthor=False)
     for folder in (Path(chosen), own) if chosen else (own,):
@@ -187,7 +193,10 @@ def _evict(cache: Path, new: Path) -> None:
 
     Any process may do so at any time: a reader has the whole file open or makes its content anew.
     """
-    most, found = limit(), entries(cache)
+    most = limit()
+    if sum(_size(path) for path in cache.glob("*/*")) <= most:  # without a look into them
+        return
+    found = entries(cache)
     total = sum(entry.size for entry in found)
     if total <= most:
         return
@@ -196,6 +205,13 @@ def _evict(cache: Path, new: Path) -> None:
             break
         if entry.path != new and entry.remove():
             total -= entry.size
+
+
+def _size(path: Path) -> int:
+    """Return the size of a file; 0 of one that another process has removed."""
+    with suppress(OSError):
+        return path.stat().st_size
+    return 0
 
 
 def _digest(path: Path, content: bytes) -> bytes:

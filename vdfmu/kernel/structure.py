@@ -10,20 +10,17 @@ from __future__ import annotations
 import dataclasses
 import json
 from collections.abc import Sequence
-from functools import lru_cache
 from hashlib import sha256
-from importlib.resources import files
 from typing import Any
 
 import casadi as ca
 import numpy as np
 
+from vdfmu.kernel.sources import source_digest
 from vdfmu.model import Robot
-from vdfmu.model.parameters import PARAMETERS
+from vdfmu.model.parameters import OPTIONAL, PARAMETERS
+from vdfmu.model.robot import ENDS
 from vdfmu.scalar.symbol import Symbol
-
-SOURCES = ("model", "scalar", "equations", "kernel")
-"""Packages that decide what a traced function computes."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -92,33 +89,17 @@ def _replace(robot: Robot, listed: Sequence[Parameter], new: Sequence[Any], dtyp
     return dataclasses.replace(robot, **arrays)
 
 
-@lru_cache
-def source_digest(*packages: str) -> str:
-    """Digest of the sources of some packages of vdfmu and of CasADi's version.
-
-    Parameters
-    ----------
-    *packages : str
-        Default: `SOURCES`.
-    """
-    digest = sha256(ca.CasadiMeta.version().encode())
-    for package in packages or SOURCES:
-        folder = files("vdfmu").joinpath(package)
-        for entry in sorted((e for e in folder.iterdir() if e.name.endswith(".py")), key=lambda e: e.name):
-            digest.update(f"{package}/{entry.name}\n".encode())
-            digest.update(entry.read_bytes().replace(b"\r\n", b"\n"))
-    return digest.hexdigest()
-
-
 def structure_key(robot: Robot) -> str:
     """Key of the traced functions: equal for robots that differ in run-time parameters only."""
+    listed = parameters(robot)
+    fixed = set_parameters(robot, [0.0] * len(listed))
     structure = {
-        "source": source_digest(),
+        "source": source_digest("kernel"),
         "joints": robot.joint_types,
-        "rotation": np.asarray(robot.rotation, dtype=float).tolist(),
         "friction": robot.friction,
         "rotor_coupling": robot.rotor_coupling,
-        "ends": [robot.moving_base, robot.coupled_tool],
-        "parameters": [p.name for p in parameters(robot)],
+        "flags": [name for name in (*OPTIONAL, *ENDS) if getattr(robot, name)],
+        "parameters": [p.name for p in listed],
+        "folded": {name: np.asarray(getattr(fixed, name), dtype=float).tolist() for name in PARAMETERS},
     }
     return sha256(json.dumps(structure, sort_keys=True).encode()).hexdigest()[:32]

@@ -40,7 +40,7 @@ class Robot(Parameters):
     end effector. SI units, angles in rad; a unit after "or" is that of a prismatic joint, whose motor side stays
     rad and N.m. The kinematic error of Eq. (3) is ``A*sin(2*ell*kappa + phase)``.
 
-    Nothing is checked here: the equations also run with fields that hold symbols. `vdfmu.model.load` checks.
+    Nothing is checked here: the equations also run with fields that hold symbols. `vdfmu.model.robot_file` checks.
 
     Parameters
     ----------
@@ -102,7 +102,7 @@ class Robot(Parameters):
     def to_dict(self, looks: bool = True) -> dict[str, Any]:
         """Return the robot in the layout of its TOML file, as plain lists, numbers and strings; `looks` with visuals.
 
-        `vdfmu.model.load.robot_from_dict` is the inverse.
+        `vdfmu.model.robot_file.robot_from_dict` is the inverse.
         """
 
         def numbers(name: Section, entry: Any) -> dict[str, Any]:

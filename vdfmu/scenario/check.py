@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping
+
 import numpy as np
 
 from vdfmu.engine.algorithms import count_steps
@@ -9,15 +11,17 @@ from vdfmu.errors import UsageError
 from vdfmu.measure import WIDE_ANGLE
 from vdfmu.model.parameters import PARAMETERS
 from vdfmu.model.read import Problems
-from vdfmu.scenario.parts import tables_of, units_of
+from vdfmu.scenario.parts import Variables, tables_of, units_of
 from vdfmu.scenario.scenario import Scenario
-from vdfmu.scenario.values import section_values
+from vdfmu.scenario.values import is_plant, section_values
 
 
 def model_notes(scenario: Scenario) -> list[str]:
     """Return the notes of a scenario, and what of it looks like a wrong sign or unit, though it may be meant."""
     robot = scenario.robot
     notes = list(scenario.notes)
+    tables = tables_of(scenario.system, robot)
+    notes += _not_reached(scenario, tables)
     size = float(np.abs(robot.gravity).max())
     if size > _STRONG_GRAVITY:
         notes.append(f"gravity of {size:g} m/s2 looks like another unit: 9.81 m/s2 on Earth.")
@@ -31,7 +35,6 @@ def model_notes(scenario: Scenario) -> list[str]:
     heavy = [m for m in masses if m > _HEAVY_LINK]
     if heavy:
         notes.append(f"a mass of {max(heavy):g} kg looks like grams.")
-    tables = tables_of(scenario.system, robot)
     angles = {
         f"{component}.{name}": value
         for component, section in section_values(scenario.system, robot, scenario.sections).items()
@@ -52,6 +55,24 @@ def model_notes(scenario: Scenario) -> list[str]:
         for note in getattr(unit, "notes", ())
     ]
     return notes + list(wide)
+
+
+def _not_reached(scenario: Scenario, tables: Mapping[str, Variables]) -> Iterator[str]:
+    """Yield what a scenario says of its plant alone that no component takes, or one does not."""
+    unknown = scenario.robot.payload and not scenario.payload_known
+    said = [*(["plant_factors"] if scenario.plant_factors else []), *(["payload.known"] if unknown else [])]
+    plants = {name: scenario.system.parts[name].robot for name, t in tables.items() if is_plant(name, t)}
+    if said and None not in plants.values():
+        yield (
+            f"{' and '.join(said)}: no component takes it: none is a plant, or named so, with the robot of the "
+            "scenario. Write numbers of the plant in its own section."
+        )
+    elif said:
+        yield from (
+            f"{' and '.join(said)}: {name} has a robot of its own, which this does not reach."
+            for name, own in plants.items()
+            if own is not None
+        )
 
 
 _STRONG_GRAVITY = 30.0

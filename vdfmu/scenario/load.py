@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
+from typing import Any
 
 from vdfmu.errors import ModelError, UsageError
 from vdfmu.model.load import load_robot
@@ -30,7 +31,7 @@ def load_scenario(path_or_name: str | os.PathLike[str], robot: Robot | str | Non
         As for `load_robot`. A relative path of a robot in the file starts at the file's folder.
     robot : Robot, str or None
         Robot in place of the one that the file names; a str as for `load_robot`. The paper's numbers are
-        left out where its name is not the file's.
+        left out where it has other numbers than the file's.
 
     Returns
     -------
@@ -49,32 +50,40 @@ def load_scenario(path_or_name: str | os.PathLike[str], robot: Robot | str | Non
     written = data.get("robot")
     if isinstance(robot, str):
         robot = load_robot(robot)
-    used = robot
+    named: Robot | None = None
     robot_problems: list[str] = []
-    if used is None and isinstance(written, str) and written:
+    if (robot is None or "paper" in data) and isinstance(written, str) and written:
         try:
             located = locate(written, "robots", path.parent)
-            used = robot_from_dict(read_toml(located), str(located))
+            named = robot_from_dict(read_toml(located), str(located))
         except ModelError as error:
             robot_problems = error.problems
         except UsageError as error:
             robot_problems = [f"{path}: robot: {error}"]
-    if robot is not None and robot.name != Path(str(written)).stem:
-        data.pop("paper", None)
+    if robot is not None:
+        robot_problems = []
+        if named is None or _numbers(robot) != _numbers(named):
+            data.pop("paper", None)
     system: SystemFile | None = None
-    named = data.get("system", "system")
-    if isinstance(named, str) and named:
+    wired = data.get("system", "system")
+    if isinstance(wired, str) and wired:
         try:
-            system = load_system(named, path.parent)
+            system = load_system(wired, path.parent)
         except ModelError as error:
             robot_problems += error.problems
         except UsageError as error:
             robot_problems.append(f"{path}: system: {error}")
-    scenario = read_scenario(problems, data, used, system)
+    scenario = read_scenario(problems, data, robot or named, system)
     problems.lines.extend(robot_problems)
     problems.raise_any()
     assert scenario is not None  # else there are problems
     return scenario
+
+
+def _numbers(robot: Robot) -> dict[str, Any]:
+    """Return what of a robot a result depends on."""
+    texts = ("name", "description", "sources")
+    return {key: value for key, value in robot.to_dict(looks=False).items() if key not in texts}
 
 
 def load_system(path_or_name: str | os.PathLike[str], start: Path | None = None) -> SystemFile:

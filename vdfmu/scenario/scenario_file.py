@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, cast
 
@@ -24,6 +25,7 @@ from vdfmu.scenario.scenario import (
     Scenario,
     apply_factors,
 )
+from vdfmu.scenario.start import with_starts
 from vdfmu.scenario.system_file import SystemFile
 from vdfmu.scenario.values import section_values
 from vdfmu.unit.declaration import SOLVER_TOLERANCE
@@ -77,6 +79,9 @@ def read_scenario(
         None if there are problems.
     """
     written = cast("dict[str, object]", data) if isinstance(data, dict) else {}
+    if system is not None:
+        with suppress(UsageError, UnitError):  # of a unit, whose values are refused below
+            system = with_starts(system)
     # sections of an unknown system may be right
     components = (
         list(system.parts) if system is not None else [k for k, v in written.items() if isinstance(v, dict)]

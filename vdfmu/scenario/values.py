@@ -21,6 +21,7 @@ from vdfmu.unit.base import Unit
 from vdfmu.unit.interface import Interface
 from vdfmu.unit.requirements import unmet
 from vdfmu.unit.variable import NO_LIMIT, Variable
+from vdfmu.units.plant import Plant
 
 Values = dict[str, Any]
 
@@ -153,16 +154,21 @@ def group_value(scenario: Scenario, name: str, settings: Mapping[str, Any] | Non
 
 
 def robot_parameters(component: str, table: Variables, scenario: Scenario) -> Values:
-    """Return a component's parameters that describe the robot: the scenario's plant for ``plant``, else nominal."""
+    """Return a component's parameters that describe the robot: of plants the scenario's plant, else nominal."""
     if not isinstance(table, Interface) or table.unit.robot_fields is None:
         return {}
-    robot = scenario.plant_robot if component == "plant" else scenario.known_robot
+    robot = scenario.plant_robot if is_plant(component, table) else scenario.known_robot
     own = scenario.system.parts[component].robot
     return {
         p.name: float(getattr(own or robot, p.field)[p.index])
         for p in parameters(own or scenario.robot)
         if p.name in table.reference and p.field not in table.unit.declared
     }
+
+
+def is_plant(component: str, table: Variables) -> bool:
+    """Whether a component is the plant: a `Plant` of any name, or a unit of one's own of this name."""
+    return isinstance(table, Interface) and (component == "plant" or issubclass(table.unit, Plant))
 
 
 def is_free(system: SystemFile, component: str, variable: Variable) -> bool:

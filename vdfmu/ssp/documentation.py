@@ -14,7 +14,7 @@ from vdfmu.ssp.xml import value_text
 
 
 def system_page(
-    description: SystemDescription, ssd: Any, icons: Mapping[str, bytes], fmi_version: str
+    description: SystemDescription, ssd: Any, icons: Mapping[str, bytes], fmi_versions: Sequence[str]
 ) -> bytes:
     """Page of a package, made from what its other files are made from.
 
@@ -25,12 +25,12 @@ def system_page(
         Root of the SSD, for the diagram.
     icons : mapping of str to bytes
         Source of an icon to its SVG file.
-    fmi_version : str
+    fmi_versions : sequence of str
         Of the FMUs in the package.
     """
     scenario = description.scenario
     body = f"""<p>Scenario {escape(scenario.name)}: {escape(scenario.description)}. Robot {escape(scenario.robot.name)}:
-{escape(scenario.robot.description.rstrip("."))}. SSP {description.version}, FMI {fmi_version}.</p>
+{escape(scenario.robot.description.rstrip("."))}. SSP {description.version}, FMI {" and ".join(fmi_versions)}.</p>
 <h2>Diagram</h2>
 <div class="wide">
 {draw_system(ssd, icons)}

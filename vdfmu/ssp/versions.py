@@ -55,8 +55,8 @@ def fmi_of_format(form: str, backend: str | None) -> str:
     return version
 
 
-def require_fmi(fmus: Mapping[str, str | os.PathLike[str]], versions: Sequence[str], what: str) -> None:
-    """Check the version of FMI of the units that go into a package.
+def require_fmi(fmus: Mapping[str, str | os.PathLike[str]], versions: Sequence[str], what: str) -> list[str]:
+    """Check the versions of FMI of the units that go into a package, and return those that there are.
 
     Raises
     ------
@@ -65,6 +65,7 @@ def require_fmi(fmus: Mapping[str, str | os.PathLike[str]], versions: Sequence[s
     UsageError
         If one is of another version: names of arrays and of their elements differ between the two.
     """
+    there: set[str] = set()
     for unit, fmu in fmus.items():
         content = read_member(Path(fmu), "modelDescription.xml")
         if content is None:
@@ -76,3 +77,5 @@ def require_fmi(fmus: Mapping[str, str | os.PathLike[str]], versions: Sequence[s
                 f"{unit}: {what} holds units of FMI {' or '.join(versions)}, got {Path(fmu).name} of FMI {got}. "
                 f'Build it with fmi_version="{versions[0]}".'
             )
+        there.add(got)
+    return sorted(there)

@@ -70,7 +70,7 @@ def write_ssp(
     fmi_version = require_version(version)
     description = SystemDescription(scenario, values, version)
     fmus = {unit: fmu for unit, fmu in fmus.items() if unit in description.tables}
-    require_fmi(fmus, ("2.0", "3.0") if mixed else (fmi_version,), f"SSP {version}")
+    there = require_fmi(fmus, ("2.0", "3.0") if mixed else (fmi_version,), f"SSP {version}")
     icons = {f"resources/icons/{name}.svg": _icon(table.name) for name, table in description.tables.items()}
     ssd = structure_file(description)
     members = {"SystemStructure.ssd": _checked(ssd, "ssd", "SystemStructure.ssd", version), **icons}
@@ -82,7 +82,7 @@ def write_ssp(
                 name = mapping_name(unit, binding.file)
                 mapping = mapping_file(binding.mapping, version)
                 members[f"resources/{name}"] = _checked(mapping, "ssm", name, version)
-    members["documentation/index.html"] = system_page(description, ssd, icons, fmi_version)
+    members["documentation/index.html"] = system_page(description, ssd, icons, there)
     with storing(path):
         for unit, fmu in fmus.items():
             members[f"resources/{description.fmu_name(unit)}"] = Path(fmu).read_bytes()

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from ctypes import PyDLL, c_double, c_void_p
 from functools import partial
+from itertools import count
 
 import casadi as ca
 
@@ -13,6 +14,7 @@ from vdfmu.fmu.native.compile import native_available
 from vdfmu.fmu.native.kernels import kernel_source
 from vdfmu.fmu.native.loaded import SHOWN, loaded
 from vdfmu.kernel.c_code import c_prototype
+from vdfmu.progress import LOG
 from vdfmu.study.wired import Action, Carry, Clock, Run, System
 from vdfmu.unit.evaluate import Traced
 from vdfmu.unit.program import Call
@@ -54,7 +56,8 @@ def sources(system: System, lists: Mapping[str, Sequence[Action]]) -> dict[str, 
     try:
         functions = [f"SHOWN {code.function(name, actions)}" for name, actions in lists.items()]
         files = {f"kernel_{name}.c": kernel_source(made).encode() for name, made in code.called.items()}
-    except KernelError:  # an operation that has no C text, or a unit in plain Python
+    except KernelError as error:  # an operation that has no C text, or a unit in plain Python
+        LOG.info("the references run in Python: %s", error)
         return None
     prototypes = "".join(f"{c_prototype(made)};\n" for made in code.called.values())
     return {**files, "system.c": "\n".join(["#include <string.h>\n", SHOWN, prototypes, *functions]).encode()}
@@ -69,6 +72,7 @@ class Code:
     def __init__(self, system: System) -> None:
         self.system = system
         self.called: dict[str, ca.Function] = {}
+        self._taken: dict[str, ca.Function] = {}
 
     def function(self, name: str, actions: Sequence[Action]) -> str:
         """Return ``void name(double *m, double t)``, with m the memory and t the time."""
@@ -108,8 +112,18 @@ class Code:
         yield "}"
 
     def take(self, function: ca.Function) -> ca.Function:
-        """Note that a traced function is called."""
-        known = self.called.setdefault(function.name(), function)
-        if known is not function and known.serialize() != function.serialize():
-            raise KernelError(f"two functions are named {function.name()}.")
-        return function
+        """Note that a traced function is called; return it, under another name where another robot's has its own."""
+        for k in count(1):
+            name = function.name() if k == 1 else f"{function.name()}_{k}"
+            known = self._taken.setdefault(name, function)
+            if known is function or known.serialize() == function.serialize():
+                break
+        if name not in self.called:
+            self.called[name] = known if name == known.name() else _named(known, name)
+        return self.called[name]
+
+
+def _named(function: ca.Function, name: str) -> ca.Function:
+    """Return the same function under another name."""
+    inputs = [ca.SX.sym(one, *function.size_in(one)) for one in function.name_in()]
+    return ca.Function(name, inputs, function.call(inputs), function.name_in(), function.name_out())

@@ -26,7 +26,7 @@ import scipy
 from vdfmu.arrays import Floats
 from vdfmu.errors import UsageError
 from vdfmu.kernel.cache import cache_folder, load, store
-from vdfmu.kernel.structure import source_digest
+from vdfmu.kernel.sources import source_digest
 from vdfmu.ssp.description import SystemDescription
 from vdfmu.study.compiled import runs, sources
 from vdfmu.study.solution import Continuous, Sampled
@@ -127,7 +127,7 @@ def _key(
     name: str, system: System, files: Mapping[str, bytes], t: Floats, places: npt.NDArray[np.intp]
 ) -> str:
     """Return the digest of what decides a solution: what is calculated, from which values and signals, and by whom."""
-    digest = sha256(repr((name, scipy.__version__, source_digest("study", "unit"))).encode())
+    digest = sha256(repr((name, scipy.__version__, source_digest("study.reference"))).encode())
     arrays = [system.memory, t, places]
     for place, course in system.outside:
         arrays += [np.array([place, course.held]), course.t, course.values]

@@ -53,6 +53,7 @@ from vdfmu.study.summary import (
     power_bond,
     run_facts,
     sampling_warnings,
+    start_notes,
     tracking_errors,
 )
 from vdfmu.study.verdict import run_checks
@@ -281,6 +282,10 @@ def run(
             raise
         summary = results.summary
         summary["witness"] = witness.summary(results)
+        for note in start_notes(results, scenario):
+            summary["notes"].append(note)
+            if log is not None:
+                log(LogMessage("", 0.0, "note", "", note))
         summary["real_time_factor"] = scenario.stop / summary["wall_s"]
         summary |= tracking_errors(results, scenario.robot)
         summary |= power_bond(results, scenario.robot)

@@ -14,10 +14,14 @@ from vdfmu.engine.cosim.results import Results
 from vdfmu.measure import unit_of
 from vdfmu.model import Robot
 from vdfmu.scenario import Scenario
+from vdfmu.scenario.parts import units_of
+from vdfmu.scenario.start import leaders
 from vdfmu.study.reference import BLOCK, REFERENCE_OF, Reference
 
 _SAMPLING_LIMIT = 0.5
 _COMPARED = ("plant.q", "controller.tau", "feedforward.tau_m")
+_APART = 1e-6
+"""Largest difference [rad, m] of a start from where the motion begins that is not noted."""
 _ESTIMATES = ("tau_f_hat", "tau_s_hat")
 
 
@@ -51,6 +55,22 @@ def _versions() -> dict[str, str]:
 def has_signals(results: Results, *groups: str) -> bool:
     """Whether a run recorded the first element of groups ``component.signal``."""
     return all(f"{group}[1]" in results for group in groups)
+
+
+def start_notes(results: Results, scenario: Scenario) -> list[str]:
+    """Return a note for each plant that starts elsewhere than the motion that leads it."""
+    notes: list[str] = []
+    for plant, leader in leaders(scenario.system, units_of(scenario.system)).items():
+        if has_signals(results, f"{leader}.q_d", f"{plant}.q"):
+            apart = np.abs(results[f"{leader}.q_d"][0] - results[f"{plant}.q"][0])
+            i = int(apart.argmax())
+            if apart[i] > _APART:
+                kind = scenario.system.parts[plant].robot_of(scenario.robot).joint_types[i]
+                notes.append(
+                    f"{plant} starts {apart[i]:.4g} {unit_of('position', kind)} from the position that {leader} wants "
+                    f"of joint {i + 1}: set {plant}.q_0, or share it in [shared.start] of the system's file."
+                )
+    return notes
 
 
 def tracking_errors(results: Results, robot: Robot) -> dict[str, Any]:
@@ -165,14 +185,13 @@ def compare(
 def _compare_all(results: Results, reference: Iterable[Reference]) -> dict[str, Any]:
     """Return the largest absolute difference of every output."""
     found: dict[str, float] = {}
-    groups = {signal.partition("[")[0]: "[" in signal for signal in results.names}
+    groups = {signal.partition("[")[0] for signal in results.names}
     name = ""
     for part, solution in zip(results.blocks(BLOCK), reference, strict=True):
         name = solution.name
         for signal, rows in solution.signals.items():
             if signal in groups:
-                seen = part[signal] if groups[signal] else part[signal]
-                values = seen.reshape(rows.shape)
+                values = part[signal].reshape(rows.shape)
                 found[signal] = max(found.get(signal, 0.0), float(np.abs(values - rows).max()))
     return {"name": name, "max_difference": found}
 

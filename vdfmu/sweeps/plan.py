@@ -150,7 +150,7 @@ def make_plan(
         "engine": "batch" if any(system.program is not None for system in systems) else "fmu",
         "points": digest(*(column.astype(str).tobytes() for column in points.values())),
         "systems": [
-            {"options": {**s.options, **s.run}, "package": digest(s.content), "inputs": [t.where for t in s.inputs]}
+            {"options": {**s.options, **s.run}, "package": digest(s.content), "inputs": [t.digest for t in s.inputs]}
             for s in systems
         ],
     }  # fmt: skip

@@ -188,10 +188,13 @@ class Sweep:
         own = [axis for axis in read_axes(self.facts["axes"]) if not is_option(axis.target)]
         switched = {axis: row[axis] for axis in self.axes if is_option(axis)}
         system = of_scenario(options["scenario"], own, switched, settings, self.facts["options"], None)
-        if digest(system.content) not in [known["package"] for known in self.facts["systems"]]:
+        was = self.facts["systems"]
+        if digest(system.content) not in [known["package"] for known in was]:
             self.notes.append(
                 f"{options['scenario']}: its values, units or robot are not those of the study any more."
             )
+        if [table.digest for table in system.inputs] not in [known["inputs"] for known in was]:
+            self.notes.append(f"{options['scenario']}: its inputs are not those of the study any more.")
         for target, binding in system.bindings.items():
             settings |= binding.values(row[target])
         for axis, value in switched.items():

@@ -67,14 +67,15 @@ def load_units(file: Path) -> dict[str, type[Unit]]:
     spec = spec_from_file_location(name, path)
     assert spec is not None and spec.loader is not None
     module = module_from_spec(spec)
-    sys.modules[name] = module
     folder = str(path.parent)
-    before = set(sys.modules)
+    before, ran = set(sys.modules), False
+    sys.modules[name] = module
     sys.path.insert(0, folder)
     # Python takes bytecode for that of a source of the same second and size
     writes_none, sys.dont_write_bytecode = sys.dont_write_bytecode, True
     try:
         spec.loader.exec_module(module)
+        ran = True
     except SyntaxError as error:
         raise UnitError(f"{error.filename or file}, line {error.lineno}: {error.msg}.") from None
     except Exception as error:
@@ -87,7 +88,7 @@ def load_units(file: Path) -> dict[str, type[Unit]]:
         if folder in sys.path:
             sys.path.remove(folder)
         # modules beside the file are its own: another unit may have others of the same names, or these be edited
-        for other in set(sys.modules) - before - {name}:
+        for other in set(sys.modules) - before - ({name} if ran else set[str]()):
             if str(getattr(sys.modules[other], "__file__", None) or "").startswith(folder + os.sep):
                 del sys.modules[other]
     found = {

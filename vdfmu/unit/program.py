@@ -21,8 +21,8 @@ from vdfmu.errors import UnitError
 from vdfmu.kernel.derivatives import DIRECTIONS
 from vdfmu.kernel.functions import Functions
 from vdfmu.kernel.rodas import Stages, rodas_step, stage_equations
-from vdfmu.kernel.structure import SOURCES as KERNEL_SOURCES
-from vdfmu.kernel.structure import source_digest, structure_key
+from vdfmu.kernel.sources import source_digest
+from vdfmu.kernel.structure import structure_key
 from vdfmu.kernel.switching import NEVER, time_left
 from vdfmu.kernel.trace import traced_function
 from vdfmu.model import Robot
@@ -33,9 +33,6 @@ from vdfmu.unit.declaration import PHASES
 from vdfmu.unit.place import place, shown, source_file
 from vdfmu.unit.trace import Leaf, SymbolicWatch, argument_name, leaves, run, state_slices
 from vdfmu.unit.variable import scalar_variables
-
-SOURCES = (*KERNEL_SOURCES, "unit", "units")
-"""Packages that decide what a traced function of a unit computes."""
 
 
 @dataclass(frozen=True)
@@ -115,8 +112,8 @@ class UnitFunctions(Functions):
         instance = unit(robot)
         self._calls = {phase: self._listed(phase, leaves(instance, phase)) for phase in PHASES}
         self.shipped = unit.__module__.startswith("vdfmu.units.")
-        key = f"{structure_key(robot) if robot is not None else 'no-robot'}-{source_digest(*SOURCES)[:16]}"
-        super().__init__(key, cache if self.shipped else None)
+        key = structure_key(robot) if robot is not None else "no-robot"
+        super().__init__(f"{key}-{source_digest('unit', 'units')[:16]}", cache if self.shipped else None)
 
     def _listed(self, phase: str, found_leaves: list[Leaf]) -> list[Call]:
         found: list[Call] = []

@@ -11,7 +11,6 @@ import numpy as np
 
 from vdfmu.arrays import Floats
 from vdfmu.engine.check.findings import Findings
-from vdfmu.engine.cosim.access import Heap
 from vdfmu.engine.cosim.component import Slave
 from vdfmu.engine.cosim.component2 import Slave2
 from vdfmu.engine.cosim.component3 import Slave3
@@ -116,7 +115,7 @@ def _outputs(slave: Slave) -> Floats:
     """Return the real outputs that are got between steps."""
     own = [v for v in slave.description.named("output") if v.kind == "Real" and not v.clocks]
     values = np.zeros(len(own))
-    slave.run(slave.access("Get", own, values, Heap()))
+    slave.run(slave.access("Get", own, values))
     return values
 
 

@@ -14,51 +14,26 @@ from vdfmu.engine.cosim.variables import Value, Variable
 Call = tuple[Any, Any, Any, Any, Any, str]
 """An FMI function, its last four arguments, and its name for messages."""
 DTYPES: dict[str, Any] = {
-    "Real": np.float64, "Integer": np.int64, "Boolean": np.int32, "String": np.uintp, "Binary": np.uintp,
+    "Real": np.float64, "Integer": np.int64, "Boolean": np.int32, "String": np.object_, "Binary": np.object_,
 }  # fmt: skip
-"""How the master holds the kinds of variables; of texts and binary values their address in a `Heap`."""
+"""How the master holds the kinds of variables; texts and binary values as ``bytes``."""
 KINDS = tuple(DTYPES)
-_FEWEST = 4096
-"""Texts that a heap keeps at least."""
+TEXTS = ("String", "Binary")
+"""Kinds that tables do not hold and no guess improves."""
 
 
-class Heap:
-    """Copies of texts and binary values, which those of a unit outlive; the same address for the same content.
+def held(kind: str, value: Any) -> Any:
+    """Return how the master holds a value."""
+    if kind == "String":
+        return str(value).encode("utf-8", "surrogateescape")
+    return bytes(value) if kind == "Binary" else value
 
-    It forgets the longest unused of more than `_FEWEST` and four for each variable.
-    """
 
-    def __init__(self, variables: int = 0) -> None:
-        self._copies: dict[bytes, Any] = {}
-        self._contents: dict[int, bytes] = {}
-        self._most = _FEWEST + 4 * variables
-
-    def put(self, content: bytes) -> int:
-        """Return the address of a copy."""
-        copy = self._copies.pop(content, None)
-        if copy is None:
-            copy = create_string_buffer(content, len(content) + 1)
-            self._contents[addressof(copy)] = content
-        self._copies[content] = copy  # the last used is the last
-        if len(self._copies) > self._most:
-            del self._contents[addressof(self._copies.pop(next(iter(self._copies))))]
-        return addressof(copy)
-
-    def content(self, address: int) -> bytes:
-        """Return what is at an address; nothing at none."""
-        return self._contents[address] if address else b""
-
-    def number(self, kind: str, value: Any) -> Any:
-        """Return how the master holds a value."""
-        if kind == "String":
-            return self.put(str(value).encode("utf-8", "surrogateescape"))
-        return self.put(bytes(value)) if kind == "Binary" else value
-
-    def value(self, kind: str, number: Any) -> Value:
-        """Return the value that a number of the master stands for."""
-        if kind == "String":
-            return self.content(int(number)).decode("utf-8", "surrogateescape")
-        return self.content(int(number)) if kind == "Binary" else number.item()
+def shown(kind: str, number: Any) -> Value:
+    """Return the value that the master holds so."""
+    if kind == "String":
+        return number.decode("utf-8", "surrogateescape")
+    return number if kind == "Binary" else number.item()
 
 
 class Transfer:
@@ -77,7 +52,6 @@ class Transfer:
         The window.
     dtype : type
         Of the memory of the call.
-    heap : Heap
     known : callable
         Returns the values of all elements of a variable, by its value reference.
     failure : callable
@@ -91,12 +65,11 @@ class Transfer:
         places: Sequence[int],
         values: NDArray[Any],
         dtype: Any,
-        heap: Heap,
         known: Callable[[int], Sequence[Value]],
         failure: Callable[[str, str], Exception],
     ) -> None:
         self._failure = failure
-        self.verb, self.native, self._kind, self._heap = verb, variables[0].native, variables[0].kind, heap
+        self.verb, self.native, self._kind = verb, variables[0].native, variables[0].kind
         self.name = f"{verb.lower()}{self.native}"
         lengths = {v.reference: v.length for v in variables}
         whole = [(reference, i) for reference, length in lengths.items() for i in range(length)]
@@ -105,8 +78,6 @@ class Transfer:
         self._values, self._where = values, np.array(places, np.intp)
         ordered = elements == whole and list(places) == list(range(places[0], places[0] + len(places)))
         self.direct = ordered and np.dtype(dtype) == values.dtype
-        if self._kind == "Binary" or (self._kind == "String" and verb == "Get"):
-            self.direct = False  # sizes go beside; what an FMU gives is to be copied
         position = {element: i for i, element in enumerate(whole)}
         self._places = np.array([position[element] for element in elements], np.intp)
         self.sizes = np.zeros(len(whole), np.uintp)
@@ -116,9 +87,11 @@ class Transfer:
             return
         self.memory = np.zeros(len(whole), dtype)
         """What the call reads or fills."""
+        self._slots: dict[int, tuple[bytes, Any]] = {}
+        """Of texts and binary values by place: the content, and the copy whose address is in the memory."""
         if verb == "Set" and len(elements) < len(whole):
-            rest = [value for reference in lengths for value in known(reference)]
-            self.memory[:] = [heap.number(self._kind, value) for value in rest]
+            rest = [held(self._kind, value) for reference in lengths for value in known(reference)]
+            self._put(range(len(rest)), rest)
 
     @property
     def counts(self) -> tuple[Any, Any]:
@@ -148,15 +121,12 @@ class Transfer:
 
     def _fetch(self) -> None:
         found = self.memory[self._places]
-        if self._kind == "String":
-            found = [self._heap.put(string_at(int(a)) if a else b"") for a in found]
-        elif self._kind == "Binary":
-            sizes = self.sizes[self._places]
-            found = [
-                self._heap.put(string_at(int(a), int(n)) if a else b"")
-                for a, n in zip(found, sizes, strict=True)
-            ]
-        elif self.native == "UInt64":
+        if self._kind in TEXTS:
+            sizes = self.sizes[self._places] if self._kind == "Binary" else [-1] * len(found)
+            for i, address, size in zip(self._where, found, sizes, strict=True):
+                self._values[i] = string_at(int(address), int(size)) if address else b""
+            return
+        if self.native == "UInt64":
             self._refuse(
                 found > np.iinfo(np.int64).max, found, "the largest that the master passes on, 2^63 - 1"
             )
@@ -164,13 +134,21 @@ class Transfer:
 
     def _bring(self) -> None:
         wanted = self._values[self._where]
-        with np.errstate(over="ignore"):  # of Float32: infinite, as the type has it
-            self.memory[self._places] = wanted
-        if self._kind == "Binary":
-            self.sizes[:] = [len(self._heap.content(int(address))) for address in self.memory]
-        elif self._kind == "Integer":
+        self._put(self._places, wanted)
+        if self._kind == "Integer":
             bad = (self.memory[self._places] != wanted) | (wanted < 0) & (self.native == "UInt64")
             self._refuse(bad, wanted, f"a value of type {self.native}")
+
+    def _put(self, places: Any, values: Any) -> None:
+        """Put values into the memory of the call; a text stays where it is until its variable gets another."""
+        if self._kind not in TEXTS:
+            with np.errstate(over="ignore"):  # of Float32: infinite, as the type has it
+                self.memory[places] = values
+            return
+        for place, content in zip(places, values, strict=True):
+            if place not in self._slots or self._slots[place][0] is not content:
+                self._slots[place] = content, create_string_buffer(content, len(content) + 1)
+                self.memory[place], self.sizes[place] = addressof(self._slots[place][1]), len(content)
 
     def _refuse(self, bad: NDArray[np.bool_], values: NDArray[Any], expected: str) -> None:
         if bad.any():

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vdfmu.arrays import Floats
-from vdfmu.engine.cosim.access import DTYPES, Call, Heap
+from vdfmu.engine.cosim.access import DTYPES, TEXTS, Call
 from vdfmu.engine.cosim.checked import Checked
 from vdfmu.engine.cosim.component import Slave
 from vdfmu.engine.cosim.link import Link, Port
@@ -43,9 +43,12 @@ class Bank:
             self.input_windows[unit] = slice(len(inputs), len(inputs) + len(fed))
             inputs += [(unit, v) for v in fed]
         self.variables = [*outputs, *inputs]
-        self.heap = Heap(len(self.variables))
-        self.memory: NDArray[Any] = words.view(DTYPES[kind])[: len(self.variables)]
-        self.words = -(-self.memory.nbytes // words.itemsize)
+        if kind in TEXTS:  # which other processes do not see
+            self.memory: NDArray[Any] = np.full(len(self.variables), b"", DTYPES[kind])
+            self.words = 0
+        else:
+            self.memory = words.view(DTYPES[kind])[: len(self.variables)]
+            self.words = -(-self.memory.nbytes // words.itemsize)
         self.outputs = self.memory[: len(outputs)]
         self.inputs = self.memory[len(outputs) :]
         self.position: dict[Port, int] = {(u, v.name): i for i, (u, v) in enumerate(self.variables)}
@@ -96,4 +99,4 @@ class Bank:
         part = (self.outputs if verb == "Get" else self.inputs)[window]
         if chosen is None:
             chosen = slave.between_events
-        return slave.access(verb, variables, part, self.heap, chosen)
+        return slave.access(verb, variables, part, chosen)

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vdfmu.arrays import Floats
-from vdfmu.engine.cosim.access import DTYPES, Call, Heap, Transfer
+from vdfmu.engine.cosim.access import DTYPES, Call, Transfer, held, shown
 from vdfmu.engine.cosim.description import Description, library_name
 from vdfmu.engine.cosim.integrator import Integrator
 from vdfmu.engine.cosim.messages import STATUS, MessageBox, boxes
@@ -148,7 +148,7 @@ class Slave:
     ) -> Call:
         """Return the call that lets real inputs run over a step, from their `starts` with their `slopes`."""
         values = np.zeros(len(variables))
-        calls = self.access("Set", variables, values, Heap())
+        calls = self.access("Set", variables, values)
 
         def run(*_: Any) -> int:
             begin, first, slope = clock.value, starts.copy(), slopes.copy()
@@ -166,7 +166,7 @@ class Slave:
         """Return the call that gets the derivatives of real outputs by time into `values`, in place."""
         places = range(len(variables))
         return self.slope_call(
-            Transfer("Get", variables, places, values, np.float64, Heap(), self._known, self._failure)
+            Transfer("Get", variables, places, values, np.float64, self._known, self._failure)
         )
 
     def updated(self, time: float, update: Callable[[], tuple[bool, bool, float]]) -> None:
@@ -238,9 +238,9 @@ class Slave:
 
     def get(self, variable: Variable) -> Value:
         """Get one variable."""
-        heap, values = Heap(), np.zeros(1, DTYPES[variable.kind])
-        self.run(self.access("Get", [variable], values, heap))
-        return heap.value(variable.kind, values[0])
+        values = np.zeros(1, DTYPES[variable.kind])
+        self.run(self.access("Get", [variable], values))
+        return shown(variable.kind, values[0])
 
     def set(self, variable: Variable, value: Value) -> None:
         """Set one variable."""
@@ -250,19 +250,17 @@ class Slave:
         """Set many variables with one call a type."""
         for variable, value in values:
             self._known(variable.reference)[variable.index] = value
-        heap = Heap(len(values))
         for kind, dtype in DTYPES.items():
-            group = [(v, heap.number(kind, x)) for v, x in values if v.kind == kind]
+            group = [(v, held(kind, x)) for v, x in values if v.kind == kind]
             if group:
                 numbers = np.array([x for _, x in group], dtype)
-                self.run(self.access("Set", [v for v, _ in group], numbers, heap))
+                self.run(self.access("Set", [v for v, _ in group], numbers))
 
     def access(
         self,
         verb: str,
         variables: Sequence[Variable],
         values: NDArray[Any],
-        heap: Heap,
         chosen: Callable[[Variable], bool] = lambda v: True,
     ) -> list[Call]:
         """Return the calls that get or set the chosen variables of one kind, whose values are `values`, in place."""
@@ -270,7 +268,7 @@ class Slave:
         for native in dict.fromkeys(v.native for v in variables if chosen(v)):
             places = [i for i, v in enumerate(variables) if v.native == native and chosen(v)]
             own = [variables[i] for i in places]
-            moved = Transfer(verb, own, places, values, self.dtypes[native], heap, self._known, self._failure)
+            moved = Transfer(verb, own, places, values, self.dtypes[native], self._known, self._failure)
             calls.append(self.value_call(moved))
         return calls
 

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from vdfmu.arrays import Floats
 from vdfmu.engine.algorithms import CONTINUOUS
+from vdfmu.engine.cosim.access import TEXTS
 from vdfmu.engine.cosim.checked import Checked
 from vdfmu.engine.cosim.component import Slave, Watch
 from vdfmu.engine.cosim.component2 import Slave2
@@ -176,7 +177,7 @@ class Components:
                 slave.reset()
         self.exchange.checked = self.checked
         for bank in self.exchange.banks:
-            bank.memory[:] = 0
+            bank.memory[:] = b"" if bank.kind in TEXTS else 0
         self.box.flush()
 
     def close(self) -> CosimError | None:

@@ -77,12 +77,12 @@ def _read_table(path: Path, stream: TextIO) -> tuple[list[str], list[str], Float
 
 
 def summary_beside(path: Path) -> dict[str, Any]:
-    """Return the ``summary.json`` beside a file; nothing if there is none of ours."""
+    """Return the ``summary.json`` beside a CSV file; nothing if there is none of the run that wrote this very file."""
     try:
         found = json.loads(path.with_name("summary.json").read_bytes())
-    except (OSError, ValueError):
+        return found if "copies" in found and found["csv_bytes"] == path.stat().st_size else {}
+    except (OSError, ValueError, KeyError, TypeError):
         return {}
-    return found if isinstance(found, dict) and "copies" in found else {}
 
 
 def csv_head(signals: Sequence[Signal]) -> str:

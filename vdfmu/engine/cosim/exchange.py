@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from vdfmu.arrays import Floats
 from vdfmu.engine.algorithms import CONTINUOUS
-from vdfmu.engine.cosim.access import KINDS, Call
+from vdfmu.engine.cosim.access import KINDS, TEXTS, Call, held
 from vdfmu.engine.cosim.bank import Bank
 from vdfmu.engine.cosim.broyden import Broyden
 from vdfmu.engine.cosim.checked import Checked
@@ -25,8 +25,6 @@ from vdfmu.engine.cosim.variables import Value
 from vdfmu.errors import CosimError, UsageError
 from vdfmu.text import matching
 
-TEXTS = ("String", "Binary")
-"""What tables do not hold and no guess improves."""
 _HEAD = 4
 """Words before the values: clock, size, running, pressed."""
 
@@ -163,7 +161,7 @@ class Exchange:
         self.slaves[link.end[0]].set(link.sink, value)
         if link.stepped:
             bank = self._bank(link.sink.kind)
-            bank.memory[bank.position[link.end]] = bank.heap.number(bank.kind, value)
+            bank.memory[bank.position[link.end]] = held(bank.kind, value)
 
     def read_outputs(self) -> None:
         """Get all outputs."""

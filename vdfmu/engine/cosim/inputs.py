@@ -9,6 +9,7 @@ import os
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from hashlib import sha256
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -46,6 +47,12 @@ class Table:
     """Whether a value holds until the next row; else the way between two rows is a line."""
     chosen: bool = True
     """Whether every column must name an input; else, in a results file, those that do are taken."""
+
+    @property
+    def digest(self) -> str:
+        """Digest of all that decides a run: names, units, times, values, and what holds between them."""
+        head = repr((self.names, self.units, self.values.shape, self.held, self.chosen)).encode()
+        return sha256(head + self.t.tobytes() + self.values.tobytes()).hexdigest()[:16]
 
 
 Inputs = (

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from vdfmu.engine.cosim.access import DTYPES, Call, Heap
+from vdfmu.engine.cosim.access import DTYPES, Call
 from vdfmu.engine.cosim.checked import Checked
 from vdfmu.engine.cosim.component import Slave
 from vdfmu.engine.cosim.exchange import Exchange
@@ -123,7 +123,7 @@ def reader(slave: Slave) -> Callable[[], list[float]]:
     for kind in dict.fromkeys(v.kind for v in own):
         variables = [v for v in own if v.kind == kind]
         values = np.zeros(len(variables), DTYPES[kind])
-        parts.append((values, slave.access("Get", variables, values, Heap())))
+        parts.append((values, slave.access("Get", variables, values)))
 
     def read() -> list[float]:
         for _, calls in parts:

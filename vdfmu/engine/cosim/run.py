@@ -180,6 +180,8 @@ class Run:
             for path in stream if done >= 0 else ():
                 if path.suffix.lower() == ".parquet":
                     write_parquet(found, path)
+                else:  # by which a reader knows that the copies are those of this file
+                    self.summary["csv_bytes"] = path.stat().st_size
             if observer is not None and done >= 0:
                 getattr(observer, "end", lambda results: None)(found)
             return found

@@ -18,8 +18,9 @@ from typing import Any
 
 from numpy import array, intp
 
+from vdfmu.engine.cosim.access import TEXTS
 from vdfmu.engine.cosim.checked import Checked
-from vdfmu.engine.cosim.exchange import TEXTS, Exchange
+from vdfmu.engine.cosim.exchange import Exchange
 from vdfmu.engine.cosim.isolated import REQUEST, Isolated, Limits
 from vdfmu.engine.cosim.messages import MessageBox
 from vdfmu.engine.federation.plan import Plan, share

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from vdfmu.engine.cosim.access import held, shown
 from vdfmu.engine.cosim.bank import Bank
 from vdfmu.engine.cosim.components import Components
 from vdfmu.engine.cosim.description import Value
@@ -124,7 +125,7 @@ class FederateServer(Server):
         for i, port in enumerate(self._sent.rest):
             if (place := self._place(port)) is not None:
                 bank, at = place
-                self._rest[i] = bank.heap.value(bank.kind, bank.memory[at])
+                self._rest[i] = shown(bank.kind, bank.memory[at])
         self._swap(time)
 
     def _swap(self, time: float) -> None:
@@ -142,7 +143,7 @@ class FederateServer(Server):
             )
             for port, bank, at in self._read[name]:
                 if bank.kind == "Real" or rest:
-                    bank.memory[at] = bank.heap.number(bank.kind, self._heard[port])
+                    bank.memory[at] = held(bank.kind, self._heard[port])
             self._box.ended.update(words.get("ended", {}))
 
     @contextmanager
