@@ -235,15 +235,6 @@ def test_a_cache_that_cannot_be_written_costs_only_time(tmp_path, monkeypatch):
     assert len(results.time) == 11
 
 
-def test_warning_where_the_sampled_loop_does_not_stand_the_gain(tmp_path):
-    results = vdfmu.run(
-        "planar_tracking", stop=0.01, out=tmp_path, reference=False, settings={"controller.K_v": 80}
-    )
-    (first, *_) = results.summary["warnings"]
-    # K_v h / (ell I_m) = 80 * 1e-3 / (100 * I_m)
-    assert f"= {80e-3 / (100 * vdfmu.load_robot('planar_2dof').I_m[0]):.2g} is above 0.5" in first
-
-
 @pytest.mark.parametrize(
     ("options", "words"),
     [
