@@ -221,7 +221,9 @@ def test_rows_of_a_failed_run_are_replaced_by_those_of_the_next_failed_one_only(
             vdfmu.run("planar_tracking", settings={"controller.K_p": gain}, **options)
         rows = len(Results.read(tmp_path / "partial" / "results.csv"))
         assert rows == len(caught.value.results)
-        assert caught.value.__notes__ == [f"The rows so far are in {tmp_path / 'partial'}."]
+        unstable, kept = caught.value.__notes__
+        assert unstable.startswith("Sampled loops: unstable since 0 s, joint")
+        assert kept == f"The rows so far are in {tmp_path / 'partial'}."
     vdfmu.run("planar_tracking", **options)
     assert len(Results.read(tmp_path / "partial" / "results.csv")) == rows
     assert [p.name for p in tmp_path.iterdir() if p.is_dir()] == ["partial"]
