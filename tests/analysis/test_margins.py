@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 import vdfmu
-from vdfmu.analysis.margins import ArmLoops, Loop
+from vdfmu.analysis.margins import ArmLoops
+from vdfmu.engine.loops import Loop
 from vdfmu.engine.space import Linear, held
 from vdfmu.equations.harmonic_drive import deformation_derivative
 from vdfmu.errors import UsageError

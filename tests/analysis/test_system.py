@@ -11,9 +11,10 @@ from typer.testing import CliRunner
 
 import vdfmu
 from tests.analysis.test_margins import AT_REST
-from vdfmu.analysis.margins import ArmLoops, system_margins
+from vdfmu.analysis.margins import ArmLoops
 from vdfmu.analysis.system import linearized, margins_along
 from vdfmu.cli.commands import app
+from vdfmu.engine.loops import system_margins
 from vdfmu.errors import UsageError
 
 SHORT = AT_REST | {"plant.tolerance": 1e-9}

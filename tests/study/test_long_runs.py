@@ -38,7 +38,7 @@ def told(results, robot, name="sampled-delayed"):
             }
             yield Reference(name, results.time[rows], signals)
 
-    absolute, relative = summary.compare(results, solution(), robot)
+    absolute, relative = summary.compare(results, solution(), robot, "gauss-seidel")
     return {
         **summary.tracking_errors(results, robot),
         **summary.power_bond(results, robot)["power_bond"],

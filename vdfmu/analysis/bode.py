@@ -8,8 +8,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.linalg import block_diag, eigvals
 
-from vdfmu.analysis.margins import Complex
 from vdfmu.arrays import Floats
+from vdfmu.engine.loops import Complex
 from vdfmu.engine.space import StateSpace
 from vdfmu.errors import UsageError
 

@@ -17,16 +17,14 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from vdfmu.analysis.margins import Loop
 from vdfmu.arrays import Floats
 from vdfmu.dynamics import mass_matrix
+from vdfmu.engine.loops import GROWTH, Loop
 from vdfmu.engine.space import Linear
 from vdfmu.equations.harmonic_drive import deformation_derivative
 from vdfmu.errors import UsageError
 from vdfmu.model import Robot
 
-GROWTH = 2.0
-"""Rate [1/s] up to which what grows counts as stable: a fast mode of links on springs, which friction holds."""
 _DAMPING = 0.5
 _FIRST, _FALL, _LAST = 0.4, 0.9, 1e-4
 """N of the first try, what the next one is multiplied by, and where the search ends."""

@@ -10,9 +10,9 @@ import numpy as np
 import numpy.typing as npt
 
 from vdfmu.analysis.linear import lively
-from vdfmu.analysis.margins import Complex
 from vdfmu.analysis.space import linearize
 from vdfmu.arrays import Floats
+from vdfmu.engine.loops import Complex
 from vdfmu.engine.space import StateSpace
 from vdfmu.errors import UsageError
 from vdfmu.model.robot import Robot, robot_argument

@@ -11,9 +11,10 @@ from typing import NamedTuple
 import numpy as np
 
 from vdfmu.analysis.gains import GROWTH, Gains, arm_gains
-from vdfmu.analysis.margins import ArmLoops, Margins
+from vdfmu.analysis.margins import ArmLoops
 from vdfmu.arrays import Floats
 from vdfmu.dynamics import inverse_dynamics
+from vdfmu.engine.loops import Margins
 from vdfmu.equations.limits import motor_torque
 from vdfmu.equations.trajectory import desired_motion
 from vdfmu.files import write_whole

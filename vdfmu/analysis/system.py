@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Generator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from vdfmu.analysis.margins import Margins, system_margins
 from vdfmu.engine.cosim.simulator import Simulator
 from vdfmu.engine.linear import LinearSystem, linear_system
+from vdfmu.engine.loops import Margins, fastest_mode, system_margins
 from vdfmu.errors import UsageError
 from vdfmu.progress import counted
 from vdfmu.scenario import Scenario, load_scenario
@@ -80,6 +81,8 @@ class SystemMargins(NamedTuple):
     algorithm: str
     step: float
     notes: tuple[str, ...]
+    growing: list[str]
+    """At each time the state with the largest part in the mode that grows most; empty where it is stable."""
 
 
 def margins_along(
@@ -99,7 +102,7 @@ def margins_along(
     system, settings, backend
         As of :func:`packaged`.
     opened, growth
-        As of :func:`vdfmu.analysis.margins.system_margins`.
+        As of :func:`vdfmu.engine.loops.system_margins`.
     at : sequence of float, optional [s]
         Default five, evenly spread from the start to the end.
     master : str, optional
@@ -120,4 +123,8 @@ def margins_along(
     names = tuple(first.parts.inputs[i] for i in first.places(opened))
     notes = tuple(dict.fromkeys(note for each in systems for note in each.parts.notes))
     found = [system_margins(each, opened, growth) for each in systems]
-    return SystemMargins(names, [float(t) for t in at], found, first.algorithm, first.step, notes)
+    growing = [
+        "" if m.radius < math.exp(growth * s.step) else fastest_mode(s.around(opened))[1]
+        for s, m in zip(systems, found, strict=True)
+    ]
+    return SystemMargins(names, [float(t) for t in at], found, first.algorithm, first.step, notes, growing)

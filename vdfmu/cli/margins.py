@@ -14,6 +14,7 @@ from vdfmu.cli.terminal import (
     console,
     load,
     parse_settings,
+    say_error,
     say_notes,
 )
 
@@ -42,7 +43,10 @@ def margins(
     settings: SetOption = None,
     backend: BackendOption = None,
 ) -> None:
-    """Print margins of stability of the sampled loops of a system, with the delays of its master."""
+    """Print margins of stability of the sampled loops of a system, with the delays of its master.
+
+    The exit code is 1 if it is unstable at one of the times.
+    """
     from rich.table import Table
 
     from vdfmu.analysis.system import margins_along
@@ -56,13 +60,28 @@ def margins(
         settings=parse_settings(settings), backend=backend,
     )  # fmt: skip
     table = Table("t", "opened at", "modulus", "gain", "phase", "delay", "largest pole", box=None)
-    for t, each in zip(found.times, found.margins, strict=True):
+    for t, each, growing in zip(found.times, found.margins, found.growing, strict=True):
         for i, name in enumerate(found.names):
             modulus, gain, phase, delay = (float(column[i]) for column in each[:4])
+            numbers = (f"{modulus:.3f}", f"{gain:.3g}", f"{math.degrees(phase):.1f} deg", _duration(delay))
             table.add_row(
-                f"{t:g} s" * (i == 0), name, f"{modulus:.3f}", f"{gain:.3g}", f"{math.degrees(phase):.1f} deg",
-                f"{1e3 * delay:.3g} ms", f"{each.radius:.6f}" * (i == 0),
+                f"{t:g} s" * (i == 0), name, *(numbers if not growing else ("unstable", "", "", "")),
+                f"{each.radius:.6f}" * (i == 0), style="red" if growing else None,
             )  # fmt: skip
     table.title, table.title_justify = f"Sampled at {found.step:g} s, {found.algorithm}", "left"
     console.print(table)
     say_notes(found.notes)
+    if any(found.growing):
+        worst = max(range(len(found.times)), key=lambda k: found.margins[k].radius)
+        times = [f"{t:g} s" for t, growing in zip(found.times, found.growing, strict=True) if growing]
+        where = f"all {len(times)} times" if len(times) == len(found.times) else ", ".join(times)
+        limit = f"{math.exp(growth * found.step):.6g}"
+        say_error(
+            f"Unstable at {where}: largest pole {found.margins[worst].radius:.6g}, expected below {limit}. "
+            f"Largest part in its mode: {found.growing[worst]}, at {found.times[worst]:g} s."
+        )
+        raise typer.Exit(1)
+
+
+def _duration(seconds: float) -> str:
+    return f"{seconds:.3g} s" if seconds >= 1.0 else f"{1e3 * seconds:.3g} ms"

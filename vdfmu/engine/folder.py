@@ -190,10 +190,10 @@ def write_summary(summary: dict[str, Any], folder: Path) -> None:
         ) from error
 
 
-def keep(error: CosimError | Interrupted, folder: Path) -> None:
-    """Write the summary of a failed run, with why it ended; the rows are there."""
+def keep(error: CosimError | Interrupted, folder: Path, checks: Iterable[Check] = ()) -> None:
+    """Write the summary of a failed run, with why it ended and what else was checked; the rows are there."""
     results = error.results
     if results is not None:
         results.summary["error"] = str(error)
-        results.summary["verdict"] = verdict_of([Check("Ran to its end", False, str(error))])
+        results.summary["verdict"] = verdict_of([Check("Ran to its end", False, str(error)), *checks])
         write_summary(results.summary, folder)

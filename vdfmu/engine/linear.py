@@ -25,6 +25,7 @@ from scipy.linalg import block_diag
 
 from vdfmu.arrays import Floats
 from vdfmu.engine.cosim.component import Slave
+from vdfmu.engine.cosim.components import Components
 from vdfmu.engine.cosim.interface import derivatives
 from vdfmu.engine.cosim.multirate import periods
 from vdfmu.engine.cosim.simulator import Simulator
@@ -89,6 +90,48 @@ class LinearSystem:
                 f"{', '.join(missing)}: expected connected continuous inputs. There are: {groups}."
             )
         return list(dict.fromkeys(i for each in found for i in each))
+
+    def around(self, opened: Sequence[str]) -> LinearSystem:
+        """Return the part of the system that lies on ways from the opened inputs back to them.
+
+        Whatever else there is neither sees these loops nor acts on their stability.
+
+        Raises
+        ------
+        UsageError
+            For unknown inputs.
+        """
+        p, samples = self.parts, self.samples
+        (n, m), r, k = p.B.shape, len(p.C), len(samples.signals)
+        ends = np.cumsum([n, m, r])
+        acts = np.zeros(
+            (n + m + r + k,) * 2, bool
+        )  # of columns on rows: states, inputs, outputs, sampled states
+        knows = np.r_[: n + m, n + m + r : n + m + r + k]
+        acts[np.ix_(range(n), knows)] = np.hstack([p.A, p.B, samples.E]) != 0.0
+        acts[np.ix_(range(n + m, n + m + r), knows)] = np.hstack([p.C, p.D, samples.G]) != 0.0
+        acts[n + m + r :, knows] = samples.F != 0.0
+        acts[n : n + m, n + m : n + m + r] = self.links != 0.0
+        cut = n + np.array(self.places(opened), np.intp)
+        on = _reached(acts, cut) & _reached(acts.T, cut)
+        on[cut] = True
+        x, u, y, s = (np.flatnonzero(part) for part in np.split(on, ends))
+        whole = np.block([[p.A[np.ix_(x, x)], p.B[np.ix_(x, u)]], [p.C[np.ix_(y, x)], p.D[np.ix_(y, u)]]])
+        signals = (
+            [(names[i], units[i], float(values[i])) for i in places]
+            for names, units, values, places in (
+                (p.states, p.state_units, p.x, x), (p.inputs, p.input_units, p.u, u),
+                (p.outputs, p.output_units, p.y, y),
+            )
+        )  # fmt: skip
+        kept = Samples(
+            [samples.signals[i] for i in s.tolist()], samples.E[np.ix_(x, s)], samples.G[np.ix_(y, s)],
+            samples.F[np.ix_(s, np.concatenate([x, n + u, n + m + s]))],
+        )  # fmt: skip
+        return replace(
+            self, parts=replace(StateSpace.of(whole, *signals), notes=p.notes), links=self.links[np.ix_(u, y)],
+            fresh=self.fresh[u], samples=kept,
+        )  # fmt: skip
 
     def continuous(self, opened: Sequence[str] = ()) -> StateSpace:
         """Return the system in continuous time.
@@ -185,6 +228,17 @@ class LinearSystem:
         )  # fmt: skip
 
 
+def _reached(acts: npt.NDArray[np.bool_], begins: npt.NDArray[np.intp]) -> npt.NDArray[np.bool_]:
+    """Whether something acts on each place, in any number of steps, from some of them."""
+    found = np.zeros(len(acts), bool)
+    new = np.zeros(len(acts), bool)
+    new[begins] = True
+    while new.any():
+        new = acts[:, new].any(axis=1) & ~found
+        found |= new
+    return found
+
+
 def linear_system(
     system: System | str | Path,
     at: float | None = None,
@@ -215,23 +269,26 @@ def linear_system(
     step = simulator.grid(None, None, step)[2]
     with simulator:
         components = simulator.stand(at, step)
-        checked = components.checked
-        blind = [
-            name
-            for name, each in checked.descriptions.items()
-            if not (each.derives_unknowns or each.exchange)
-        ]
-        if blind:
-            raise UsageError(
-                f"{', '.join(blind)}: expected FMUs with directional derivatives, or for model exchange, whose "
-                "derivatives are differenced. Export them so; of the FMUs of this project the native ones have them."
-            )
-        notes: list[str] = [f"its step is {n} times that of the others, and is taken as one: {name}"
-                            for name, n in checked.multiples.items() if n != 1]  # fmt: skip
-        each = [
-            _part(name, slave, components.box.time if at is None else at, notes)
-            for name, slave in components.slaves.items()
-        ]
+        return linearised(components, step, components.box.time if at is None else at)
+
+
+def linearised(components: Components, step: float, time: float, values: bool = True) -> LinearSystem:
+    """Linearise components in this process where they are, at a time [s]; see :func:`linear_system`.
+
+    Without `values` those of states, inputs and outputs are 0.
+    """
+    checked = components.checked
+    blind = [
+        name for name, each in checked.descriptions.items() if not (each.derives_unknowns or each.exchange)
+    ]
+    if blind:
+        raise UsageError(
+            f"{', '.join(blind)}: expected FMUs with directional derivatives, or for model exchange, whose "
+            "derivatives are differenced. Export them so; of the FMUs of this project the native ones have them."
+        )
+    notes: list[str] = [f"its step is {n} times that of the others, and is taken as one: {name}"
+                        for name, n in checked.multiples.items() if n != 1]  # fmt: skip
+    each = [_part(name, slave, time, notes, values) for name, slave in components.slaves.items()]
     blocks: list[Any] = [
         block_diag(*each_of) for each_of in zip(*(matrices for matrices, _ in each), strict=True)
     ]
@@ -258,7 +315,9 @@ def linear_system(
     )  # fmt: skip
 
 
-def _part(name: str, slave: Slave, time: float, notes: list[str]) -> tuple[list[Floats], list[list[Signal]]]:
+def _part(
+    name: str, slave: Slave, time: float, notes: list[str], values: bool
+) -> tuple[list[Floats], list[list[Signal]]]:
     """Return the matrices of a component at the point where it is, and its states, inputs, outputs, sampled states.
 
     In the order A, B, E, C, D, G, and F by parts.
@@ -288,7 +347,10 @@ def _part(name: str, slave: Slave, time: float, notes: list[str]) -> tuple[list[
     F = J[p:]
     J = np.vstack([J[:p], np.eye(s, J.shape[1], n + m)])  # sampled states are outputs, too
     signals: list[list[Signal]] = [
-        [(f"{name}.{v.name}", v.unit.name if v.unit else "1", float(slave.get(v))) for v in part]
+        [
+            (f"{name}.{v.name}", v.unit.name if v.unit else "1", float(slave.get(v)) if values else 0.0)
+            for v in part
+        ]
         for part in (states[:n], inputs, [*outputs, *sampled], sampled)
     ]
     parts = [slice(0, n), slice(n, n + m), slice(n + m, None)]

@@ -5,7 +5,7 @@ A run makes it once and keeps it in its summary; terminal, page and exit code re
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 
@@ -18,10 +18,14 @@ class Check(NamedTuple):
     """What was found, and the limit that it was compared with."""
 
 
-def verdict_of(checks: Iterable[Check]) -> dict[str, Any]:
-    """Return the entry ``verdict`` of a summary: ``passed``, and ``checks`` with name, passed and text."""
+def verdict_of(checks: Iterable[Check], not_checked: Sequence[str] = ()) -> dict[str, Any]:
+    """Return the entry ``verdict`` of a summary.
+
+    ``passed``; ``checks`` with name, passed and text; ``not_checked``, sentences.
+    """
     found = [check._asdict() for check in checks]
-    return {"passed": all(check["passed"] for check in found), "checks": found}
+    passed = all(check["passed"] for check in found)
+    return {"passed": passed, "checks": found, "not_checked": list(not_checked)}
 
 
 def checks_of(summary: Mapping[str, Any]) -> list[Check]:
@@ -30,3 +34,8 @@ def checks_of(summary: Mapping[str, Any]) -> list[Check]:
         Check(str(one["name"]), one["passed"] is True, str(one["text"]))
         for one in (summary.get("verdict") or {}).get("checks", ())
     ]
+
+
+def not_checked(summary: Mapping[str, Any]) -> list[str]:
+    """Return what was not checked of a run, and why."""
+    return [str(one) for one in (summary.get("verdict") or {}).get("not_checked", ())]

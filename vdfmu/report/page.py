@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 
 from vdfmu.engine.cosim.results import Results
 from vdfmu.engine.json_text import to_json
-from vdfmu.engine.verdict import checks_of
+from vdfmu.engine.verdict import checks_of, not_checked
 from vdfmu.errors import UsageError
 from vdfmu.files import write_whole
 from vdfmu.fmu.native.package import THIRD_PARTY
@@ -227,6 +227,9 @@ def _checks(names: Sequence[str], runs: Sequence[Run]) -> Iterator[str]:
                 f'<li class="{"pass" if one.passed else "fail"}"><b>{"pass" if one.passed else "fail"}</b> '
                 f"{escape(one.name)} <small>{escape(one.text)}</small></li>"
                 for one in found
+            )
+            rows += "".join(
+                f"<li>not checked <small>{escape(text)}</small></li>" for text in not_checked(run.summary)
             )
             title = "Checks" if len(runs) == 1 else f"Checks of {escape(name)}"
             shown = "" if len(runs) > 1 else ' class="hidden"'

@@ -13,7 +13,7 @@ from rich.panel import Panel
 from rich.table import Table
 from rich.text import Text
 
-from vdfmu.engine.verdict import checks_of
+from vdfmu.engine.verdict import checks_of, not_checked
 from vdfmu.report.sheets import Sheet, facts
 
 Summary = Mapping[str, Any]
@@ -67,4 +67,6 @@ def verdict_table(summary: Summary) -> Table:
     for check in checks:
         sign = Text("pass", style="green") if check.passed else Text("FAIL", style="bold red")
         table.add_row(sign, Text(f"{check.name}: {check.text}"))
+    for text in not_checked(summary):
+        table.add_row(Text("-"), Text(f"not checked: {text}"))
     return table

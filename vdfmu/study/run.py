@@ -16,7 +16,7 @@ from vdfmu.engine.algorithms import ALGORITHMS, count_steps
 from vdfmu.engine.cosim import Interrupted, LogMessage, Results
 from vdfmu.engine.cosim.inputs import Inputs, read_inputs
 from vdfmu.engine.cosim.observer import Observer
-from vdfmu.engine.cosim.simulator import Simulator, check_coupling
+from vdfmu.engine.cosim.simulator import check_coupling
 from vdfmu.engine.folder import (
     DRAWN,
     PICTURES,
@@ -27,6 +27,7 @@ from vdfmu.engine.folder import (
     replacing_results,
     write_summary,
 )
+from vdfmu.engine.loops import Poses
 from vdfmu.engine.verdict import verdict_of
 from vdfmu.errors import CosimError, UsageError
 from vdfmu.fmu.build import build_notes, choose_backend
@@ -44,6 +45,7 @@ from vdfmu.ssp.description import SystemDescription
 from vdfmu.ssp.write import write_ssp
 from vdfmu.study.contrast import contrast
 from vdfmu.study.reference import BLOCK, REFERENCE_OF, reference_blocks
+from vdfmu.study.stability import explain, loop_checks, simulated
 from vdfmu.study.summary import (
     compare,
     compared,
@@ -52,7 +54,6 @@ from vdfmu.study.summary import (
     implied_gains,
     power_bond,
     run_facts,
-    sampling_warnings,
     start_notes,
     tracking_errors,
 )
@@ -250,11 +251,7 @@ def run(
     backend = choose_backend(backend)
     text_settings = {key: str(value) for key, value in (settings or {}).items()}
     values = system_values(scenario, settings)
-    free = scenario.master == "iterative" or scenario.adaptive is not None
-    warnings = sampling_warnings(values, scenario.robot, None if free else scenario.step)
-    if log is not None:  # before the run, which may fail for what they say
-        for warning in warnings:
-            log(LogMessage("", 0.0, "warning", "", warning))
+    if log is not None:
         for connection in scenario.system.dropped:
             log(LogMessage("", 0.0, "note", "", f"{connection}: {_LEFT_OUT}"))
         for note in (*model_notes(scenario), *build_notes(scenario.robot, backend)):
@@ -267,18 +264,19 @@ def run(
             "backend": backend,
             "fmi": fmi_version,
             "settings": text_settings,
-            "warnings": warnings,
             "left_out": list(scenario.system.dropped),
             "arm": arm_of(scenario.robot, values.get("plant", {})),
         }
         witness = Witness(scenario, values)
+        poses = Poses("tau")
         try:
-            results = _simulate(
-                scenario, package, log, progress=bound(report, "co-simulation"), about=summary, observer=observer,
+            results = simulated(
+                scenario, package, progress=bound(report, "co-simulation"), log=log, about=summary, observer=observer,
                 stream=[partial / f"results.{form}" for form in formats], probe=witness.probe,
+                visitor=poses,
             )  # fmt: skip
         except (CosimError, Interrupted) as error:
-            keep(error, partial)
+            keep(error, partial, explain(error, poses))
             raise
         summary = results.summary
         summary["witness"] = witness.summary(results)
@@ -296,6 +294,7 @@ def run(
         write_summary(summary, partial)
         if reference:
             summary |= _references(scenario, package, values, results)
+        found = [*loop_checks(poses, scenario, package, values), *run_checks(summary)]
         with doing("figures"):
             if has_signals(results, *_DRAWN):
                 from vdfmu.report.plots import run_figures  # takes long to import
@@ -305,18 +304,9 @@ def run(
                 from vdfmu.engine.picture import signals_figure
 
                 signals_figure(results.thinned(DRAWN), partial, pictures=pictures)
+        summary["verdict"] = verdict_of(found, [f"stability: {poses.lacking}"] if poses.lacking else [])
         _write(results, scenario, partial, simulate)
         return results
-
-
-def _simulate(
-    scenario: Scenario, package: Path, log: Callable[[LogMessage], None] | None = None, **options: Any
-) -> Results:
-    simulator = Simulator(
-        package, algorithm=scenario.master, adaptive=scenario.adaptive, inputs=scenario.inputs, log=log
-    )
-    with simulator:
-        return simulator.run(start=0.0, stop=scenario.stop, step=scenario.step, **options)
 
 
 def _run_contrast(
@@ -328,6 +318,7 @@ def _run_contrast(
         study = contrast(scenario)
         results = study.results()
     results.summary = run_facts(scenario) | study.summary(dict(scenario.paper))
+    results.summary["verdict"] = verdict_of(run_checks(results.summary))
     for form in formats:
         results.write(folder / f"results.{form}")
     with doing("figures"):
@@ -337,8 +328,7 @@ def _run_contrast(
 
 
 def _write(results: Results, scenario: Scenario, folder: Path, simulate: bool = False) -> None:
-    """Write the page and the summary of a complete run, with the verdict on it."""
-    results.summary["verdict"] = verdict_of(run_checks(results.summary))
+    """Write the page and the summary of a complete run."""
     page = [Run(scenario.name, results, results.summary, folder / "system.ssp")]
     with doing("page"):
         write_report(page, folder / NAME, simulate=simulate)
@@ -382,7 +372,7 @@ def _references(
             progress=bound(report, stage),
         )
         try:
-            differences[key], statistics = compare(results, solution, scenario.robot)
+            differences[key], statistics = compare(results, solution, scenario.robot, scenario.master)
         except UsageError as error:  # of an algebraic loop, which the run may have solved
             found["no_reference"] = str(error).rstrip(".")
             continue
@@ -402,5 +392,5 @@ def _separation(
     """Largest difference [rad, m] of link positions to the same run with rotor inertias larger by `_NUDGE` of them."""
     inertias = {f"I_m[{i + 1}]": values["plant"][f"I_m[{i + 1}]"] for i in range(scenario.robot.n)}
     parameters = {f"plant.{name}": (1.0 + _NUDGE) * inertia for name, inertia in inertias.items()}
-    nudged = _simulate(scenario, package, record=["plant.q[*]"], parameters=parameters)
+    nudged = simulated(scenario, package, record=["plant.q[*]"], parameters=parameters)
     return float(np.abs(nudged["plant.q"] - results["plant.q"]).max())

@@ -1,4 +1,4 @@
-"""Numbers of a run: tracking and compensation errors, differences to the references, warnings."""
+"""Numbers of a run: tracking and compensation errors, differences to the references."""
 
 from __future__ import annotations
 
@@ -18,7 +18,6 @@ from vdfmu.scenario.parts import units_of
 from vdfmu.scenario.start import leaders
 from vdfmu.study.reference import BLOCK, REFERENCE_OF, Reference
 
-_SAMPLING_LIMIT = 0.5
 _COMPARED = ("plant.q", "controller.tau", "feedforward.tau_m")
 _APART = 1e-6
 """Largest difference [rad, m] of a start from where the motion begins that is not noted."""
@@ -138,9 +137,12 @@ def compared(results: Results) -> tuple[str, ...] | None:
 
 
 def compare(
-    results: Results, reference: Iterable[Reference], robot: Robot
+    results: Results, reference: Iterable[Reference], robot: Robot, master: str
 ) -> tuple[dict[str, Any], dict[str, float]]:
     """Hold a run against a reference in stretches of `BLOCK` rows.
+
+    A torque that a sampled master holds over a step is in the row at the step's end. The continuous reference has it
+    at every time, so it is compared with that of the step's begin, when it was calculated.
 
     Returns
     -------
@@ -152,7 +154,7 @@ def compare(
     """
     if compared(results) is None:
         return _compare_all(results, reference), {}
-    name, at, position, torque, before = "", 0.0, -1.0, 0.0, None
+    name, at, position, torque, before, held = "", 0.0, -1.0, 0.0, None, None
     squares = np.zeros((4, robot.n))  # of the errors of position and torque, ours and theirs
     for part, solution in zip(results.blocks(BLOCK), reference, strict=True):
         q_d, q = part["trajectory.q_d"], part["plant.q"]
@@ -162,6 +164,8 @@ def compare(
         if name == "sampled-delayed":  # the controller added to the feedforward of one step ago
             late = np.vstack([late[:1] if before is None else before, late[:-1]])
             before = solution["feedforward.tau_m"][-1:]
+        elif name == "continuous" and master in REFERENCE_OF:
+            held, tau_r = tau_r[-1:], np.vstack([tau_r[:1] if held is None else held, tau_r[:-1]])
         difference = np.abs(q - q_r).max(axis=1)
         if difference.max() > position:
             at, position = float(part.time[difference.argmax()]), float(difference.max())
@@ -244,23 +248,3 @@ def power_bond(results: Results, robot: Robot) -> dict[str, Any]:
         energies += np.sum([residual, np.abs(residual), np.abs(h * taken)], axis=1)
     names = ("residual_energy_j", "residual_energy_abs_j", "exchanged_energy_j")
     return {"power_bond": dict(zip(names, energies.tolist(), strict=True))}
-
-
-def sampling_warnings(values: Mapping[str, Mapping[str, Any]], robot: Robot, step: float | None) -> list[str]:
-    """Warnings on gains that destabilise the sampled loop; `step` None: none does."""
-    controller, plant = values.get("controller", {}), values.get("plant", {})
-    warnings: list[str] = []
-    known = all(f"{key}[1]" in controller for key in ("K_v", "ell")) and "I_m[1]" in plant
-    for i in range(1, robot.n + 1) if step is not None and known else ():
-        number = controller[f"K_v[{i}]"] * step / (controller[f"ell[{i}]"] * plant[f"I_m[{i}]"])
-        if number > _SAMPLING_LIMIT:
-            warnings.append(
-                f"Joint {i}: K_v*step/(ell*I_m) = {number:.2g} is above {_SAMPLING_LIMIT}: the sampled loop may be "
-                f"unstable. Lower controller.K_v[{i}] or the step."
-            )
-    if controller.get("velocity") == 1:
-        warnings.append(
-            "controller.velocity = q_dot: the derivative acts across the spring (non-collocated) and is "
-            "unstable at the usual gains. kappa_dot is the default."
-        )
-    return warnings

@@ -13,8 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from vdfmu.analysis.margins import Margins
 from vdfmu.arrays import Floats
+from vdfmu.engine.loops import Margins
 from vdfmu.interrupt import InterruptGuard
 from vdfmu.sweeps.job import Row
 from vdfmu.sweeps.ledger import Ledger

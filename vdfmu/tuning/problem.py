@@ -12,8 +12,9 @@ from typing import Any
 
 import numpy as np
 
-from vdfmu.analysis.margins import ArmLoops, Margins
+from vdfmu.analysis.margins import ArmLoops
 from vdfmu.arrays import Floats
+from vdfmu.engine.loops import Margins
 from vdfmu.errors import UsageError
 from vdfmu.scenario.values import present_values, system_values
 from vdfmu.study.run import prepare

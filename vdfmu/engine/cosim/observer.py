@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time as clock
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Container, Mapping, Sequence
 from typing import Any, Protocol
 
 import numpy as np
@@ -32,6 +32,32 @@ class Observer(Protocol):
     def end(self, results: Results) -> None:
         """Take all rows of the run, which may have failed."""
         ...
+
+
+class Visitor(Protocol):
+    """Is shown the components of a run at some of its rows, to ask them; it leaves them as they are."""
+
+    def rows(self, n: int) -> Container[int]:
+        """Return the rows of a run of n steps that it is to be shown."""
+        ...
+
+    def visit(self, components: Any, time: float, step: float) -> None:
+        """Take the components, as they are at a time [s], and the communication step [s]."""
+        ...
+
+
+def visited(
+    visitor: Visitor, components: Any, n: int, begin: float, step: float, store: Callable[[int], None]
+) -> Callable[[int], None]:
+    """Return what stores a row k and shows the components to a visitor of it."""
+    rows = visitor.rows(n)
+
+    def storing(k: int) -> None:
+        store(k)
+        if k in rows:
+            visitor.visit(components, begin + k * step, step)
+
+    return storing
 
 
 def observed(

@@ -21,7 +21,7 @@ from vdfmu.engine.cosim.exchange import SampledStepper, largest_step
 from vdfmu.engine.cosim.exits import report_exits
 from vdfmu.engine.cosim.isolated import Isolated, Limits
 from vdfmu.engine.cosim.messages import LogMessage, MessageBox
-from vdfmu.engine.cosim.observer import Observer, observed
+from vdfmu.engine.cosim.observer import Observer, Visitor, observed, visited
 from vdfmu.engine.cosim.parquet import write_parquet
 from vdfmu.engine.cosim.probe import Probe
 from vdfmu.engine.cosim.recorder import ROWS, Recorder
@@ -154,6 +154,7 @@ class Run:
         stream: Sequence[Path] = (),
         observer: Observer | None = None,
         probe: Probe | None = None,
+        visitor: Visitor | None = None,
     ) -> Results:
         """Do the steps and return the results."""
         box, stepper = self.box, self.stepper
@@ -201,6 +202,8 @@ class Run:
         if probe is not None:
             assert isinstance(self.components, (Components, Isolated))
             store = probe.keeping(self.components, self.checked, begin, n, store)
+        if visitor is not None and isinstance(self.components, Components):
+            store = visited(visitor, self.components, n, begin, step, store)
         self._save = save
         began = clock.perf_counter()
         stride = max(1, -(-n // 100))

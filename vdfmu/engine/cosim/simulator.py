@@ -18,7 +18,7 @@ from vdfmu.engine.cosim.inputs import Inputs, outside, read_inputs
 from vdfmu.engine.cosim.isolated import Limits
 from vdfmu.engine.cosim.messages import LogMessage
 from vdfmu.engine.cosim.multirate import with_steps
-from vdfmu.engine.cosim.observer import Observer
+from vdfmu.engine.cosim.observer import Observer, Visitor
 from vdfmu.engine.cosim.parquet import needed
 from vdfmu.engine.cosim.probe import Probe
 from vdfmu.engine.cosim.results import Results
@@ -132,6 +132,7 @@ class Simulator:
         about: Mapping[str, Any] | None = None,
         observer: Observer | None = None,
         probe: Probe | None = None,
+        visitor: Visitor | None = None,
     ) -> Results:
         """Run the system, from its start.
 
@@ -143,6 +144,8 @@ class Simulator:
             As of :func:`vdfmu.simulate`.
         probe : Probe, optional
             Reads the numbers of some components at five rows.
+        visitor : Visitor, optional
+            Is shown the components at some rows, where they are in this process.
 
         Raises
         ------
@@ -167,7 +170,7 @@ class Simulator:
             }  # fmt: skip
             run.stepper = run.components.couple(self._adaptive, self._convergence, end - begin, record)
             with shown_steps(progress, "co-simulation") as advance:
-                run.results = run.steps(begin, end, step, n, record, advance, files, observer, probe)
+                run.results = run.steps(begin, end, step, n, record, advance, files, observer, probe, visitor)
         return run.results
 
     def reset(

@@ -1,0 +1,99 @@
+"""How often the verdict on the loops is right: random gains, against the growth of a nudge in longer simulations.
+
+The simulation knows nothing of the linearisation: a run is done twice, once with start velocities larger by `NUDGE`. It
+is unstable if it fails, if the nudge does not decay, or if it grows e-fold beyond a rate of 2 1/s.
+"""
+
+from __future__ import annotations
+
+import sys
+from typing import Any
+
+import numpy as np
+
+from vdfmu.analysis.system import packaged
+from vdfmu.engine.cosim import Simulator
+from vdfmu.engine.loops import GROWTH, Poses
+from vdfmu.errors import CosimError
+from vdfmu.scenario import load_scenario
+from vdfmu.scenario.values import group_value
+from vdfmu.study.stability import judged
+
+NUDGE = 1e-3
+"""In rad/s, of all joints."""
+FLOOR = 1e-9
+"""Differences [rad/s] below which rounding and the solver's tolerance count."""
+WINDOWS = 20
+CASES = (
+    # scenario, master, end of the motion and of the longer run [s], factors of the gains, number of gain sets
+    ("planar_tracking", "gauss-seidel", 2.0, 4.0, (0.1, 8.0), 200),
+    ("planar_tracking", "jacobi", 2.0, 4.0, (0.1, 5.0), 200),
+    ("tracking", "gauss-seidel", 4.0, 5.0, (0.1, 4.0), 70),
+    ("tracking", "jacobi", 4.0, 5.0, (0.1, 2.0), 30),
+)
+
+
+def grows(simulator: Simulator, n: int, end: float, parameters: dict[str, Any]) -> str:
+    """Return how a simulation is unstable; empty: it is not."""
+    nudged = {f"plant.q_dot_0[{i + 1}]": NUDGE for i in range(n)}
+    try:
+        runs = [
+            simulator.run(stop=end, parameters=parameters | more, record=["plant.kappa_dot[*]"])[
+                "plant.kappa_dot"
+            ]
+            for more in ({}, nudged)
+        ]
+    except CosimError:
+        return "fails"
+    each = np.array_split(np.abs(runs[1] - runs[0]).max(axis=1), WINDOWS)
+    largest = np.maximum([float(part.max()) for part in each], FLOOR)
+    t = end / WINDOWS * np.arange(WINDOWS)
+    grown = np.log(largest) - GROWTH * t
+    return (
+        "lasts"
+        if largest[-1] > NUDGE
+        else "grows"
+        if (grown - np.minimum.accumulate(grown)).max() > 1.0
+        else ""
+    )
+
+
+def count(name: str, master: str, motion: float, end: float, factors: tuple[float, float], sets: int) -> str:
+    """Judge gain sets of a scenario; return a row of the table."""
+    scenario = load_scenario(name)
+    n, generator = scenario.robot.n, np.random.default_rng(22)
+    gains = {key: np.asarray(group_value(scenario, f"controller.{key}")) for key in ("K_p", "K_v")}
+    found = {"fails": 0, "lasts": 0, "grows": 0, "": 0}
+    missed, false = [], []
+    with packaged(scenario) as (package, options):
+        with Simulator(
+            package, isolate=False, **(options | {"algorithm": master, "log": lambda _: None})
+        ) as simulator:
+            for k in range(sets):
+                low, high = np.log(factors)
+                chosen: dict[str, Any] = {"trajectory.T": motion}
+                for key, values in gains.items():
+                    scaled = values * np.exp(generator.uniform(low, high, n))
+                    chosen |= {f"controller.{key}[{i + 1}]": float(scaled[i]) for i in range(n)}
+                truth = grows(simulator, n, end, chosen)
+                found[truth] += 1
+
+                def again(poses: Poses, chosen: dict[str, Any] = chosen) -> None:
+                    simulator.run(stop=motion, parameters=chosen, record=(), visitor=poses)
+
+                try:
+                    again(poses := Poses("tau"))
+                    unstable = judged(poses, motion, again)[0].unstable
+                except CosimError:  # the run fails, which is its verdict
+                    unstable = True
+                if unstable != bool(truth):
+                    (missed if truth else false).append(k)
+    grown = found["lasts"] + found["grows"]
+    text = f"{name} {master}: {sets} sets, {found['']} stable, {found['fails']} fail, {grown} grow"
+    return f"{text}; missed {len(missed)} {missed}, false alarms {len(false)} {false}"
+
+
+if __name__ == "__main__":
+    chosen = [int(i) for i in sys.argv[1:]] or range(len(CASES))
+    for i in chosen:
+        print(count(*CASES[i]), flush=True)
