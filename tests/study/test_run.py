@@ -334,3 +334,17 @@ def test_the_estimation_scenario_shows_both_estimates_on_the_plants_own_signals(
             UsageError, match=r"estimator\.tau_hat_max: expected .* a component of trajectory"
         ):
             vdfmu.run(unknown, settings={"estimator.tau_hat_max": 1.0}, out=tmp_path)
+
+
+@pytest.mark.parametrize("scenario", ["planar_tracking", "contrast"])
+def test_a_run_without_files_returns_what_files_would_hold(tmp_path, monkeypatch, scenario):
+    monkeypatch.chdir(tmp_path)
+    options = {} if scenario == "contrast" else {"stop": 0.05, "reference": False}
+    kept = vdfmu.run(scenario, out="kept", **options)
+    found = vdfmu.run(scenario, out=False, **options)
+    assert [path.name for path in tmp_path.iterdir()] == ["kept"]
+    assert found.names == kept.names
+    assert all(np.array_equal(found[name], kept[name], equal_nan=True) for name in kept.names)
+    assert [c["passed"] for c in found.summary["verdict"]["checks"]] == [
+        c["passed"] for c in kept.summary["verdict"]["checks"]
+    ]

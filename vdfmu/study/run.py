@@ -8,7 +8,7 @@ import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial as bound
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -141,7 +141,7 @@ def run(
     stop: float | None = None,
     master: str | None = None,
     adaptive: float | None = None,
-    out: str | os.PathLike[str] | None = None,
+    out: str | os.PathLike[str] | Literal[False] | None = None,
     overwrite: bool = False,
     reference: bool = True,
     backend: str | None = None,
@@ -175,7 +175,7 @@ def run(
         than `step`; see :func:`vdfmu.engine.cosim.simulate`.
     out : path, optional
         Folder for the files; default ``results/<scenario>``. Files of an earlier run in it are replaced once this one
-        is complete.
+        is complete. False writes nothing: results and summary are in what is returned.
     overwrite : bool, optional
         Whether to replace files of these names too that no run wrote.
     reference : bool, optional
@@ -228,7 +228,10 @@ def run(
     )  # fmt: skip
     known_formats(formats)
     known_pictures(pictures)
-    folder = Path(out) if out is not None else Path("results") / scenario.name
+    folder = Path(out or "") if out is not None else Path("results") / scenario.name
+    place = (
+        temporary_folder("vdfmu_run_") if out is False else replacing_results(folder, RUN_OUTPUTS, overwrite)
+    )
     if scenario.kind == "contrast":
         if observer is not None:
             raise UsageError(
@@ -243,8 +246,8 @@ def run(
             raise UsageError(
                 f"scenario {scenario.name} has no units, so there is nothing to set: {', '.join(names)}."
             )
-        with replacing_results(folder, RUN_OUTPUTS, overwrite) as partial:
-            return _run_contrast(scenario, partial, formats, pictures)
+        with place as partial:
+            return _run_contrast(scenario, None if out is False else Path(partial), formats, pictures)
 
     if backend is None and fmi_version != "2.0":
         backend = "native"
@@ -256,7 +259,8 @@ def run(
             log(LogMessage("", 0.0, "note", "", f"{connection}: {_LEFT_OUT}"))
         for note in (*model_notes(scenario), *build_notes(scenario.robot, backend)):
             log(LogMessage("", 0.0, "note", "", f"{scenario.robot.name}: {note}"))
-    with replacing_results(folder, RUN_OUTPUTS, overwrite) as partial:
+    with place as made:
+        partial = Path(made)
         with doing("build"), temporary_folder("vdfmu_fmus_") as fmus:
             built = cached_fmus(scenario, fmus, backend, fmi_version)
             package = write_ssp(scenario, built, partial / "system.ssp", values, mixed=True)
@@ -272,11 +276,12 @@ def run(
         try:
             results = simulated(
                 scenario, package, progress=bound(report, "co-simulation"), log=log, about=summary, observer=observer,
-                stream=[partial / f"results.{form}" for form in formats], probe=witness.probe,
+                stream=[] if out is False else [partial / f"results.{form}" for form in formats], probe=witness.probe,
                 visitor=poses,
             )  # fmt: skip
         except (CosimError, Interrupted) as error:
-            keep(error, partial, explain(error, poses))
+            if out is not False:
+                keep(error, partial, explain(error, poses))
             raise
         summary = results.summary
         summary["witness"] = witness.summary(results)
@@ -291,10 +296,14 @@ def run(
             summary |= estimation_errors(results, scenario.master)
         summary["paper"] = dict(scenario.paper)
         summary |= implied_gains(scenario.paper, scenario.robot, values)
-        write_summary(summary, partial)
+        if out is not False:
+            write_summary(summary, partial)
         if reference:
             summary |= _references(scenario, package, values, results)
         found = [*loop_checks(poses, scenario, package, values), *run_checks(summary)]
+        summary["verdict"] = verdict_of(found, [f"stability: {poses.lacking}"] if poses.lacking else [])
+        if out is False:
+            return results
         with doing("figures"):
             if has_signals(results, *_DRAWN):
                 from vdfmu.report.plots import run_figures  # takes long to import
@@ -304,21 +313,23 @@ def run(
                 from vdfmu.engine.picture import signals_figure
 
                 signals_figure(results.thinned(DRAWN), partial, pictures=pictures)
-        summary["verdict"] = verdict_of(found, [f"stability: {poses.lacking}"] if poses.lacking else [])
         _write(results, scenario, partial, simulate)
         return results
 
 
 def _run_contrast(
-    scenario: Scenario, folder: Path, formats: Sequence[str], pictures: Sequence[str]
+    scenario: Scenario, folder: Path | None, formats: Sequence[str], pictures: Sequence[str]
 ) -> Results:
-    from vdfmu.report.plots import run_figures
-
+    """Compare the torques of formulations; without a folder nothing is written."""
     with doing("torques"):
         study = contrast(scenario)
         results = study.results()
     results.summary = run_facts(scenario) | study.summary(dict(scenario.paper))
     results.summary["verdict"] = verdict_of(run_checks(results.summary))
+    if folder is None:
+        return results
+    from vdfmu.report.plots import run_figures  # takes long to import
+
     for form in formats:
         results.write(folder / f"results.{form}")
     with doing("figures"):
