@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from ctypes import PyDLL, c_double, c_void_p
 from functools import partial
-from itertools import count
 
 import casadi as ca
 
@@ -113,11 +112,12 @@ class Code:
 
     def take(self, function: ca.Function) -> ca.Function:
         """Note that a traced function is called; return it, under another name where another robot's has its own."""
-        for k in count(1):
-            name = function.name() if k == 1 else f"{function.name()}_{k}"
-            known = self._taken.setdefault(name, function)
-            if known is function or known.serialize() == function.serialize():
+        name, number = function.name(), 1
+        while (known := self._taken.setdefault(name, function)) is not function:
+            if known.serialize() == function.serialize():
                 break
+            number += 1
+            name = f"{function.name()}_{number}"
         if name not in self.called:
             self.called[name] = known if name == known.name() else _named(known, name)
         return self.called[name]
