@@ -99,6 +99,15 @@ def test_a_plant_starts_where_its_motion_begins(mine):
     assert (values["q_0[1]"], values["q_0[2]"]) == (0.3, 0.1)
 
 
+def test_several_plants_share_the_start_of_one_motion(mine):
+    two = SYSTEM.replace('arm = "plant"', 'arm = "plant"\nghost = "plant"').replace(
+        '["arm.tau"]', '["arm.tau", "ghost.tau"]'
+    )
+    scenario = mine(system=two)
+    assert scenario.system.shared == {"start": {"way": "q_start", "arm": "q_0", "ghost": "q_0"}}
+    assert system_values(scenario)["ghost"]["q_0[1]"] == -1.5
+
+
 def test_what_a_file_says_of_the_start_counts(mine):
     values = system_values(mine("[arm]\nq_0 = [0.1, 0.2]\n"))["arm"]
     assert (values["q_0[1]"], values["q_0[2]"]) == (0.1, 0.2)

@@ -1,4 +1,4 @@
-"""Where plants start: at the begin of the motion that leads them, where the system's file does not say."""
+"""Where plants start: at the beginning of the motion that leads them, where the system's file does not say."""
 
 from __future__ import annotations
 
@@ -44,8 +44,9 @@ def with_starts(system: SystemFile) -> SystemFile:
         played = issubclass(units[leader], Played) or _is_position(units[leader], "q_start")
         told = any(members.get(plant) == "q_0" for members in shared.values())
         if played and not told and _joints(system, plant) == _joints(system, leader):
-            name = "start" if "start" not in shared else f"start_{plant}"
-            shared[name] = {leader: "q_start", plant: "q_0"}
+            known = (name for name, members in shared.items() if members.get(leader) == "q_start")
+            name = next(known, "start" if "start" not in shared else f"start_{plant}")
+            shared[name] = {leader: "q_start", **shared.get(name, {}), plant: "q_0"}
     return dataclasses.replace(system, shared=shared)
 
 
