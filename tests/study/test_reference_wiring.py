@@ -64,7 +64,7 @@ class Sensor(Unit):
     x = Input("1")
     a = Input("1")
     period = Parameter("s", start=0.02, minimum=1e-6)
-    z = Sampled("1", start=0.1)
+    z = Sampled("1", start=0.1, delayed=True)
 
     def update(self) -> None:
         """Half of the old value, a quarter of each new one."""
