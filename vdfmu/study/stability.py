@@ -18,7 +18,7 @@ from vdfmu.progress import doing
 from vdfmu.scenario import Scenario
 
 _NAME = "Sampled loops"
-_CLEAR = 10.0
+_CLEAR = 50.0
 """Logarithm from which on the poses of the run need no second look."""
 _CLOSE = 60
 """Poses of the second look."""
