@@ -258,7 +258,7 @@ def test_a_long_chain_moves_as_scipy_moves_it():
     solver.advance(0.0, 0.02)
     Motion(other).move(0.0, 0.02)
     assert np.abs(other.x).max() > 0.1
-    # Steps of a tolerance of 1e-10 against LSODA at 1e-12: 100 of them give 1e-8, and the stiffest states ten times that.
+    # Steps of a tolerance of 1e-10 against LSODA at 1e-12: 100 of them give 1e-8, the stiffest states ten times that.
     # At 1e-9 a step that the error control nearly refuses, which one rounding decides, gives 2.5e-6.
     np.testing.assert_allclose(solver.unit.x, other.x, rtol=1e-7, atol=1e-7)
 
