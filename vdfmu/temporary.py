@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import tempfile
 from collections.abc import Generator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 
 from vdfmu.interrupt import InterruptGuard
 
@@ -30,7 +30,14 @@ def temporary_folder(prefix: str) -> Generator[str]:
         if made is not None:
             try:
                 with InterruptGuard():
-                    made.cleanup()
+                    _remove(made)
             except KeyboardInterrupt:  # it may have come before the guard
-                made.cleanup()
+                _remove(made)
                 raise
+
+
+def _remove(folder: tempfile.TemporaryDirectory[str]) -> None:
+    """Remove a folder; twice, since a passing error, which ends the first try, leaves the rest."""
+    for _ in range(2):
+        with suppress(OSError):
+            folder.cleanup()

@@ -355,6 +355,41 @@ def test_a_part_that_cannot_be_read_is_made_again(wild, tmp_path, undisturbed, m
     assert len((broken.parent / f"{broken.name}.broken").read_bytes()) == 100
 
 
+def test_a_byte_that_the_disk_changes_is_seen(wild, tmp_path, undisturbed, monkeypatch):
+    """In the values of a measure, which Parquet alone would read as another number."""
+    from vdfmu.sweeps import ledger
+
+    with monkeypatch.context() as patch:
+        patch.setattr(ledger.Ledger, "finish", lambda self: (_ for _ in ()).throw(VdfmuError("stop")))
+        with pytest.raises(VdfmuError, match="stop"):
+            study(wild, tmp_path / "study")
+    broken = parts(tmp_path / "study")[2]
+    column = pyarrow.parquet.ParquetFile(broken).metadata.row_group(0).column(5)
+    assert column.path_in_schema == "end"
+    data = bytearray(broken.read_bytes())
+    data[column.data_page_offset + column.total_compressed_size - 2] ^= 1
+    broken.write_bytes(data)
+    with pytest.raises(VdfmuError, match="is not whole.*give the same command again"):
+        study(wild, tmp_path / "study")
+    assert broken.with_name(f"{broken.name}.broken").read_bytes() == data
+    assert table(study(wild, tmp_path / "study")) == undisturbed
+
+
+def test_parts_that_cannot_be_listed_are_not_taken_for_none(wild, tmp_path, undisturbed, monkeypatch):
+    listdir = os.listdir
+
+    def failing(path):
+        if Path(path).name == "parts":
+            raise PermissionError(errno.EACCES, "Permission denied", str(path))
+        return listdir(path)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(os, "listdir", failing)
+        with pytest.raises(UsageError, match=r"parts: cannot be read: Permission denied"):
+            study(wild, tmp_path / "study")
+    assert table(study(wild, tmp_path / "study")) == undisturbed
+
+
 @pytest.mark.parametrize("number", [errno.EIO, errno.EACCES, errno.EMFILE])
 def test_a_study_that_the_disk_does_not_give_now_is_left_as_it_is(
     wild, tmp_path, undisturbed, monkeypatch, number

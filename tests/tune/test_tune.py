@@ -7,6 +7,7 @@ import re
 import tomllib
 
 import numpy as np
+import pyarrow.parquet
 import pytest
 from typer.testing import CliRunner
 
@@ -15,6 +16,7 @@ from vdfmu.analysis.margins import ArmLoops
 from vdfmu.cli.commands import app
 from vdfmu.errors import UsageError
 from vdfmu.sweeps.table import Sweep
+from vdfmu.sweeps.worker import KILLED
 from vdfmu.tuning.problem import make_problem
 
 ERRORS = "rms(trajectory.q_d - plant.q)"
@@ -114,6 +116,30 @@ def test_a_search_that_was_stopped_goes_on_to_the_same_result(tuned, tmp_path, m
     assert {name: column[: len(done["point"])] for name, column in whole.items()} == done
     assert whole == table(tuned.folder)
     np.testing.assert_array_equal(found.after.values, tuned.after.values)
+
+
+def test_a_table_that_is_not_whole_is_set_aside_and_killed_runs_run_again(tmp_path):
+    def search():
+        return vdfmu.tune(
+            "planar_tracking", {"controller.K_p[1]": "*log(0.5, 2)"}, ERRORS, method="local", budget=3, stop=0.05,
+            workers=1, out=tmp_path / "s",
+        )  # fmt: skip
+
+    search()
+    path, before = tmp_path / "s" / "sweep.parquet", table(tmp_path / "s")
+    rows = pyarrow.parquet.read_table(path)
+    killed = pyarrow.array([f"{KILLED} 3 times", *[None] * (rows.num_rows - 1)], pyarrow.string())
+    place = rows.schema.get_field_index("failed")
+    pyarrow.parquet.write_table(
+        rows.set_column(place, "failed", killed).replace_schema_metadata(rows.schema.metadata), path
+    )
+    assert search().failed == 0
+    assert {
+        name: sorted(map(str, column)) for name, column in table(tmp_path / "s").items() if name != "point"
+    } == {name: sorted(map(str, column)) for name, column in before.items() if name != "point"}
+    path.write_bytes(path.read_bytes()[:100])
+    assert "is not whole" in search().notes[0]
+    assert (tmp_path / "s" / "sweep.parquet.broken").stat().st_size == 100
 
 
 def test_a_larger_budget_goes_on(tmp_path):

@@ -112,7 +112,14 @@ def _one_process(folder: Path) -> Generator[None]:
 
 def _prepare(partial: Path, folder: Path, outputs: Sequence[str], overwrite: bool) -> None:
     try:
-        foreign = sorted(set(written(folder, outputs)) - _ours(folder))
+        found = written(folder, outputs)
+        folders = [name for name in found if (folder / name).is_dir()]
+        if folders:
+            raise UsageError(
+                f"{folder}: has folders of the names {', '.join(folders)}; expected files, or nothing of these names. "
+                "Choose another folder with --out."
+            )
+        foreign = sorted(set(found) - _ours(folder))
         if foreign and not overwrite:
             raise UsageError(
                 f"{folder}: has {', '.join(foreign)}, which no run wrote there; expected a new folder, or that of an "
@@ -159,18 +166,32 @@ def _remove(folder: Path, names: Iterable[str]) -> None:
 
 
 def _publish(partial: Path, folder: Path, outputs: Sequence[str]) -> None:
-    """Move the files of a complete run to their place, the summary, which says what is ours, as the last."""
-    new = [name for name in written(partial, outputs) if name != "summary.json"]
+    """Move the files of a complete run to their place, the summary, which says what is ours, as the last.
+
+    Those of the earlier run are kept until all are there, and come back if one cannot be moved.
+    """
+    new = [name for name in written(partial, outputs) if name != "summary.json"] + ["summary.json"]
+    ours, before = _ours(folder), partial / "before"
+    old = [name for name in written(folder, outputs) if name in ours or name in new]
+    moved: list[tuple[Path, Path]] = []
     try:
-        _remove(folder, _ours(folder).intersection(outputs).difference(new, ["summary.json"]))
-        for name in (*new, "summary.json"):
-            os.replace(partial / name, folder / name)
-        with suppress(OSError):  # something else is in it
-            partial.rmdir()
+        before.mkdir()
+        for source, target, names in ((folder, before, old), (partial, folder, new)):
+            for name in names:
+                os.replace(source / name, target / name)
+                moved.append((source / name, target / name))
     except OSError as error:
+        with suppress(OSError):
+            for source, target in reversed(moved):
+                os.replace(target, source)
+            before.rmdir()
         raise VdfmuError(
             f"{folder}: cannot be written: {error}. Choose another folder with --out."
         ) from error
+    with suppress(OSError):  # something else is in it
+        _remove(before, old)
+        before.rmdir()
+        partial.rmdir()
 
 
 def written(folder: Path, outputs: Sequence[str]) -> list[str]:

@@ -14,7 +14,7 @@ from vdfmu.text import elided
 
 
 @dataclass(frozen=True)
-class _List:
+class List:
     """A list, of an entry a joint if `joints`."""
 
     of: Any
@@ -22,7 +22,7 @@ class _List:
 
 
 @dataclass(frozen=True)
-class _Table:
+class Table:
     """A table whose keys are names."""
 
     of: Any
@@ -31,7 +31,7 @@ class _Table:
 _TEXTS = {"nan": math.nan, "inf": math.inf, "-inf": -math.inf}
 """What JSON holds of numbers that are not finite."""
 NUMBER, WHOLE, TEXT, FLAG, ANY = "a number", "a whole number", "a text", "true or false", "anything"
-_JOINTS, _UNITS, _VECTOR = _List(NUMBER, True), _List(TEXT, True), _List(NUMBER)
+_JOINTS, _UNITS, _VECTOR = List(NUMBER, True), List(TEXT, True), List(NUMBER)
 _SPRINGS = ("rms_spring_torque_nm", "rms_tau_s_hat_error_nm", "rms_tau_f_hat_error_nm")
 _TRACKING = ("rms_position_error_deg", "max_position_error_deg", "rms_torque_compensation_error_nm")
 _CONTRAST = ("rms_torque_nm", "rms_torque_difference_nmm", "rms_torque_difference_nmm_low_g")
@@ -41,8 +41,8 @@ KEYS: Mapping[str, Any] = {
     **dict.fromkeys(("algorithm", "package", "no_reference", "error"), TEXT),
     **dict.fromkeys(("adaptive", "step", "start", "stop", "tolerance", "wall_s", "real_time_factor"), NUMBER),
     **dict.fromkeys(("joints", "steps"), WHOLE),
-    **dict.fromkeys(("inputs", "warnings", "notes", "left_out", "order", "files"), _List(TEXT)),
-    "versions": _Table(TEXT), "plant_factors": _Table(NUMBER), "settings": _Table(ANY), "joint_names": _UNITS,
+    **dict.fromkeys(("inputs", "warnings", "notes", "left_out", "order", "files"), List(TEXT)),
+    "versions": Table(TEXT), "plant_factors": Table(NUMBER), "settings": Table(ANY), "joint_names": _UNITS,
     **dict.fromkeys(("position_units", "torque_units"), _UNITS),
     **dict.fromkeys((*_TRACKING, *_SPRINGS, *_CONTRAST), _JOINTS),
     "gravities_m_s2": _VECTOR,
@@ -52,16 +52,16 @@ KEYS: Mapping[str, Any] = {
     "communication": dict.fromkeys(("steps", "rejected", "unit_steps"), WHOLE)
     | dict.fromkeys(("shortest_step", "longest_step"), NUMBER),
     "separation": {"change": NUMBER, "max_position_difference_rad": NUMBER},
-    "reference": _Table({
-        "name": TEXT, "max_difference": _Table(NUMBER), "max_position_difference_rad": NUMBER,
+    "reference": Table({
+        "name": TEXT, "max_difference": Table(NUMBER), "max_position_difference_rad": NUMBER,
         "max_torque_difference_nm": NUMBER, "rms_position_difference": NUMBER, "rms_torque_difference": NUMBER,
     }),
     "arm": {
-        "types": _UNITS, "ell": _JOINTS, "rotation": _List(_List(_VECTOR), True), "offset": _List(_VECTOR, True),
-        "tool_offset": _VECTOR, "tool_rotation": _List(_VECTOR), "gravity": _VECTOR, "shapes": _List(_Table(ANY)),
+        "types": _UNITS, "ell": _JOINTS, "rotation": List(List(_VECTOR), True), "offset": List(_VECTOR, True),
+        "tool_offset": _VECTOR, "tool_rotation": List(_VECTOR), "gravity": _VECTOR, "shapes": List(Table(ANY)),
     },
     "verdict": {
-        "passed": FLAG, "checks": _List({"name": TEXT, "passed": FLAG, "text": TEXT}),
+        "passed": FLAG, "checks": List({"name": TEXT, "passed": FLAG, "text": TEXT}),
     },
 }  # fmt: skip
 """Keys and the types of their values; other keys are not read. Of a table without names for its keys, all are read."""
@@ -101,17 +101,26 @@ def read_summary(file: Path) -> dict[str, Any]:
             f"{file.parent}: expected the folder of a run, with summary.json and results.csv or results.parquet: "
             f"{getattr(error, 'strerror', None) or elided(str(error))}. 'vdfmu run' writes one."
         ) from None
-    problems: list[str] = []
-    if not isinstance(found, dict):
-        problems.append(f"expected a table of facts, got {_short(found)}")
-        found = {}
     lengths: dict[str, int] = {}
-    summary = _read(found, KEYS, "", problems, lengths)
+    summary, problems = typed(found, KEYS, lengths)
     if not problems:
         problems = [*_missing(summary), *_unequal(summary, lengths)]
     if problems:
         raise UsageError("\n".join(f"{file}: {elided(problem)}. Run it again." for problem in problems[:20]))
     return summary
+
+
+def typed(
+    found: Any, keys: Mapping[str, Any], lengths: dict[str, int] | None = None
+) -> tuple[dict[str, Any], list[str]]:
+    """Return a table whose keys have these types, without those that are null, and what is wrong with it.
+
+    Lists over the joints get their `lengths`.
+    """
+    if not isinstance(found, dict):
+        return {}, [f"expected a table of facts, got {_short(found)}"]
+    problems: list[str] = []
+    return _read(found, keys, "", problems, {} if lengths is None else lengths), problems
 
 
 def _unequal(summary: Mapping[str, Any], lengths: Mapping[str, int]) -> Iterator[str]:
@@ -176,11 +185,11 @@ def _read(value: Any, of: Any, where: str, problems: list[str], lengths: dict[st
         place = f"{where}[{key + 1}]" if isinstance(key, int) else f"{where}.{key}".lstrip(".")
         return _read(entry, kind, place, problems, lengths)
 
-    if isinstance(of, Mapping | _Table) and isinstance(value, dict):
-        kinds = dict.fromkeys(value, of.of) if isinstance(of, _Table) else of
+    if isinstance(of, Mapping | Table) and isinstance(value, dict):
+        kinds = dict.fromkeys(value, of.of) if isinstance(of, Table) else of
         entries = ((key, entry, kinds.get(key, ANY)) for key, entry in value.items())
         return {key: inner(key, entry, kind) for key, entry, kind in entries if entry is not None}
-    if isinstance(of, _List) and isinstance(value, list):
+    if isinstance(of, List) and isinstance(value, list):
         if of.joints:
             lengths[where] = len(value)
         return [inner(i, entry, of.of) for i, entry in enumerate(value)]
@@ -192,7 +201,7 @@ def _read(value: Any, of: Any, where: str, problems: list[str], lengths: dict[st
         TEXT: isinstance(value, str), FLAG: isinstance(value, bool), ANY: True,
     }  # fmt: skip
     if not (isinstance(of, str) and good[of]):
-        kind = "a list" if isinstance(of, _List) else "a table" if not isinstance(of, str) else of
+        kind = "a list" if isinstance(of, List) else "a table" if not isinstance(of, str) else of
         problems.append(f"{where}: expected {kind}, got {_short(value)}")
     return value
 

@@ -8,6 +8,8 @@ from __future__ import annotations
 
 import json
 import os
+import re
+import stat
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from itertools import pairwise
@@ -23,6 +25,8 @@ from vdfmu.files import replacing
 from vdfmu.interrupt import InterruptGuard
 from vdfmu.sweeps.job import Row
 from vdfmu.sweeps.points import Points
+from vdfmu.sweeps.worker import KILLED
+from vdfmu.text import elided
 
 TABLE = "sweep.parquet"
 """All points, once they are done."""
@@ -30,6 +34,7 @@ LEDGER = "sweep.json"
 """What the study is."""
 _PARTS = "parts"
 _METADATA = b"vdfmu"
+_PART = re.compile(r"part_\d+_\d+\.parquet")
 
 
 class Ledger:
@@ -89,9 +94,9 @@ class Ledger:
         try:
             facts = json.loads(readable(place)) if place.exists() else {}
             known = facts.get("key")
-        except (ValueError, AttributeError):
+        except (ValueError, RecursionError, AttributeError):
             facts, known = {}, ""
-        there = [*self._files(), *([self._folder / TABLE] if (self._folder / TABLE).exists() else [])]
+        there = files_of(self._folder)
         if known != self._key and there:
             if not self._overwrite:
                 raise UsageError(
@@ -124,51 +129,61 @@ class Ledger:
                 "and give the same command again."
             ) from None
 
-    def _files(self) -> list[Path]:
-        return sorted(self._parts.glob("part_*.parquet"))
-
-    def done(self) -> NDArray[np.bool_]:
+    def done(self, again: str = KILLED) -> NDArray[np.bool_]:
         """Whether each point is done, shape (n,).
 
-        A part whose bytes are not those of a study is set aside, with a note, and its points are run again. One that
-        the disk does not give is refused: it may be whole.
+        Files that are not whole are set aside, with a note, and rows of points that failed for a reason that begins
+        with `again` are removed, so that these points are run again. A file that the disk does not give is refused.
         """
         found = np.zeros(self._facts["n"], dtype=bool)
-        table = self._folder / TABLE
-        for file in [*([table] if table.exists() else []), *self._files()]:
-            content = readable(file)
-            try:
-                found[table_of(content, ["point"])["point"].to_numpy()] = True
-            except (OSError, ValueError, IndexError, KeyError) as error:
-                aside = file.with_name(f"{file.name}.broken")
-                os.replace(file, aside)
-                self.notes.append(
-                    f"{file}: is not whole, so its points are run again: {error}. It is now {aside}"
-                )
+        for table in self._kept(again, len(found)):
+            found[table["point"].to_numpy()] = True
         return found
 
     def reopen(self) -> None:
-        """Make a part of the table again, so that points can be added."""
+        """As `done`, and make a part of the table again, so that points can be added."""
         table = self._folder / TABLE
+        for _ in self._kept(KILLED):
+            pass
         if table.exists():
-            points = table_of(readable(table), ["point"])["point"].to_numpy()
+            self._drop_parts()
+            points = table_of(table, ["point"])["point"].to_numpy()
             table.replace(self._place(points[0], points[-1]))
 
-    def forget_failed(self, reason: str = "") -> None:
-        """Remove the rows of points that failed for a reason that begins so, so that they are run again."""
-        table = self._folder / TABLE
-        for file in [*([table] if table.exists() else []), *self._files()]:
-            rows = table_of(readable(file))
-            kept = rows.filter(
-                [words is None or not words.startswith(reason) for words in rows["failed"].to_pylist()]
-            )
-            if kept.num_rows == rows.num_rows:
+    def _kept(self, again: str, n: int | None = None) -> Iterator[Any]:
+        """Yield points, below `n`, and reasons of failure of each file, of what is left of it; see `done`."""
+        for file in files_of(self._folder):
+            try:
+                rows = table_of(file, ["point", "failed"])
+                _require_rows(file, rows, n)
+            except BrokenError as error:
+                self._set_aside(error)
                 continue
-            points = kept["point"].to_numpy()
-            place = self._place(points[0], points[-1]) if len(points) else None
-            if place is not None:
-                self._write(kept, place)
-            if place != file:
+            good = self._arrow.array(
+                [words is None or not words.startswith(again) for words in rows["failed"].to_pylist()]
+            )
+            kept = rows.filter(good)
+            if kept.num_rows < rows.num_rows:
+                points = kept["point"].to_numpy()
+                place = self._place(points[0], points[-1]) if len(points) else None
+                if place is not None:
+                    self._write(table_of(file).filter(good), place)
+                if place != file:
+                    file.unlink()
+            yield kept
+
+    def _set_aside(self, error: BrokenError) -> None:
+        """Give a file that is not whole another name, which no other has."""
+        number = 0
+        while (aside := error.file.with_name(f"{error.file.name}.broken{number or ''}")).exists():
+            number += 1
+        os.replace(error.file, aside)
+        self.notes.append(f"{error}, so its points are run again. It is now {aside}")
+
+    def _drop_parts(self) -> None:
+        """Remove the parts, of which all rows are in the table: they are of the moment after it was made."""
+        for file in files_of(self._folder):
+            if file.parent == self._parts:
                 file.unlink()
 
     def add(self, rows: Sequence[Row]) -> None:
@@ -183,7 +198,9 @@ class Ledger:
     def _write(self, table: Any, place: Path) -> None:
         """Write a part; what the study is, which may list thousands of values, is in `LEDGER` once for all parts."""
         buffer = self._arrow.BufferOutputStream()
-        self._parquet.write_table(table.replace_schema_metadata(), buffer, compression="zstd")
+        self._parquet.write_table(
+            table.replace_schema_metadata(), buffer, compression="zstd", write_page_checksum=True
+        )
         self._put(place, buffer.getvalue())
 
     def _table(self, rows: Sequence[Row]) -> Any:
@@ -204,58 +221,109 @@ class Ledger:
 
     def finish(self) -> Path:
         """Make one file of the parts, in the order of the points, and return it."""
-        place, files = self._folder / TABLE, self._files()
-        if place.exists():  # and is whole: the parts are of the moment after it was made
-            for file in files:
-                file.unlink()
-        if not (files := self._files()):
+        place = self._folder / TABLE
+        if place.exists():
+            self._drop_parts()
             return place
-        schema = self._arrow.unify_schemas(
-            [schema_of(readable(file)) for file in files], promote_options="permissive"
-        ).with_metadata({_METADATA: json.dumps(self._facts)})
+        if not (files := files_of(self._folder)):
+            return place
+        pa = self._arrow
         try:
+            schema = pa.unify_schemas(
+                [table_of(file, []).schema for file in files], promote_options="permissive"
+            ).with_metadata({_METADATA: json.dumps(self._facts)})
             with InterruptGuard(), replacing(place) as stream:
-                with self._parquet.ParquetWriter(stream, schema, compression="zstd") as writer:
-                    for tables in _groups((table_of(readable(file)) for file in files), _in_order(files)):
-                        together = self._arrow.concat_tables(
+                with self._parquet.ParquetWriter(
+                    stream, schema, compression="zstd", write_page_checksum=True
+                ) as writer:
+                    for tables in _groups((table_of(file) for file in files), _in_order(files)):
+                        together = pa.concat_tables(
                             [schema.empty_table(), *tables], promote_options="permissive"
                         )
                         writer.write_table(together.sort_by("point").cast(schema))
+        except BrokenError as error:
+            self._set_aside(error)
+            raise VdfmuError(f"{self.notes[-1]}: give the same command again to run them.") from None
+        except pa.ArrowException as error:
+            raise VdfmuError(
+                f"{self._parts}: its files have columns that do not fit together: {error}. Choose another folder with "
+                "--out, or replace the study with --overwrite."
+            ) from None
         except OSError as error:
             raise VdfmuError(
                 f"{place}: cannot be written: {error.strerror or error}. The points are in {self._parts}: free space, "
                 "and give the same command again."
             ) from None
-        for file in files:
-            file.unlink()
+        self._drop_parts()
         return place
+
+
+class BrokenError(UsageError):
+    """A file of a study is not whole, or is none."""
+
+    def __init__(self, file: Path, why: object) -> None:
+        super().__init__(f"{file}: is not whole: {why}")
+        self.file = file
+
+
+def files_of(folder: Path) -> list[Path]:
+    """Return the files of a study that are there, the table first; UsageError if the disk does not say."""
+    try:
+        parts = sorted(name for name in os.listdir(folder / _PARTS) if _PART.fullmatch(name))
+    except FileNotFoundError:
+        parts = []
+    except OSError as error:
+        raise _refused(folder / _PARTS, error) from None
+    table = folder / TABLE
+    return [*([table] if table.exists() else []), *(folder / _PARTS / name for name in parts)]
+
+
+def _refused(path: Path, error: OSError) -> UsageError:
+    return UsageError(
+        f"{path}: cannot be read: {error.strerror or error}. It is left as it is: give the same command again once it "
+        "can be read, or choose another folder with --out."
+    )
 
 
 def readable(path: Path) -> bytes:
     """Return the content of a file of a study; UsageError if the disk does not give it now. Nothing is changed."""
     try:
+        if not stat.S_ISREG(path.stat().st_mode):
+            raise UsageError(f"{path}: expected a file of a study, got a folder, a pipe or a device.")
         return path.read_bytes()
     except OSError as error:
-        raise UsageError(
-            f"{path}: cannot be read: {error.strerror or error}. It is left as it is: give the same command again "
-            "once it can be read, or choose another folder with --out."
-        ) from None
+        raise _refused(path, error) from None
 
 
-def table_of(content: bytes, columns: Sequence[str] | None = None) -> Any:
-    """Return the table of a Parquet file's bytes, or some columns of it.
+def table_of(path: Path, columns: Sequence[str] | None = None) -> Any:
+    """Return the table of a Parquet file, or some of its columns; `BrokenError` if it is none.
 
-    By the bytes: Arrow takes only names in UTF-8, and tells no error of the disk from one of the file. Without its
+    By its bytes: Arrow takes only names in UTF-8, and tells no error of the disk from one of the file. Without its
     threads: where memory is short it waits for them for ever.
     """
     pyarrow, parquet = needed()
-    return parquet.read_table(pyarrow.BufferReader(content), columns=columns, use_threads=False)
+    content = pyarrow.BufferReader(readable(path))
+    try:
+        if columns is not None and not columns:
+            return parquet.read_schema(content).empty_table()
+        return parquet.read_table(
+            content, columns=columns, use_threads=False, page_checksum_verification=True
+        )
+    except MemoryError:
+        raise UsageError(f"{path}: the memory does not hold it.") from None
+    except (pyarrow.ArrowException, OSError, ValueError) as error:
+        raise BrokenError(path, elided(str(error))) from None
 
 
-def schema_of(content: bytes) -> Any:
-    """Return the schema of a Parquet file's bytes."""
-    pyarrow, parquet = needed()
-    return parquet.read_schema(pyarrow.BufferReader(content))
+def _require_rows(file: Path, rows: Any, n: int | None) -> None:
+    """Raise BrokenError unless rows have points, below `n`, and reasons of failure."""
+    pa, _ = needed()
+    if rows.schema.names != ["point", "failed"] or rows.schema.types != [pa.int64(), pa.string()]:
+        raise BrokenError(file, "expected columns of points and of reasons of failure")
+    points = rows["point"]
+    most = np.inf if n is None else n
+    if not len(points) or points.null_count or not all(0 <= point < most for point in points.to_pylist()):
+        raise BrokenError(file, f"expected points from 0 to {most - 1:g}")
 
 
 def _in_order(files: Sequence[Path]) -> bool:

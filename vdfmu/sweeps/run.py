@@ -135,9 +135,7 @@ def sweep(
     folder = default_folder(scenario) if out is None else Path(out)
     job = packed(plan.job)
     with Ledger(folder, plan.facts, plan.key, plan.points, overwrite) as ledger:
-        ledger.done()  # sets aside what is not whole
-        ledger.forget_failed("" if retry else KILLED)
-        done = ledger.done()
+        done = ledger.done(again="" if retry else KILLED)
         finished, total = int(done.sum()), len(plan)
         missing = total - finished
 

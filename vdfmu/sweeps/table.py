@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -14,9 +14,17 @@ from numpy.typing import NDArray
 from vdfmu.arrays import Floats
 from vdfmu.engine.cosim.parquet import needed
 from vdfmu.errors import UsageError
+from vdfmu.report.summary import ANY, TEXT, WHOLE, List, Table, typed
 from vdfmu.sweeps.axes import is_option
-from vdfmu.sweeps.ledger import LEDGER, TABLE, readable, schema_of, table_of
-from vdfmu.text import close_to
+from vdfmu.sweeps.ledger import LEDGER, TABLE, files_of, readable, table_of
+from vdfmu.text import close_to, elided
+
+_FACTS: Mapping[str, Any] = {
+    **dict.fromkeys(("scenario", "source", "vdfmu", "sample", "engine"), TEXT), "n": WHOLE, "seed": WHOLE,
+    "axes": List(TEXT), "measures": Table(TEXT), "units": Table(TEXT), "settings": Table(ANY), "options": Table(ANY),
+    "systems": List({"package": TEXT}),
+}  # fmt: skip
+"""What the study is, as far as it is read, and the types."""
 
 
 class Sweep:
@@ -47,18 +55,20 @@ class Sweep:
         folder = self.path if self.path.is_dir() else self.path.parent
         self.folder = folder
         table = folder / TABLE if self.path.is_dir() else self.path
-        self._files = [table] if table.exists() else sorted((folder / "parts").glob("part_*.parquet"))
+        self._files = [table] if table.exists() else files_of(folder)
         try:
-            self._schemas = [schema_of(file.read_bytes()) for file in self._files]
-            self.facts: dict[str, Any] = json.loads(
-                self._schemas[0].metadata[b"vdfmu"]
-                if self._files == [table]
-                else (folder / LEDGER).read_bytes()
+            self._schemas = [table_of(file, []).schema for file in self._files]
+            found = json.loads(
+                self._schemas[0].metadata[b"vdfmu"] if self._files == [table] else readable(folder / LEDGER)
             )
-        except (OSError, ValueError, KeyError, TypeError) as error:
+            self.facts, problems = typed(found, _FACTS)
+            problems += [f"{key}: is missing" for key in _FACTS if key not in (*self.facts, "engine")]
+        except (UsageError, ValueError, RecursionError, KeyError, TypeError) as error:
+            problems = [elided(str(error))]
+        if problems:
             raise UsageError(
-                f"{self.path}: expected {TABLE} of a parameter study, or its folder: {error}."
-            ) from None
+                f"{self.path}: expected {TABLE} of a parameter study, or its folder: {'; '.join(problems)}."
+            )
         self.columns: list[str] = list(dict.fromkeys(n for schema in self._schemas for n in schema.names))
 
     @property
@@ -80,12 +90,17 @@ class Sweep:
                 way = close_to(name, self.columns) or f"; it has {', '.join(self.columns)}"
                 raise UsageError(f"the study has no column {name!r}{way}")
         tables = [
-            table_of(readable(file), None if columns is None else [c for c in columns if c in schema.names])
+            table_of(file, None if columns is None else [c for c in columns if c in schema.names])
             for file, schema in zip(self._files, self._schemas, strict=True)
         ]
         if not tables:
             raise UsageError(f"{self.path}: no point is done yet.")
-        return pyarrow.concat_tables(tables, promote_options="permissive")
+        try:
+            return pyarrow.concat_tables(tables, promote_options="permissive")
+        except pyarrow.ArrowException as error:
+            raise UsageError(
+                f"{self.path}: its files have columns that do not fit together: {error}."
+            ) from None
 
     def __getitem__(self, column: str) -> NDArray[Any]:
         """Return a column, shape (n,); UsageError if there is none of that name."""

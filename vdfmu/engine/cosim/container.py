@@ -10,7 +10,7 @@ import math
 import os
 import uuid
 import zipfile
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from hashlib import sha256
 from pathlib import Path
 from typing import Any
@@ -32,7 +32,7 @@ from vdfmu.engine.cosim.variables import Value
 from vdfmu.engine.ssp.archive import Archive
 from vdfmu.engine.ssp.read import load_ssp
 from vdfmu.engine.ssp.structure import System
-from vdfmu.errors import UsageError
+from vdfmu.errors import StorageError, UsageError
 from vdfmu.files import pack_zip, require_ours, storing
 from vdfmu.temporary import temporary_folder
 
@@ -129,12 +129,24 @@ def _write(checked: Checked, path: Path, step: float, folder: Path) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
     unzipped, whole = folder / "unzipped", folder / "container.fmu"
     unzipped.mkdir()  # it is emptied first
-    create_container_fmu(configuration, unzipped, whole)
-    # packed anew: the same system gives the same bytes, and the archive does not hold a part of itself
-    with zipfile.ZipFile(whole) as archive:
-        names = [name for name in archive.namelist() if not name.endswith("/") and name != "Container.zip"]
-        members = {name: archive.read(name) for name in names}
-    pack_zip(path, members)
+    try:
+        create_container_fmu(configuration, unzipped, whole)
+    except zipfile.BadZipFile as error:  # of a file that was just written
+        raise StorageError(f"{path}: cannot be written: {error}. Give the same command again.") from None
+    # packed anew: the same system gives the same bytes, and fmpy leaves out files that the disk does not give
+    pack_zip(
+        path, {str(file.relative_to(unzipped).as_posix()): file.read_bytes() for file in _files(unzipped)}
+    )
+
+
+def _files(folder: Path) -> Iterator[Path]:
+    """Yield all files below a folder; OSError if the disk does not list them."""
+
+    def fail(error: OSError) -> None:
+        raise error
+
+    for place, _, names in os.walk(folder, onerror=fail):
+        yield from (Path(place, name) for name in names)
 
 
 def _bundles(checked: Checked) -> list[list[Link]]:

@@ -71,7 +71,7 @@ def read_parquet(path: Path) -> Results:
     pa, parquet = needed()
     try:
         with open(path, "rb") as file:
-            table = parquet.read_table(file)
+            table = parquet.read_table(file, use_threads=False)  # its threads hang where memory is short
     except (OSError, pa.ArrowException) as error:
         raise UsageError(f"cannot read {path}: {getattr(error, 'strerror', None) or error}") from None
     kinds = {pa.float64(): "real", pa.int32(): "integer", pa.bool_(): "boolean"}
@@ -95,7 +95,7 @@ def read_parquet(path: Path) -> Results:
     }
     try:
         summary = json.loads((table.schema.metadata or {}).get(_KEY, b"{}"))
-    except ValueError:  # none of ours
+    except (ValueError, RecursionError):  # none of ours
         summary = {}
     signals, data = with_copies(signals, data, copies_in(summary))
     return Results(table["time"].to_numpy(), signals, data, summary)
