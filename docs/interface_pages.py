@@ -152,9 +152,9 @@ def _range(values: list[Any]) -> str:
 def _capabilities() -> str:
     plant = Interface(shipped_units()["plant"], load_robot("planar_2dof"))
     roots = (
-        ("Python, co-simulation", model_description(plant, "{}", "").find("CoSimulation")),
-        *_interfaces("2.0", model_description(plant, "{}", "", ())),
-        *_interfaces("3.0", model_description_3(plant, "{}", "")),
+        ("Python, co-simulation", model_description(plant, "{}", "", {}).find("CoSimulation")),
+        *_interfaces("2.0", model_description(plant, "{}", "", {}, ())),
+        *_interfaces("3.0", model_description_3(plant, "{}", "", {})),
     )
     flags: dict[str, None] = {}
     for _, element in roots:

@@ -13,9 +13,8 @@ from pathlib import Path
 import pytest
 import typer
 
-from vdfmu import interrupt
 from vdfmu.cli import main
-from vdfmu.interrupt import Stopped, listening
+from vdfmu.interrupt import Stopped
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="Windows has no such signals for a process")
 
@@ -230,6 +229,7 @@ def test_a_killed_run_leaves_the_results_before_and_its_rows(start, tmp_path):
     assert {path.name: path.read_bytes() for path in folder.iterdir() if path.is_file()} == kept
 
 
+@pytest.mark.usefixtures("main_in_this_process")
 @pytest.mark.parametrize("behind", [ImportError("numpy"), typer.Exit(130)])
 def test_a_signal_that_another_error_hides_is_said(monkeypatch, capsys, behind):
     """Typer makes an exit without words of it, where it comes while options are read; imports make an ImportError."""
@@ -241,9 +241,7 @@ def test_a_signal_that_another_error_hides_is_said(monkeypatch, capsys, behind):
             raise behind  # noqa: B904 - as imports of C do
 
     monkeypatch.setattr("vdfmu.cli.commands.command", command)
-    for name in ("_last", "_command", "_ended"):  # main is for a process that ends with it: this one goes on
-        monkeypatch.setattr(interrupt, name, getattr(interrupt, name))
-    with listening(), pytest.raises(SystemExit) as end:
+    with pytest.raises(SystemExit) as end:
         main()
     assert end.value.code == 128 + signal.SIGTERM
     assert capsys.readouterr().err == "stopped\n"

@@ -28,6 +28,7 @@ def test_of_many_messages_the_first_of_each_rule_are_kept():
     assert first_few(texts[:FEW]) == texts[:FEW]
 
 
+@pytest.mark.usefixtures("main_in_this_process")
 @pytest.mark.parametrize(
     ("error", "said"),
     [
@@ -48,6 +49,7 @@ def test_a_lack_of_memory_is_a_sentence_for_every_command(monkeypatch, capsys, e
     assert said in capsys.readouterr().err
 
 
+@pytest.mark.usefixtures("main_in_this_process")
 def test_an_error_that_was_said_is_not_said_again(monkeypatch, capsys):
     def command():
         try:

@@ -129,7 +129,9 @@ def test_an_fmu_that_is_up_to_date_is_left_alone(planar: Robot, tmp_path: Path) 
     assert build(["x86_64-darwin"]).st_ino != wider.st_ino
 
 
-def test_backends_and_versions_replace_each_other_and_damaged_files(planar: Robot, tmp_path: Path) -> None:
+def test_backends_and_versions_replace_each_other_but_not_damaged_files(
+    planar: Robot, tmp_path: Path
+) -> None:
     def build(**options: str) -> bytes:
         return build_fmus(planar, tmp_path, units=["controller"], **options)["controller"].read_bytes()
 
@@ -143,6 +145,11 @@ def test_backends_and_versions_replace_each_other_and_damaged_files(planar: Robo
     assert build() == native  # the default
     path = tmp_path / "PDController.fmu"
     path.write_bytes(native[: len(native) // 2])
+    with pytest.raises(
+        UsageError, match=r"PDController\.fmu: expected no file of this name, or one that vdfmu wrote"
+    ):
+        build(backend="native")  # nothing says any more what wrote it
+    path.unlink()
     assert build(backend="native") == native
     assert sorted(tmp_path.iterdir()) == [path]
 

@@ -140,8 +140,8 @@ def test_what_the_description_forbids_is_not_run(unit, tmp_path):
 
 def test_a_unit_that_may_have_one_instance_gets_one(controller, monkeypatch):
     monkeypatch.setattr(check_run, "compare", lambda path: Findings(compared=["reference"]))
-    assert check_run._run_unit(controller(b"false"), lambda _: None).compared == ["reference"]
-    once = check_run._run_unit(controller(b"true"), lambda _: None)
+    assert check_run._run_unit(controller(b"false"), lambda *_: None).compared == ["reference"]
+    once = check_run._run_unit(controller(b"true"), lambda *_: None)
     assert once.problems == once.compared == []
     assert once.notes == [
         "reference results not compared: the unit can be instantiated only once per process"

@@ -35,7 +35,8 @@ def study(folder, over, function, sample="grid", n=None, fail=()):
     values = function(*points.values())
     facts = {
         "vdfmu": "0", "scenario": "f", "source": "f", "axes": [str(axis) for axis in axes], "sample": sample,
-        "n": len(values), "seed": 0, "settings": {}, "options": {}, "measures": {"y": "final(f.y)"},
+        "n": len(values), "seed": 0, "settings": {}, "options": {}, "systems": [],
+        "measures": {"y": "final(f.y)"},
         "units": {"y": "rad", **{axis.target: "kg" for axis in axes}},
     }  # fmt: skip
     rows = [

@@ -39,7 +39,7 @@ from vdfmu.unit.motion import samples
 _ROUNDING = 1e-9
 _SHORT = 1e-5
 """Length of the short step over the communication step: of 1e-8 s, over which a rate of 1e5 1/s changes by 1e-3."""
-_LAST_PLACES = 8.0 * np.finfo(float).eps
+_LAST_PLACES = 8.0 * float(np.spacing(1.0))
 """Rounding of a state in a step of the solver, relative: of the sums of six stages, and of the result."""
 _SHOWN = 3
 """Faults of a component in the summary."""
