@@ -72,9 +72,8 @@ def count(name: str, master: str, motion: float, end: float, factors: tuple[floa
     found = {"fails": 0, "lasts": 0, "grows": 0, "": 0}
     missed, false = [], []
     with packaged(scenario) as (package, options):
-        with Simulator(
-            package, isolate=False, **(options | {"algorithm": master, "log": lambda _: None})
-        ) as simulator:
+        changed: dict[str, Any] = {**options, "algorithm": master, "log": lambda _: None}
+        with Simulator(package, isolate=False, **changed) as simulator:
             for k in range(sets):
                 low, high = np.log(factors)
                 chosen: dict[str, Any] = {"trajectory.T": motion}
