@@ -48,6 +48,18 @@ def test_a_limit_cycle_fails_with_its_joint_and_the_run_is_written(tmp_path):
     assert not verdict["passed"] and not verdict["checks"][0]["passed"]
 
 
+def test_stick_slip_is_unstable_though_the_fast_part_of_the_motion_is_not(tmp_path):
+    """Too little damping for friction that falls with speed: the motor of joint 6 sticks and slips at both ends."""
+    settings = {"trajectory.T": 4.0, "controller.K_v[6]": 2.0}
+    results = run("tracking", tmp_path, stop=4.0, settings=settings)
+    found = checks(results)["Sampled loops"]
+    assert not found["passed"] and "joint 6" in found["text"]
+    turns = np.abs(np.diff(results["plant.kappa_dot"], 2, axis=0))
+    # rows of 1 ms at accelerations of some m/s2 that change over 1 s: 1e-5 rad/s; stick-slip within 0.1 s: 1e-4
+    chatter = np.median(turns[:3980].reshape(-1, 20, 6), axis=1).max(axis=0)
+    assert chatter.argmax() == 5 and chatter[5] > 1e-4
+
+
 def test_a_run_that_passes_exits_with_0(tmp_path):
     options = ["planar_tracking", "--stop", "0.3", "--no-reference", "--out", str(tmp_path / "run")]
     done = CliRunner().invoke(app, ["run", *options])

@@ -6,6 +6,7 @@ and ``S = (1 + L)^-1`` it is ``L_i = 1 / S_ii - 1``.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -20,7 +21,7 @@ from vdfmu.arrays import Floats
 from vdfmu.engine.algorithms import CONTINUOUS
 from vdfmu.engine.cosim.components import Components
 from vdfmu.engine.linear import LinearSystem, linearised
-from vdfmu.engine.space import Linear, held
+from vdfmu.engine.space import Linear, StateSpace, held
 from vdfmu.errors import UsageError, VdfmuError
 
 Complex = npt.NDArray[np.complex128]
@@ -35,6 +36,12 @@ _SLOWEST = 1e-4
 """Lowest of them, as a share of half the sampling frequency."""
 GROWTH = 2.0
 """Rate [1/s] up to which what grows counts as stable: a fast mode of links on springs, which friction holds."""
+_HARM = 100.0
+"""Factor by which disturbances grow, beyond what this rate gives, before a run is unstable: vibration and the ends of a
+motion, where friction falls with speed, let them grow for a while."""
+_POSES, _FEWEST, _SPARSE = 60, 8, 25
+"""Rows at which a run is linearised: at most, at least, and steps for each of the others. Stick-slip at the ends of a
+motion of 4 s lasts for 0.1 s."""
 _MARGINS = 3
 """Poses at which margins are calculated, which takes longer than the growth."""
 _NONE = 1e-300
@@ -189,15 +196,20 @@ def fastest_mode(system: LinearSystem) -> tuple[float, str]:
 
     The part is the product of the mode's two eigenvectors, which has no unit of measurement.
     """
-    if system.algorithm in CONTINUOUS:
-        found = system.continuous()
-    else:
-        found = system.sampled()
+    found = _moving(system)
     modes: Any = eig(found.A, left=True, right=True)
     poles, left, right = modes
-    rates = poles.real if found.step is None else np.log(np.maximum(np.abs(poles), _NONE)) / found.step
+    rates = _rates(poles, found.step)
     mode = int(rates.argmax())
     return float(rates[mode]), found.states[int(np.abs(left[:, mode] * right[:, mode]).argmax())]
+
+
+def _moving(system: LinearSystem) -> StateSpace:
+    return system.continuous() if system.algorithm in CONTINUOUS else system.sampled()
+
+
+def _rates(poles: Any, step: float | None) -> Floats:
+    return poles.real if step is None else np.log(np.maximum(np.abs(poles), _NONE)) / step
 
 
 class Growth(NamedTuple):
@@ -213,11 +225,13 @@ class Growth(NamedTuple):
     """Largest rate in this time [1/s]."""
     state: str
     """State with the largest part in the mode of this rate."""
+    lasts: bool
+    """Whether they grow until the end of the run."""
 
     @property
     def unstable(self) -> bool:
-        """Whether disturbances grow e-fold beyond what the rate `GROWTH` gives."""
-        return self.exponent > 1.0
+        """Whether disturbances grow by a factor of `_HARM` beyond what the rate `GROWTH` gives; e-fold if they last."""
+        return self.exponent > (1.0 if self.lasts else math.log(_HARM))
 
 
 class Poses:
@@ -227,8 +241,6 @@ class Poses:
     ----------
     group : str
         Connected inputs of this name, at any component, are where the loops are opened.
-    poses : int
-        Number of rows, in the middles of equal parts of the run; two more are near its start.
 
     Attributes
     ----------
@@ -238,17 +250,17 @@ class Poses:
         Why there is nothing, or not all.
     """
 
-    def __init__(self, group: str, poses: int = 9) -> None:
-        self._group, self._poses = group, poses
+    def __init__(self, group: str) -> None:
+        self._group = group
         self.systems: list[tuple[float, LinearSystem]] = []
         self.lacking = ""
         self.opened: list[str] = []
 
     def rows(self, n: int) -> frozenset[int]:
-        """Return the rows, of a run with n steps."""
-        return frozenset(
-            {*(n * (2 * k + 1) // (2 * self._poses) for k in range(self._poses)), min(2, n), min(10, n)}
-        )
+        """Return the rows, of a run with n steps: closer together where it begins and ends, where motors are slow."""
+        poses = min(_POSES, _FEWEST + n // _SPARSE)
+        shares = (1.0 - np.cos(np.pi * (np.arange(poses) + 0.5) / poses)) / 2.0
+        return frozenset({*(n * shares).astype(int).tolist(), min(2, n), min(10, n)})
 
     def visit(self, components: Components, time: float, step: float) -> None:
         """Linearise the components."""
@@ -276,15 +288,18 @@ class Poses:
         """Return where disturbances grow most, of a run from `begin` to `end` [s]."""
         times = [t for t, _ in self.systems]
         bounds = [begin, *((a + b) / 2.0 for a, b in pairwise(times)), max(end, times[-1])]
-        modes = [fastest_mode(system) for _, system in self.systems]
-        most, run, first = Growth(-np.inf, begin, begin, -np.inf, ""), 0.0, 0
-        for k, (rate, _) in enumerate(modes):
+        moving = [_moving(system) for _, system in self.systems]
+        rates = [float(_rates(np.linalg.eigvals(each.A), each.step).max()) for each in moving]
+        most, run, first, place = -np.inf, 0.0, 0, range(0)
+        for k, rate in enumerate(rates):
             if run < 0.0 or not k:
                 run, first = 0.0, k
             run += (rate - GROWTH) * (bounds[k + 1] - bounds[k])
-            if run > most.exponent:
-                most = Growth(run, bounds[first], bounds[k + 1], *max(modes[first : k + 1]))
-        return most
+            if run > most:
+                most, place = run, range(first, k + 1)
+        fastest = max(place, key=rates.__getitem__)
+        rate, state = fastest_mode(self.systems[fastest][1])
+        return Growth(most, bounds[place.start], bounds[place.stop], rate, state, place.stop == len(rates))
 
     def margin(self) -> tuple[float, float, str] | None:
         """Return the smallest modulus margin, its time [s], and the input at which that loop is opened.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -18,10 +18,6 @@ from vdfmu.progress import doing
 from vdfmu.scenario import Scenario
 
 _NAME = "Sampled loops"
-_CLEAR = 50.0
-"""Logarithm from which on the poses of the run need no second look."""
-_CLOSE = 60
-"""Poses of the second look."""
 
 
 def simulated(scenario: Scenario, package: Path, parameters: Any = None, **options: Any) -> Results:
@@ -51,9 +47,7 @@ def loop_checks(
     """Yield the check of a run's loops, if they were linearised; `values` of parameters by component."""
     if poses.lacking or not poses.systems:
         return
-    growth, poses = judged(
-        poses, scenario.stop, lambda closer: simulated(scenario, package, record=(), visitor=closer)
-    )
+    growth = poses.growth(0.0, scenario.stop)
     if not growth.unstable:
         yield Check(_NAME, True, _stable(poses))
     elif scenario.robot.friction == "split":
@@ -70,20 +64,6 @@ def loop_checks(
             yield Check(_NAME, False, f"{excited} {_unstable(alone, smooth)}")
     else:
         yield Check(_NAME, False, _unstable(growth, poses))
-
-
-def judged(poses: Poses, stop: float, again: Callable[[Poses], Any]) -> tuple[Growth, Poses]:
-    """Return how disturbances grow in a run until `stop` [s], and the poses that say so.
-
-    Elastic vibration makes the rates of single rows differ by several 1/s: where these decide, `again` does the run
-    with more poses.
-    """
-    growth = poses.growth(0.0, stop)
-    if growth.unstable and growth.exponent < _CLEAR:
-        with doing("stability"):
-            again(poses := Poses("tau", _CLOSE))
-        growth = poses.growth(0.0, stop)
-    return growth, poses
 
 
 def _without_dry_friction(
@@ -110,7 +90,7 @@ def _unstable(growth: Growth, poses: Poses) -> str:
     factor = f"a factor of {math.exp(growth.rate * poses.systems[0][1].step):.3g} a step"
     return (
         f"unstable since {growth.begin:.3g} s, {_place(growth.state, poses)}: disturbances grow by {factor}; "
-        "lower its gains or the step"
+        "its gains are too high, or too low, for this step"
     )
 
 

@@ -1,0 +1,17 @@
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import pytest
+
+from vdfmu import interrupt
+from vdfmu.interrupt import listening
+
+
+@pytest.fixture
+def main_in_this_process(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """Let ``main``, which is for a process that ends with it, leave signals as they are in one that goes on."""
+    for name in ("_last", "_command", "_ended"):
+        monkeypatch.setattr(interrupt, name, getattr(interrupt, name))
+    with listening():
+        yield
