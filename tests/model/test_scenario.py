@@ -104,7 +104,7 @@ def test_fault_is_named(
     assert len(caught.value.problems) >= 1
 
 
-@pytest.mark.parametrize("key", ["name", "kind", "robot", "stop", "step"])
+@pytest.mark.parametrize("key", ["name", "kind", "stop", "step"])
 def test_missing_key(write: Writer, scenario_data: dict[str, Any], key: str) -> None:
     del scenario_data[key]
     with pytest.raises(

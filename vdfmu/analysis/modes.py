@@ -152,7 +152,7 @@ def modes_along(
     for t in times:
         run(t)
         poses.append(trajectory.group("q_d").copy())
-    systems = [linearize(scenario.robot, q, dry=dry) for q in counted("poses", poses, len(poses))]
+    systems = [linearize(scenario.arm, q, dry=dry) for q in counted("poses", poses, len(poses))]
     return times, {motors: [_modes(system, motors, dry) for system in systems] for motors in MOTORS}
 
 

@@ -145,7 +145,7 @@ def _over_path(robot: str, path: str, dry: bool, out: Path | None, overwrite: bo
     from vdfmu.style import save
 
     times, along = modes_along(scenario, dry=dry)
-    n = scenario.robot.n
+    n = scenario.arm.n
     table = Table("mode", *(f"motors {motors}, Hz" for motors in MOTORS), box=None)
     columns = [
         [f"{pair[0]:.2f} to {pair[1]:.2f}" if pair else "does not oscillate" for pair in ranges(along[motors], n)]
@@ -157,5 +157,5 @@ def _over_path(robot: str, path: str, dry: bool, out: Path | None, overwrite: bo
     pairs = {
         motors: [(each.frequency[-n:], each.joint[-n:]) for each in found] for motors, found in along.items()
     }
-    save(draw_modes(f"Natural frequencies: {scenario.robot.name}, {scenario.name}", times, pairs), target)
+    save(draw_modes(f"Natural frequencies: {scenario.arm.name}, {scenario.name}", times, pairs), target)
     say(f"{target}: natural frequencies over the motion, at rest at {len(times)} poses")

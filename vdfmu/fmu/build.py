@@ -29,9 +29,9 @@ def _build_seconds(n: int) -> float:
     return 1.7 * n + 2.0
 
 
-def build_notes(robot: Robot, backend: str | None = None) -> list[str]:
+def build_notes(robot: Robot | None, backend: str | None = None) -> list[str]:
     """Return what to say before the FMUs of a robot are built: how long the first build of many joints takes."""
-    if robot.n < _SLOW_JOINTS or choose_backend(backend) == "python":
+    if robot is None or robot.n < _SLOW_JOINTS or choose_backend(backend) == "python":
         return []
     seconds = _build_seconds(robot.n)
     return [f"the first build for {robot.n} joints takes some {seconds:.0f} s of processor time; it is kept."]

@@ -42,7 +42,7 @@ def run_caption(results: Results, scenario: Scenario, figures: Mapping[int, int]
     chosen = {key: value for key, value in settings.items() if key == "feedforward.mode"}
     mode = group_value(scenario, "feedforward.mode", chosen)
     lines = [
-        f"{_figure(figure)}Scenario {scenario.name}, robot {scenario.robot.name}, master {master}, "
+        f"{_figure(figure)}Scenario {scenario.name}, robot {scenario.arm.name}, master {master}, "
         f"step {step:g} ms{'' if mode is None else f', feedforward {mode}'}."
     ]
     if scenario.plant_factors:

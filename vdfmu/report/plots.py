@@ -92,14 +92,14 @@ def draw_contrast_differences(contrast: Contrast, scenario: Scenario | None = No
 def draw_torques(results: Results, scenario: Scenario) -> Figure:
     """Figure 10: control torque and feedforward torque, link-side, one panel a joint."""
     title, caption = "Control and feedforward torques, link side", run_caption(results, scenario, {4: 10})
-    torques = _torques(results, scenario.robot)
-    return _joint_panels(title, caption, scenario.robot, _pair(*_TORQUES), results.time, *torques)
+    torques = _torques(results, scenario.arm)
+    return _joint_panels(title, caption, scenario.arm, _pair(*_TORQUES), results.time, *torques)
 
 
 @style.styled
 def draw_errors(results: Results, scenario: Scenario) -> Figure:
     """Figure 11: position tracking errors above torque compensation errors, link-side."""
-    robot = scenario.robot
+    robot = scenario.arm
     groups = group_joints(robot, range(robot.n))
     caption = run_caption(results, scenario, {4: 11})
     figure, grid = _unit_columns("Position tracking and torque compensation errors", caption, groups, 2)
@@ -115,7 +115,7 @@ def draw_errors(results: Results, scenario: Scenario) -> Figure:
 def draw_moving_positions(results: Results, scenario: Scenario) -> Figure:
     """Figure 13: desired and actual positions of the joints that move, above their tracking errors."""
     moving = _moving(results)
-    groups = group_joints(scenario.robot, moving)
+    groups = group_joints(scenario.arm, moving)
     caption = run_caption(results, scenario, {5: 13})
     figure, grid = _unit_columns("Joint positions and their tracking errors", caption, groups, 2)
     q_d, q = results["trajectory.q_d"], results["plant.q"]
@@ -139,7 +139,7 @@ def draw_moving_torques(results: Results, scenario: Scenario) -> Figure:
 
     Each joint has a torque panel of its own: in one panel the smaller torques would be flat lines.
     """
-    robot, moving = scenario.robot, _moving(results)
+    robot, moving = scenario.arm, _moving(results)
     groups = group_joints(robot, moving)
     rows, columns = style.grid_of(len(moving))
     figure = style.new_figure(

@@ -22,14 +22,14 @@ def torsion(results: Results) -> Floats:
 
 def tool_error(results: Results, scenario: Scenario) -> Floats:
     """Return the desired position of the tool minus the actual one, in {I}: (m, 3) [m]."""
-    p_d, _ = forward_kinematics(scenario.robot, results["trajectory.q_d"])
+    p_d, _ = forward_kinematics(scenario.arm, results["trajectory.q_d"])
     return p_d - results["plant.p_O"]
 
 
 @style.styled
 def draw_tool(results: Results, scenario: Scenario) -> Figure:
     """Draw torsion, a panel for each type of joint, above the tool's position error along the axes of {I}, in mm."""
-    groups = group_joints(scenario.robot, range(scenario.robot.n))
+    groups = group_joints(scenario.arm, range(scenario.arm.n))
     figure = style.new_figure(
         "Torsion of the drives, and the error of the tool", run_caption(results, scenario, {}), height=6.4
     )
@@ -42,7 +42,7 @@ def draw_tool(results: Results, scenario: Scenario) -> Figure:
         title = f"{panel_letter(column)} Torsion{group.suffix}"
         style.dress(axes, title, r"$\kappa - q$", group.unit.position, results.time)
         style.label_time([axes], 1)
-    style.legend_beside(figure.axes[-1], style.joint_handles(range(scenario.robot.n)))
+    style.legend_beside(figure.axes[-1], style.joint_handles(range(scenario.arm.n)))
     below = figure.add_subplot(grid[1, :])
     curves = {"x": error[:, 0], "y": error[:, 1], "z": error[:, 2], "length": np.linalg.norm(error, axis=1)}
     handles: list[Line2D] = []

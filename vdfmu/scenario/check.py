@@ -11,7 +11,8 @@ from vdfmu.errors import UsageError
 from vdfmu.measure import WIDE_ANGLE
 from vdfmu.model.parameters import PARAMETERS
 from vdfmu.model.read import Problems
-from vdfmu.scenario.parts import Variables, tables_of, units_of
+from vdfmu.model.robot import Robot
+from vdfmu.scenario.parts import Variables, tables_of, takers, units_of
 from vdfmu.scenario.scenario import Scenario
 from vdfmu.scenario.values import is_plant, section_values
 
@@ -22,19 +23,10 @@ def model_notes(scenario: Scenario) -> list[str]:
     notes = list(scenario.notes)
     tables = tables_of(scenario.system, robot)
     notes += _not_reached(scenario, tables)
-    size = float(np.abs(robot.gravity).max())
-    if size > _STRONG_GRAVITY:
-        notes.append(f"gravity of {size:g} m/s2 looks like another unit: 9.81 m/s2 on Earth.")
-    elif -robot.gravity.min() > max(1.0, robot.gravity.max()):
-        k = int(robot.gravity.argmin())
-        notes.append(
-            f"gravity[{k + 1}] = {robot.gravity[k]:g} m/s2 pulls towards +: it is written upward, +9.81 on the axis "
-            "that points up."
-        )
-    masses = robot.mass.tolist() + ([float(robot.payload_mass)] if robot.payload else [])
-    heavy = [m for m in masses if m > _HEAVY_LINK]
-    if heavy:
-        notes.append(f"a mass of {max(heavy):g} kg looks like grams.")
+    if robot is not None:
+        notes += _robot_notes(robot)
+        if not takers(scenario.system, units_of(scenario.system)):
+            notes.append("robot: no component takes it. Leave it out, unless tables and figures need it.")
     angles = {
         f"{component}.{name}": value
         for component, section in section_values(scenario.system, robot, scenario.sections).items()
@@ -42,7 +34,7 @@ def model_notes(scenario: Scenario) -> list[str]:
         for name, value in section.items()
         if table.variables[table.reference[name]].unit == "rad"
     }
-    if robot.limits:
+    if robot is not None and robot.limits:
         for name in ("q_min", "q_max"):
             pairs = enumerate(zip(robot.joint_types, getattr(robot, name), strict=True), start=1)
             none = PARAMETERS[name].largest  # as the importers write for a joint without end stops
@@ -57,9 +49,27 @@ def model_notes(scenario: Scenario) -> list[str]:
     return notes + list(wide)
 
 
+def _robot_notes(robot: Robot) -> Iterator[str]:
+    """Yield what of a robot looks like another unit or sign."""
+    size = float(np.abs(robot.gravity).max())
+    if size > _STRONG_GRAVITY:
+        yield f"gravity of {size:g} m/s2 looks like another unit: 9.81 m/s2 on Earth."
+    elif -robot.gravity.min() > max(1.0, robot.gravity.max()):
+        k = int(robot.gravity.argmin())
+        yield (
+            f"gravity[{k + 1}] = {robot.gravity[k]:g} m/s2 pulls towards +: it is written upward, +9.81 on the axis "
+            "that points up."
+        )
+    masses = robot.mass.tolist() + ([float(robot.payload_mass)] if robot.payload else [])
+    heavy = [m for m in masses if m > _HEAVY_LINK]
+    if heavy:
+        yield f"a mass of {max(heavy):g} kg looks like grams."
+
+
 def _not_reached(scenario: Scenario, tables: Mapping[str, Variables]) -> Iterator[str]:
     """Yield what a scenario says of its plant alone that no component takes, or one does not."""
-    unknown = scenario.robot.payload and not scenario.payload_known
+    robot = scenario.robot
+    unknown = robot is not None and robot.payload and not scenario.payload_known
     said = [*(["plant_factors"] if scenario.plant_factors else []), *(["payload.known"] if unknown else [])]
     plants = {name: scenario.system.parts[name].robot for name, t in tables.items() if is_plant(name, t)}
     if said and None not in plants.values():

@@ -12,6 +12,7 @@ from vdfmu.model.read import Problems
 from vdfmu.model.robot import Robot
 from vdfmu.model.robot_file import robot_from_dict
 from vdfmu.model.toml_file import locate, read_toml, toml_names
+from vdfmu.scenario.parts import takers, units_of
 from vdfmu.scenario.scenario import Scenario
 from vdfmu.scenario.scenario_file import read_scenario
 from vdfmu.scenario.system_file import SystemFile, read_system_file
@@ -30,8 +31,8 @@ def load_scenario(path_or_name: str | os.PathLike[str], robot: Robot | str | Non
     path_or_name : str or path
         As for `load_robot`. A relative path of a robot in the file starts at the file's folder.
     robot : Robot, str or None
-        Robot in place of the one that the file names; a str as for `load_robot`. The paper's numbers are
-        left out where it has other numbers than the file's.
+        Robot in place of the one that the file names, or of none where a component takes it; a str as for `load_robot`.
+        The paper's numbers are left out where it has other numbers than the file's.
 
     Returns
     -------
@@ -40,7 +41,8 @@ def load_scenario(path_or_name: str | os.PathLike[str], robot: Robot | str | Non
     Raises
     ------
     UsageError
-        If no shipped scenario, or robot given here, has the name.
+        If no shipped scenario, or robot given here, has the name; for a robot that neither file nor components have use
+        for.
     ModelError
         If the scenario or its robot has problems; it lists every one of both files.
     """
@@ -77,6 +79,10 @@ def load_scenario(path_or_name: str | os.PathLike[str], robot: Robot | str | Non
     problems.lines.extend(robot_problems)
     problems.raise_any()
     assert scenario is not None  # else there are problems
+    if robot is not None and "robot" not in data and not takers(scenario.system, units_of(scenario.system)):
+        raise UsageError(
+            f"robot: expected none for {path}, no component of which takes one, got {robot.name}."
+        )
     return scenario
 
 

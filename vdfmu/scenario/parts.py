@@ -17,7 +17,7 @@ from vdfmu.measure import measure
 from vdfmu.model import Robot
 from vdfmu.model.read import nearest
 from vdfmu.scenario.foreign import ForeignInterface
-from vdfmu.scenario.scenario import Scenario
+from vdfmu.scenario.scenario import ROBOT_WAY_OUT, Scenario
 from vdfmu.scenario.system_file import SystemFile
 from vdfmu.unit.base import Unit, unit_name
 from vdfmu.unit.interface import Interface
@@ -39,11 +39,27 @@ def units_of(system: SystemFile) -> dict[str, type[Unit]]:
     return {name: found[part.unit] for name, part in parts.items()}
 
 
+def takers(system: SystemFile, units: Mapping[str, type[Unit]]) -> list[str]:
+    """Components that take the robot of a scenario: units that need one and have none of their own."""
+    return [name for name, unit in units.items() if unit.needs_robot() and system.parts[name].robot is None]
+
+
 def tables_of(
-    system: SystemFile, robot: Robot, components: Collection[str] | None = None
+    system: SystemFile, robot: Robot | None, components: Collection[str] | None = None
 ) -> dict[str, Variables]:
-    """Variables of the components of a system, or of some of them, by component."""
+    """Variables of the components of a system, or of some of them, by component.
+
+    Raises
+    ------
+    UsageError
+        If there is no robot, and some component takes it.
+    """
     units = units_of(system)
+    if robot is None and (lacking := takers(system, units)):
+        raise UsageError(
+            f"robot: expected one for {', '.join(lacking)}, got none. {ROBOT_WAY_OUT} Or give each of these components "
+            f'one of its own: {lacking[0]} = {{ unit = "..", robot = ".." }} in the system file.'
+        )
     found: dict[str, Variables] = {}
     for name, part in system.parts.items():
         if components is not None and name not in components:
@@ -164,7 +180,7 @@ def build_parts(
 
 def _placed(
     units: Mapping[str, type[Unit]],
-    robots: Mapping[str, Robot],
+    robots: Mapping[str, Robot | None],
     values: Mapping[str, Mapping[str, Any]],
     folder: Path,
 ) -> dict[str, Path]:

@@ -27,14 +27,15 @@ def with_payload(scenario: Scenario, names: Iterable[str]) -> Scenario:
     names : iterable of str
         Of settings: ``plant.payload_mass``, ``robot.payload_inertia[1,1]``.
     """
+    robot = scenario.robot
     fields = {name.partition(".")[2].partition("[")[0] for name in names}
     rows = section("payload")
-    if scenario.robot.payload or fields.isdisjoint(row.name for row in rows):
+    if robot is None or robot.payload or fields.isdisjoint(row.name for row in rows):
         return scenario
     empty = {row.name: read_only(np.zeros(row.shape)) for row in rows}
     if "payload_inertia" in fields:  # one of zeros, of a point mass, has no parameters
         empty["payload_inertia"] = read_only(1e-12 * np.eye(3))
-    return dataclasses.replace(scenario, robot=dataclasses.replace(scenario.robot, payload=True, **empty))
+    return dataclasses.replace(scenario, robot=dataclasses.replace(robot, payload=True, **empty))
 
 
 def with_units(scenario: Scenario, units: Mapping[str, Any]) -> Scenario:

@@ -8,10 +8,12 @@ from typing import Any
 
 import numpy as np
 
+from vdfmu.errors import UsageError
 from vdfmu.model.parameters import PARAMETERS, Array
 from vdfmu.model.robot import Robot
 from vdfmu.scenario.system_file import SystemFile
 
+ROBOT_WAY_OUT = 'Name one in its file, such as robot = "manipulator_6dof".'
 KINDS = ("contrast", "cosimulation")
 _TINY = 1e-12
 """What is left of the inertia of a payload that is not known: one of zeros would be another structure."""
@@ -30,11 +32,9 @@ class Scenario:
         Torques along the motion by two formulations, or the closed loop of the units.
     system : SystemFile
         The components and their connections.
-    robot : Robot
+    robot : Robot or None
         The nominal robot, which the feedforward knows, with the friction arrangement of the scenario if its file
-        names one.
-    robot_name : str
-        The robot as the file wrote it.
+        names one; None where no component takes it.
     stop, step : float [s]
         End of the run, and communication step.
     master : "gauss-seidel", "jacobi", "extrapolated" or "iterative"
@@ -63,8 +63,7 @@ class Scenario:
     description: str
     kind: str
     system: SystemFile
-    robot: Robot
-    robot_name: str
+    robot: Robot | None
     stop: float
     step: float
     master: str
@@ -79,18 +78,24 @@ class Scenario:
     notes: tuple[str, ...] = ()
 
     @property
+    def arm(self) -> Robot:
+        """The robot, for what cannot do without; UsageError if there is none."""
+        if self.robot is None:
+            raise UsageError(f"scenario {self.name} has no robot. {ROBOT_WAY_OUT}")
+        return self.robot
+
+    @property
     def plant_robot(self) -> Robot:
         """The robot that the plant simulates: the nominal one with the factors applied."""
-        return apply_factors(self.robot, self.plant_factors)
+        return apply_factors(self.arm, self.plant_factors)
 
     @property
     def known_robot(self) -> Robot:
         """The robot that the other components know: the nominal one, without a payload that is not known."""
-        if self.payload_known or not self.robot.payload:
-            return self.robot
-        return self.robot.with_parameters(
-            payload_mass=0.0, payload_inertia=_TINY * self.robot.payload_inertia
-        )
+        robot = self.arm
+        if self.payload_known or not robot.payload:
+            return robot
+        return robot.with_parameters(payload_mass=0.0, payload_inertia=_TINY * robot.payload_inertia)
 
 
 def apply_factors(robot: Robot, factors: Mapping[str, Array | float]) -> Robot:

@@ -22,6 +22,7 @@ from vdfmu.scenario.replace import started
 from vdfmu.scenario.scenario import (
     FACTOR_FIELDS,
     KINDS,
+    ROBOT_WAY_OUT,
     Scenario,
     apply_factors,
 )
@@ -49,6 +50,8 @@ SCENARIO_KEYS = (
     "plant_factors",
     "paper",
 )
+ROBOT_KEYS = ("friction", "payload", "motion", "plant_factors", "paper")
+"""What a scenario says of its robot, or asks of it."""
 PAPER_LISTS = (
     "rms_position_error_deg",
     "max_position_error_deg",
@@ -69,7 +72,8 @@ def read_scenario(
     data : object
         The content of the file.
     robot : Robot or None
-        The nominal robot; None if it could not be loaded, which lets the rest be read all the same.
+        The nominal robot; None if the file names none, or one that could not be loaded, which lets the rest be read all
+        the same.
     system : SystemFile or None
         The same.
 
@@ -98,7 +102,17 @@ def read_scenario(
             found = file.data[component]
             known = list(cast("dict[str, object]", found)) if isinstance(found, dict) else ()
             sections[component] = Table(problems, found, component, known).data
-    robot_name = file.text("robot")
+    unnamed = robot is None and "robot" not in file.data and kind != "contrast"  # which has no components
+    if "robot" in file.data or (kind == "contrast" and robot is None):
+        file.text("robot")
+    if unnamed:
+        for key in filter(file.data.__contains__, ROBOT_KEYS):
+            problems.add(
+                key,
+                "a scenario with a robot, which this is for",
+                "none",
+                f"{ROBOT_WAY_OUT} Or leave {key} out.",
+            )
     if "friction" in file.data:
         friction = file.text("friction", choices=FRICTION_ARRANGEMENTS)
         robot = robot and dataclasses.replace(robot, friction=friction)
@@ -125,7 +139,7 @@ def read_scenario(
     input_hold = file.flag("input_hold", False)
     factors = _factors(file.optional_table("plant_factors", FACTOR_FIELDS), n)
     paper = _paper(file.optional_table("paper", ("source", *PAPER_LISTS)), n)
-    if robot is not None and system is not None:
+    if (robot is not None or unnamed) and system is not None:
         try:
             section_values(system, robot, sections)
         except (UsageError, UnitError) as error:
@@ -139,7 +153,7 @@ def read_scenario(
             check_robot(apply_factors(robot, factors), f"{problems.where}: plant_factors: the plant")
         except ModelError as error:
             problems.lines.extend(error.problems)
-    if robot is None or system is None or problems.lines:
+    if system is None or problems.lines:
         return None
     return Scenario(
         name=name,
@@ -147,7 +161,6 @@ def read_scenario(
         kind=kind,
         system=system,
         robot=robot,
-        robot_name=robot_name,
         stop=stop,
         step=step,
         master=master,

@@ -79,7 +79,7 @@ def scenario_schema(system: str = "system") -> Schema:
         "kind": {"enum": list(KINDS)}
         | {"description": "Units that are stepped, or torques of two formulations"},
         "system": _TEXT | {"description": "Which units, and how they are connected: a name or a TOML file"},
-        "robot": _TEXT | {"description": "A name or a TOML file"},
+        "robot": _TEXT | {"description": "A name or a TOML file, where a component takes one"},
         "friction": {"enum": list(FRICTION_ARRANGEMENTS)} | {"description": "In place of the robot's"},
         "stop": positive | {"description": "End of the run [s]"},
         "step": positive | {"description": "Communication step [s]"},
@@ -93,7 +93,7 @@ def scenario_schema(system: str = "system") -> Schema:
         "plant_factors": _table(factors, []),
         "paper": _table(paper, []),
     }
-    return _file("Scenario of vdfmu", sections | keys, ["name", "kind", "robot", "stop", "step"])
+    return _file("Scenario of vdfmu", sections | keys, ["name", "kind", "stop", "step"])
 
 
 def system_schema() -> Schema:

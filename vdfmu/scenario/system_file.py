@@ -34,9 +34,10 @@ class Part:
     ends: tuple[str, ...] = ()
     """Flags that its robot has here, of :data:`~vdfmu.model.robot.ENDS`."""
 
-    def robot_of(self, robot: Robot) -> Robot:
-        """Return the robot of the component in a scenario with a robot."""
-        return _with_ends(self.robot or robot, self.ends) if self.ends else self.robot or robot
+    def robot_of(self, robot: Robot | None) -> Robot | None:
+        """Return the robot of the component in a scenario with a robot, or without one."""
+        robot = self.robot or robot
+        return _with_ends(robot, self.ends) if robot and self.ends else robot
 
     @property
     def fmu(self) -> Path | None:

@@ -40,7 +40,7 @@ def system_values(scenario: Scenario, settings: Mapping[str, Any] | None = None)
     tables = tables_of(scenario.system, scenario.robot)
     values = given_values(scenario, settings)
     values = {name: {**followed(tables[name], each), **each} for name, each in values.items()}
-    _check(tables, values, scenario.robot)
+    _check(tables, values)
     return values
 
 
@@ -65,7 +65,7 @@ def followed(table: Variables, values: Values) -> Values:
 
 
 def section_values(
-    system: SystemFile, robot: Robot, sections: Mapping[str, Mapping[str, Any]]
+    system: SystemFile, robot: Robot | None, sections: Mapping[str, Mapping[str, Any]]
 ) -> dict[str, Values]:
     """Values of the sections of a scenario's file: component to variable to value.
 
@@ -79,7 +79,7 @@ def section_values(
     tables = tables_of(system, robot)
     check_connections(system, tables)
     values = _set_all(system, tables, _sections(system, tables, sections))
-    _check(tables, values, robot)
+    _check(tables, values)
     return values
 
 
@@ -157,11 +157,11 @@ def robot_parameters(component: str, table: Variables, scenario: Scenario) -> Va
     """Return a component's parameters that describe the robot: of plants the scenario's plant, else nominal."""
     if not isinstance(table, Interface) or table.unit.robot_fields is None:
         return {}
-    robot = scenario.plant_robot if is_plant(component, table) else scenario.known_robot
     own = scenario.system.parts[component].robot
+    robot = own or (scenario.plant_robot if is_plant(component, table) else scenario.known_robot)
     return {
-        p.name: float(getattr(own or robot, p.field)[p.index])
-        for p in parameters(own or scenario.robot)
+        p.name: float(getattr(robot, p.field)[p.index])
+        for p in parameters(own or scenario.arm)
         if p.name in table.reference and p.field not in table.unit.declared
     }
 
@@ -307,7 +307,7 @@ def _cast(variable: Variable, value: Any) -> Any:
     return number
 
 
-def _check(tables: Mapping[str, Variables], values: Mapping[str, Values], robot: Robot) -> None:
+def _check(tables: Mapping[str, Variables], values: Mapping[str, Values]) -> None:
     """Raise UsageError for what units require, and for joints beyond the end stops, out of which links would fly."""
     problems = [
         f"{component}.{problem}"
@@ -322,8 +322,9 @@ def _check(tables: Mapping[str, Variables], values: Mapping[str, Values], robot:
         for component, table in tables.items()
         for v in _positions(table)
         for (i,), q in [(v.index, values.get(component, {}).get(v.name))]
-        for low, high in [_stops(values.get(component, {}), robot, i)]
-        if robot.limits and q is not None and not low <= q <= high
+        if table.robot is not None and table.robot.limits and q is not None
+        for low, high in [_stops(values.get(component, {}), table.robot, i)]
+        if not low <= q <= high
     ]
     if problems:
         raise UsageError("\n".join(problems))

@@ -205,7 +205,9 @@ class SystemDescription:
         shared = self._take_shared(left)
         robots: dict[str, dict[str, tuple[Signal, tuple[Any, ...]]]] = {}
         known = self.scenario.robot
-        nominal = {p.name: float(getattr(known, p.field)[p.index]) for p in parameters(known)}
+        nominal = (
+            {p.name: float(getattr(known, p.field)[p.index]) for p in parameters(known)} if known else {}
+        )
         for unit, entries in left.items():
             robot = {
                 name: entry

@@ -29,14 +29,16 @@ def system_page(
         Of the FMUs in the package.
     """
     scenario = description.scenario
-    body = f"""<p>Scenario {escape(scenario.name)}: {escape(scenario.description)}. Robot {escape(scenario.robot.name)}:
-{escape(scenario.robot.description.rstrip("."))}. SSP {description.version}, FMI {" and ".join(fmi_versions)}.</p>
+    about = [f"Scenario {scenario.name}: {scenario.description.rstrip('.')}."]
+    if scenario.robot is not None:
+        about.append(f"Robot {scenario.robot.name}:\n{scenario.robot.description.rstrip('.')}.")
+    body = f"""<p>{escape(" ".join(about))} SSP {description.version}, FMI {" and ".join(fmi_versions)}.</p>
 <h2>Diagram</h2>
 <div class="wide">
 {draw_system(ssd, icons)}
 </div>
-<p>Filled connectors are connected; open ones are free: outputs to record, and the external wrench
-<code>F_e</code>, which has the value of the parameter set. Lines of one group run together.</p>
+<p>Filled connectors are connected; open ones are free: outputs to record, and inputs, which have the values
+of the parameter sets. Lines of one group run together.</p>
 <h2>Components</h2>
 {_components(description)}
 <h2>Run</h2>
@@ -75,18 +77,22 @@ def _run(description: SystemDescription) -> str:
     scenario = description.scenario
     step, stop = f"{scenario.step:g}", f"{scenario.stop:g}"
     text = f"""<p>From 0 to {stop} s with a communication step of {step} s. The numbers of the scenario are for the
-<code>{scenario.master}</code> algorithm; solver tolerance of the plant {description.tolerance:g}. The annotations
+<code>{scenario.master}</code> algorithm; solver tolerance {description.tolerance:g}. The annotations
 of the default experiment say the same.</p>
 <p>Values apply in the order of the bindings of a component. An importer that applies one set of a component applies
 <code>scenario</code>; the rest are start values of the FMUs in this package, if it was made by
 <code>vdfmu ssp</code>.</p>"""
     if description.version == "1.0":
-        text += """
+        outputs = [
+            f"{unit}.{s.name}" for unit in description.tables for s in description.signals(unit, "output")
+        ]
+        shown = next((name for name in ("plant.q[1]", *outputs) if name in outputs), "time")
+        text += f"""
 <pre>vdfmu simulate system.ssp</pre>
 <p>or in Python</p>
 <pre>import vdfmu
 results = vdfmu.simulate("system.ssp")
-print(results["plant.q[1]"][-1])</pre>"""
+print(results["{escape(shown)}"][-1])</pre>"""
     return text
 
 

@@ -19,7 +19,7 @@ def contrast(scenario: Scenario) -> Contrast:
     The two formulations share no line of code. The third variant shows one reading of Table 3: the difference
     that a gravity constant of 9.80 in place of 9.81 m/s2 makes. The other is a thousandth of the torques themselves.
     """
-    robot = scenario.robot
+    robot = scenario.arm
     motion = [group_value(scenario, f"trajectory.{name}") for name in ("q_start", "q_end", "T", "t_start")]
     time: Floats = scenario.step * np.arange(round(scenario.stop / scenario.step) + 1, dtype=np.float64)
     desired = [desired_motion(float(t), *motion) for t in time]

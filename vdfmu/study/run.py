@@ -252,13 +252,14 @@ def run(
     if backend is None and fmi_version != "2.0":
         backend = "native"
     backend = choose_backend(backend)
+    robot = scenario.robot
     text_settings = {key: str(value) for key, value in (settings or {}).items()}
     values = system_values(scenario, settings)
     if log is not None:
         for connection in scenario.system.dropped:
             log(LogMessage("", 0.0, "note", "", f"{connection}: {_LEFT_OUT}"))
         for note in (*model_notes(scenario), *build_notes(scenario.robot, backend)):
-            log(LogMessage("", 0.0, "note", "", f"{scenario.robot.name}: {note}"))
+            log(LogMessage("", 0.0, "note", "", f"{(scenario.robot or scenario).name}: {note}"))
     with place as made:
         partial = Path(made)
         with doing("build"), temporary_folder("vdfmu_fmus_") as fmus:
@@ -269,7 +270,7 @@ def run(
             "fmi": fmi_version,
             "settings": text_settings,
             "left_out": list(scenario.system.dropped),
-            "arm": arm_of(scenario.robot, values.get("plant", {})),
+            **({} if robot is None else {"arm": arm_of(robot, values.get("plant", {}))}),
         }
         witness = Witness(scenario, values)
         poses = Poses("tau")
@@ -291,12 +292,13 @@ def run(
             if log is not None:
                 log(LogMessage("", 0.0, "note", "", note))
         summary["real_time_factor"] = scenario.stop / summary["wall_s"]
-        summary |= tracking_errors(results, scenario.robot)
-        summary |= power_bond(results, scenario.robot)
+        if robot is not None:
+            summary |= tracking_errors(results, robot) | power_bond(results, robot)
         if has_signals(results, "plant.tau_s", "estimator.tau_s_hat", "estimator.tau_f_hat"):
             summary |= estimation_errors(results, scenario.master)
         summary["paper"] = dict(scenario.paper)
-        summary |= implied_gains(scenario.paper, scenario.robot, values)
+        if robot is not None:
+            summary |= implied_gains(scenario.paper, robot, values)
         if out is not False:
             write_summary(summary, partial)
         if reference:
@@ -306,7 +308,7 @@ def run(
         if out is False:
             return results
         with doing("figures"):
-            if has_signals(results, *_DRAWN):
+            if robot is not None and has_signals(results, *_DRAWN):
                 from vdfmu.report.plots import run_figures  # takes long to import
 
                 run_figures(results.thinned(DRAWN), scenario, partial, pictures)
@@ -380,7 +382,7 @@ def _references(
             description,
             step=scenario.step,
             stop=scenario.stop,
-            groups=compared(results),
+            groups=compared(results, scenario.robot),
             progress=bound(report, stage),
         )
         try:
@@ -402,7 +404,7 @@ def _separation(
     scenario: Scenario, package: Path, values: Mapping[str, Mapping[str, Any]], results: Results
 ) -> float:
     """Largest difference [rad, m] of link positions to the same run with rotor inertias larger by `_NUDGE` of them."""
-    inertias = {f"I_m[{i + 1}]": values["plant"][f"I_m[{i + 1}]"] for i in range(scenario.robot.n)}
+    inertias = {f"I_m[{i + 1}]": values["plant"][f"I_m[{i + 1}]"] for i in range(scenario.arm.n)}
     parameters = {f"plant.{name}": (1.0 + _NUDGE) * inertia for name, inertia in inertias.items()}
     nudged = simulated(scenario, package, record=["plant.q[*]"], parameters=parameters)
     return float(np.abs(nudged["plant.q"] - results["plant.q"]).max())

@@ -50,7 +50,7 @@ def loop_checks(
     growth = poses.growth(0.0, scenario.stop)
     if not growth.unstable:
         yield Check(_NAME, True, _stable(poses))
-    elif scenario.robot.friction == "split":
+    elif scenario.robot is not None and scenario.robot.friction == "split":
         with doing("stability"):
             smooth, still = Poses("tau"), _without_dry_friction(scenario, values)
             simulated(scenario, package, still, record=(), visitor=smooth)
@@ -72,7 +72,7 @@ def _without_dry_friction(
     return {
         f"plant.{name}": PARAMETERS[name.partition("[")[0]].smallest
         for name in values.get("plant", {})
-        if name.partition("[")[0] in dry_friction(scenario.robot)
+        if name.partition("[")[0] in dry_friction(scenario.arm)
     }
 
 

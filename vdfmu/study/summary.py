@@ -26,12 +26,11 @@ _ESTIMATES = ("tau_f_hat", "tau_s_hat")
 
 def run_facts(scenario: Scenario) -> dict[str, Any]:
     """Return what is known of a run before it begins, and with which versions it is made."""
+    robot = scenario.robot
     return {
         "scenario": scenario.name,
         "kind": scenario.kind,
-        "robot": scenario.robot.name,
-        "friction": scenario.robot.friction,
-        "joints": scenario.robot.n,
+        **({} if robot is None else {"robot": robot.name, "friction": robot.friction, "joints": robot.n}),
         "vdfmu": __version__,
         "versions": _versions(),
         "master": scenario.master,
@@ -64,7 +63,7 @@ def start_notes(results: Results, scenario: Scenario) -> list[str]:
             apart = np.abs(results[f"{leader}.q_d"][0] - results[f"{plant}.q"][0])
             i = int(apart.argmax())
             if apart[i] > _APART:
-                kind = scenario.system.parts[plant].robot_of(scenario.robot).joint_types[i]
+                kind = (scenario.system.parts[plant].robot or scenario.arm).joint_types[i]
                 notes.append(
                     f"{plant} starts {apart[i]:.4g} {unit_of('position', kind)} from the position that {leader} wants "
                     f"of joint {i + 1}: set {plant}.q_0, or share it in [shared.start] of the system's file."
@@ -130,14 +129,14 @@ def implied_gains(
     }
 
 
-def compared(results: Results) -> tuple[str, ...] | None:
+def compared(results: Results, robot: Robot | None) -> tuple[str, ...] | None:
     """Return the groups of a reference that :func:`compare` reads; None for all outputs."""
     needed = ("trajectory.q_d", "plant.q", "controller.tau", "controller.tau_m", "feedforward.tau_m")
-    return _COMPARED if has_signals(results, *needed) else None
+    return _COMPARED if robot is not None and has_signals(results, *needed) else None
 
 
 def compare(
-    results: Results, reference: Iterable[Reference], robot: Robot, master: str
+    results: Results, reference: Iterable[Reference], robot: Robot | None, master: str
 ) -> tuple[dict[str, Any], dict[str, float]]:
     """Hold a run against a reference in stretches of `BLOCK` rows.
 
@@ -152,7 +151,7 @@ def compare(
         Largest relative differences of a joint between the RMS errors of the run and of the reference, for loops whose
         single solutions separate, see `vdfmu.study.run`. Errors as in :func:`tracking_errors`.
     """
-    if compared(results) is None:
+    if robot is None or compared(results, robot) is None:
         return _compare_all(results, reference), {}
     name, at, position, torque, before, held = "", 0.0, -1.0, 0.0, None, None
     squares = np.zeros((4, robot.n))  # of the errors of position and torque, ours and theirs
