@@ -294,11 +294,10 @@ def run(
         summary["real_time_factor"] = scenario.stop / summary["wall_s"]
         if robot is not None:
             summary |= tracking_errors(results, robot) | power_bond(results, robot)
+            summary |= implied_gains(scenario.paper, robot, values)
         if has_signals(results, "plant.tau_s", "estimator.tau_s_hat", "estimator.tau_f_hat"):
             summary |= estimation_errors(results, scenario.master)
         summary["paper"] = dict(scenario.paper)
-        if robot is not None:
-            summary |= implied_gains(scenario.paper, robot, values)
         if out is not False:
             write_summary(summary, partial)
         if reference:

@@ -13,6 +13,7 @@ from vdfmu.engine.loops import GROWTH, Growth, Poses
 from vdfmu.engine.verdict import Check
 from vdfmu.equations.friction import dry_friction
 from vdfmu.errors import CosimError
+from vdfmu.model import Robot
 from vdfmu.model.parameters import PARAMETERS
 from vdfmu.progress import doing
 from vdfmu.scenario import Scenario
@@ -48,11 +49,13 @@ def loop_checks(
     if poses.lacking or not poses.systems:
         return
     growth = poses.growth(0.0, scenario.stop)
+    plant = scenario.system.parts.get("plant")
+    robot = plant.robot_of(scenario.robot) if plant else None
     if not growth.unstable:
         yield Check(_NAME, True, _stable(poses))
-    elif scenario.robot is not None and scenario.robot.friction == "split":
+    elif robot is not None and robot.friction == "split":
         with doing("stability"):
-            smooth, still = Poses("tau"), _without_dry_friction(scenario, values)
+            smooth, still = Poses("tau"), _without_dry_friction(robot, values)
             simulated(scenario, package, still, record=(), visitor=smooth)
         alone = smooth.growth(0.0, scenario.stop)
         excited = (
@@ -66,13 +69,11 @@ def loop_checks(
         yield Check(_NAME, False, _unstable(growth, poses))
 
 
-def _without_dry_friction(
-    scenario: Scenario, values: Mapping[str, Mapping[str, Any]]
-) -> dict[str, float | None]:
+def _without_dry_friction(robot: Robot, values: Mapping[str, Mapping[str, Any]]) -> dict[str, float | None]:
     return {
         f"plant.{name}": PARAMETERS[name.partition("[")[0]].smallest
         for name in values.get("plant", {})
-        if name.partition("[")[0] in dry_friction(scenario.arm)
+        if name.partition("[")[0] in dry_friction(robot)
     }
 
 
