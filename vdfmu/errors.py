@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 from collections.abc import Sequence
 from typing import Any
 
@@ -55,7 +56,19 @@ class FmuError(VdfmuError):
 
 
 class StorageError(FmuError):
-    """An FMU that cannot be written: a full disk, a folder without the right to write."""
+    """What cannot be written: a full disk, a folder without the right to write."""
+
+
+def disk_error(error: BaseException | None) -> OSError | None:
+    """Return the error of the disk, or of too many open files, behind an error: no fault of a file."""
+    while error is not None and not (isinstance(error, OSError) and error.errno in _DISK):
+        error = error.__cause__ or error.__context__
+    return error
+
+
+_DISK = (
+    errno.EIO, errno.EACCES, errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EMFILE, errno.ENFILE,
+)  # fmt: skip
 
 
 class UsageError(VdfmuError):

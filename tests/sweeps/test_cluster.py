@@ -12,6 +12,7 @@ from contextlib import closing
 
 import numpy as np
 import pytest
+from distributed import Client
 
 import vdfmu
 from vdfmu.errors import UsageError, VdfmuError
@@ -113,8 +114,28 @@ def end(thread, found) -> Sweep:
     return found[0]
 
 
-def test_the_workers_of_a_scheduler_find_what_this_machine_does(wild, tmp_path, dask, local):
+def test_the_workers_of_a_scheduler_find_what_this_machine_does(wild, tmp_path, dask, local, monkeypatch):
+    """The scheduler, which others may share, is asked for its workers twice a second, once before the first chunk."""
+    asked, ask = [], Client.nthreads
+    monkeypatch.setattr(Client, "nthreads", lambda client: (asked.append(time.monotonic()), ask(client))[1])
     assert table(end(*begin(wild, tmp_path / "study", dask))) == local
+    assert len(asked) <= 1 + (asked[-1] - asked[0]) / 0.5
+
+
+def test_a_fault_of_our_own_is_no_lost_scheduler(wild, tmp_path, dask, monkeypatch):
+    """Not even while the connection ends: it would be waited for, and the points run again."""
+
+    def fail(chunks, seconds):
+        dask.scheduler.kill()
+        dask.scheduler.wait()
+        time.sleep(1.0)  # the client sees it
+        raise AttributeError("note")
+
+    monkeypatch.setattr("vdfmu.sweeps.chunks.Chunks.note", fail)
+    monkeypatch.setattr(cluster, "_PATIENCE", 2.0)
+    thread, found = begin(wild, tmp_path / "study", dask)
+    thread.join(60)
+    assert str(found[0]) == "note"
 
 
 @pytest.mark.heavy

@@ -23,8 +23,9 @@ from typer.testing import CliRunner
 
 import vdfmu
 from vdfmu.cli.commands import app
-from vdfmu.errors import UsageError, VdfmuError
+from vdfmu.errors import StorageError, UsageError, VdfmuError
 from vdfmu.sweeps import worker
+from vdfmu.sweeps.job import Bench, Job, WiredSystem
 from vdfmu.sweeps.plan import make_plan
 from vdfmu.sweeps.table import Sweep
 
@@ -409,6 +410,55 @@ def test_a_study_that_the_disk_does_not_give_now_is_left_as_it_is(
                 study(wild, tmp_path / "study", **options)
     assert read(whole) == there
     assert table(study(wild, tmp_path / "study")) == undisturbed
+
+
+@pytest.mark.parametrize("behind", [True, False])
+def test_an_error_of_the_disk_is_no_failed_point(monkeypatch, tmp_path, behind):
+    """It says nothing of the model: a failed point would stay in the study. Another error of the system may be its."""
+
+    def full(*_, **__):
+        try:
+            raise OSError(errno.ENOSPC, "No space left on device")
+        except OSError as error:
+            raise VdfmuError("cannot be unpacked") if behind else error  # noqa: B904
+
+    task = (0, 0, {})
+    bench = Bench(Job((WiredSystem(b"", {}, {}, (), False, {}),), (), (), ()), tmp_path)
+    monkeypatch.setattr("vdfmu.sweeps.job.Simulator", full)
+    with pytest.raises(StorageError, match="No space left"):
+        bench.run([task])
+    monkeypatch.setattr("vdfmu.sweeps.job.Simulator", lambda *_, **__: (tmp_path / "none").read_bytes())
+    assert bench.run([task])[0]["failed"].startswith("FileNotFoundError: ")
+
+
+@pytest.mark.parametrize("times", [2, 3])
+def test_a_worker_whose_disk_fails_is_replaced_and_at_last_ends_the_study(
+    wild, tmp_path, undisturbed, monkeypatch, times
+):
+    """The package that it writes for itself meets a full disk in the first workers."""
+    hook = f"""
+import errno, os, sys
+if "vdfmu.sweeps.child" in sys.orig_argv:
+    from pathlib import Path
+    plain, count = Path.write_bytes, Path({str(tmp_path / "count")!r})
+    def write_bytes(path, content):
+        if path.name == "0.ssp" and (not count.exists() or count.stat().st_size < {times}):
+            with count.open("a") as file:
+                file.write("x")
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        return plain(path, content)
+    Path.write_bytes = write_bytes
+"""
+    (tmp_path / "site").mkdir()
+    (tmp_path / "site" / "sitecustomize.py").write_text(hook)
+    with monkeypatch.context() as patch:
+        patch.setattr(sys, "path", [str(tmp_path / "site"), *sys.path])
+        if times == 3:
+            with pytest.raises(
+                VdfmuError, match="point 0: the disk fails: .*No space left.*same command again"
+            ):
+                study(wild, tmp_path / "study", workers=1)
+        assert table(study(wild, tmp_path / "study", workers=1)) == undisturbed
 
 
 def test_a_folder_whose_name_is_not_text_holds_a_study(wild, tmp_path, undisturbed):

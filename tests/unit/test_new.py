@@ -1,5 +1,7 @@
 """``vdfmu unit new``: the file builds and its own test passes; ``vdfmu unit examples``: the examples are there."""
 
+import errno
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -9,7 +11,7 @@ from typer.testing import CliRunner
 
 import vdfmu
 from vdfmu.cli.commands import app
-from vdfmu.errors import UsageError
+from vdfmu.errors import StorageError, UsageError
 from vdfmu.unit.new import copy_examples, new_unit
 
 
@@ -86,3 +88,22 @@ def test_the_examples_are_written_and_load(tmp_path, monkeypatch):
     with pytest.raises(UsageError, match="are there already, and not replaced"):
         copy_examples(Path("mine"))
     assert Path("mine/wall.py").read_text() == "mine"
+
+
+@pytest.mark.parametrize("number", [1, 2])
+def test_files_that_cannot_both_be_written_are_both_not_there(tmp_path, monkeypatch, number):
+    """Else the same command would refuse the one that is there."""
+    replace, moves = os.replace, []
+
+    def failing(source, target):
+        moves.append(source)
+        if len(moves) == number:
+            raise OSError(errno.EIO, "Input/output error")
+        replace(source, target)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(os, "replace", failing)
+        with pytest.raises(StorageError, match="Input/output error"):
+            new_unit("my_filter", tmp_path / "my_filter.py")
+    assert list(tmp_path.iterdir()) == []
+    new_unit("my_filter", tmp_path / "my_filter.py")

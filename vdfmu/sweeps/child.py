@@ -12,6 +12,7 @@ import tempfile
 from pathlib import Path
 from typing import Any, BinaryIO
 
+from vdfmu.errors import StorageError
 from vdfmu.process import private_pipes
 
 SIZE = struct.Struct("<Q")
@@ -30,7 +31,11 @@ def _main() -> None:
     try:
         _write(replies, job.together)
         while (message := _read(requests)) is not None:
-            _write(replies, bench.run(*message))
+            try:
+                answer = bench.run(*message)
+            except StorageError as error:
+                answer = {"disk": str(error)}
+            _write(replies, answer)
     finally:
         bench.close()
 

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import asyncio
+import math
+import queue
 import threading
 import time
 from collections.abc import Callable, Generator, Sequence
@@ -17,7 +19,7 @@ from vdfmu.sweeps.worker import Worker
 _PATIENCE = 300.0
 """Time [s] that a scheduler, or all of its workers, may be gone."""
 _ASKED = 0.5
-"""Interval [s] at which lost connections are looked for."""
+"""Interval [s] at which a scheduler is asked for its workers."""
 _TRIES = 10
 """Times that a chunk is sent out: each time its worker was killed."""
 _own = threading.local()
@@ -85,16 +87,8 @@ class _LostError(Exception):
     """The scheduler is gone."""
 
 
-_LOST = (
-    _LostError,
-    asyncio.CancelledError,
-    futures.CancelledError,
-    OSError,
-    TimeoutError,
-    AttributeError,
-    RuntimeError,
-)
-"""What a client raises that has lost its scheduler."""
+_LOST = (OSError, futures.CancelledError, asyncio.CancelledError)
+"""What a client raises whose connection ends, even while it connects anew by itself."""
 
 
 def _rounds(
@@ -109,66 +103,74 @@ def _rounds(
     from distributed import KilledWorker
     from distributed.comm.core import CommClosedError
 
+    def ask(function: Callable[..., Any], *arguments: Any, **options: Any) -> Any:
+        """Call a function of the client; its connection may have ended, whatever it then raises."""
+        try:
+            return function(*arguments, **options)
+        except (Exception, asyncio.CancelledError) as error:
+            if client.status == "running" and not isinstance(error, _LOST):
+                raise
+            raise _LostError from None
+
     out: dict[Any, tuple[list[Task], int]] = {}
-    seen = time.monotonic()
+    done: queue.SimpleQueue[Any] = queue.SimpleQueue()
+    sent, places, asked, seen = None, 0, -math.inf, time.monotonic()
     try:
-        sent = None
         while True:
-            places = 2 * sum(client.nthreads().values())
-            if client.status != "running":
-                raise _LostError
-            if places:
-                seen = time.monotonic()
-            elif time.monotonic() - seen > _PATIENCE:
-                raise VdfmuError(
-                    f"the scheduler has had no worker for {_PATIENCE:g} s. What was done is kept."
-                )
+            if time.monotonic() > asked + _ASKED:
+                places, asked = 2 * sum(ask(client.nthreads).values()), time.monotonic()
+                if client.status != "running":
+                    raise _LostError
+                if places:
+                    seen = asked
+                elif asked > seen + _PATIENCE:
+                    raise VdfmuError(
+                        f"the scheduler has had no worker for {_PATIENCE:g} s. What was done is kept."
+                    )
             if sent is None and places:
-                sent = client.scatter(job, broadcast=False, hash=False, direct=False)
-            while sent is not None and len(out) < places:
-                again = waiting.pop() if waiting else None
-                chunk = chunks.take(places) if again is None else again[0]
+                sent = ask(client.scatter, job, broadcast=False, hash=False, direct=False)
+            while len(out) < places:
+                chunk, tries = waiting.pop() if waiting else (chunks.take(places), 0)
                 if chunk is None:
                     break
-                tries = 1 if again is None else again[1] + 1
                 try:
-                    future = client.submit(run_chunk, sent, chunk, time_limit, pure=False)
+                    future = ask(client.submit, run_chunk, sent, chunk, time_limit, pure=False)
                 except BaseException:
                     waiting.append((chunk, tries))
                     raise
-                out[future] = (chunk, tries)
+                out[future] = (chunk, tries + 1)
+                future.add_done_callback(done.put)
             if not out and places:
                 return
-            if any(future.status in ("lost", "cancelled") for future in out):
+            try:
+                future = done.get(timeout=_ASKED)
+            except queue.Empty:
+                continue
+            if future.status not in ("finished", "error"):
                 raise _LostError  # or the job, with the worker that had it
-            for future in [f for f in out if f.status != "pending"]:
-                chunk, tries = out[future]
-                if future.status == "finished":
-                    rows = future.result()
-                    del out[future]
-                    for row in rows:
-                        chunks.note(row["wall_s"])
-                    yield rows
-                    advance(len(rows))
-                elif future.status == "error" and not isinstance(
-                    future.exception(), (KilledWorker, CommClosedError)
-                ):
-                    raise _explained(future.exception())
-                elif tries == _TRIES:
-                    raise VdfmuError(
-                        f"points {chunk[0][0]} to {chunk[-1][0]}: the workers that ran them were lost {_TRIES} times. "
-                        "What was done is kept."
-                    )
-                else:
-                    del out[future]
-                    waiting.append((chunk, tries))
-                future.release()
-            time.sleep(0.01)
-    except (*_LOST, CommClosedError) as error:
-        if client.status == "running" and isinstance(error, (AttributeError, RuntimeError)):
-            raise
+            chunk, tries = out[future]
+            error = future.exception() if future.status == "error" else None
+            if error is None:
+                rows = ask(future.result)
+                del out[future]
+                for row in rows:
+                    chunks.note(row["wall_s"])
+                yield rows
+                advance(len(rows))
+            elif not isinstance(error, (KilledWorker, CommClosedError)):
+                raise _explained(error)
+            elif tries == _TRIES:
+                raise VdfmuError(
+                    f"points {chunk[0][0]} to {chunk[-1][0]}: the workers that ran them were lost {_TRIES} times. "
+                    "What was done is kept."
+                )
+            else:
+                del out[future]
+                waiting.append((chunk, tries))
+            future.release()
+    except _LostError:
         waiting += list(out.values())
-        raise _LostError from None
+        raise
 
 
 def _explained(error: BaseException) -> BaseException:

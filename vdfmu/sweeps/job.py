@@ -15,7 +15,7 @@ import numpy as np
 from vdfmu.batch.program import LANES, Program
 from vdfmu.engine.cosim import Results, Simulator
 from vdfmu.engine.cosim.inputs import Table
-from vdfmu.errors import CosimError, VdfmuError
+from vdfmu.errors import CosimError, StorageError, VdfmuError, disk_error
 from vdfmu.sweeps.measures import Measure, measured
 from vdfmu.text import error_text, matching
 
@@ -112,7 +112,13 @@ class Bench:
         self._engines: dict[int, Engine] = {}
 
     def run(self, tasks: Sequence[Task], apart: bool = False) -> list[Row]:
-        """Run points of one system; what fails is said in their rows. `apart`: each by the FMUs."""
+        """Run points of one system; what fails is said in their rows. `apart`: each by the FMUs.
+
+        Raises
+        ------
+        StorageError
+            If the disk fails, which says nothing of a point.
+        """
         system = self._job.systems[tasks[0][1]]
         if apart or system.program is None:
             return [self._row(task, self._by_fmus) for task in tasks]
@@ -128,7 +134,7 @@ class Bench:
                 try:
                     row |= _differences(results, self._by_fmus(task))
                 except VdfmuError as error:
-                    row["failed"] = f"the FMUs fail where the batch engine does not: {error_text(error)}"
+                    row["failed"] = f"the FMUs fail where the batch engine does not: {_words(error)}"
             rows.append(row)
         return rows
 
@@ -142,9 +148,9 @@ class Bench:
                 row["time"] = results.time
                 row |= {name: results[name] for name in matching(results.names, self._job.keep)}
         except CosimError as error:
-            row |= {"failed": error_text(error), "failed_at": error.time}
-        except (VdfmuError, ArithmeticError, ValueError, TypeError, LookupError) as error:
-            words = error_text(error)
+            row |= {"failed": _words(error), "failed_at": error.time}
+        except (VdfmuError, ArithmeticError, ValueError, TypeError, LookupError, OSError) as error:
+            words = _words(error)
             row["failed"] = words if isinstance(error, VdfmuError) else f"{type(error).__name__}: {words}"
         row["wall_s"] = perf_counter() - begin
         return row
@@ -189,6 +195,13 @@ class Bench:
         """Free all systems."""
         while self._alive:
             self._alive.popitem()[1][1].close()
+
+
+def _words(error: Exception) -> str:
+    """Return the words of an error of a point; StorageError if it is one of the disk."""
+    if reason := disk_error(error):
+        raise StorageError(str(reason)) from error
+    return error_text(error)
 
 
 def _differences(results: Results, other: Results) -> dict[str, float]:

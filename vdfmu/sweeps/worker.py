@@ -24,7 +24,7 @@ from vdfmu.process import Listener, end_group, started
 from vdfmu.sweeps.child import SIZE
 from vdfmu.sweeps.job import Row, Task
 from vdfmu.temporary import temporary_folder
-from vdfmu.text import shown
+from vdfmu.text import elided, shown
 
 TIME_LIMIT = 600.0
 """Time [s] that a point has."""
@@ -79,7 +79,7 @@ class Worker:
         """
         left = list(tasks)
         apart = 0  # of the next points
-        killed = 0
+        killed = failures = 0
         while left and not self._stopped.is_set():
             if self._process is None:
                 self._begin()
@@ -91,6 +91,16 @@ class Worker:
             begin = perf_counter()
             self._send(pickle.dumps((group, apart > 0)))
             rows = self._reply(self._limit)
+            if isinstance(rows, dict):
+                self._end()
+                failures += 1
+                if failures < _TRIES:
+                    continue
+                why = elided(shown(str(rows.get("disk"))))
+                raise VdfmuError(
+                    f"point {left[0][0]}: the disk fails: {why}. What was done is kept: free space, or choose another "
+                    "folder with TMPDIR, and give the same command again."
+                )
             if isinstance(rows, list):
                 rows = _rows(rows, [point for point, *_ in group])
                 if rows == _WRITTEN:
@@ -114,7 +124,7 @@ class Worker:
                         "wall_s": perf_counter() - begin,
                     }
                 ]
-            killed = 0
+            killed = failures = 0
             del left[: len(group)]
             apart = max(apart - 1, 0)
             yield from rows

@@ -6,11 +6,14 @@ import keyword
 import re
 import sys
 from collections.abc import Mapping
+from contextlib import ExitStack
 from pathlib import Path
 
 from vdfmu import unit
 from vdfmu.data import data_path
 from vdfmu.errors import StorageError, UsageError
+from vdfmu.files import replacing
+from vdfmu.interrupt import InterruptGuard
 from vdfmu.unit.base import snake_case
 
 _FORMS = re.compile(r"[A-Z][A-Za-z0-9]*|[a-z][a-z0-9]*(_[a-z0-9]+)*")
@@ -152,8 +155,10 @@ def _write(files: Mapping[Path, bytes]) -> None:
     first = next(iter(files))
     try:
         first.parent.mkdir(parents=True, exist_ok=True)
-        for file, content in files.items():
-            with file.open("xb") as stream:
-                stream.write(content)
+        with InterruptGuard(), ExitStack() as stack:
+            for file, content in files.items():
+                stack.enter_context(replacing(file)).write(content)
     except OSError as error:
+        for file in files:
+            file.unlink(missing_ok=True)
         raise StorageError(f"{first}: cannot be written: {error.strerror}. Choose another folder.") from error
