@@ -36,7 +36,7 @@ _SLOWEST = 1e-4
 """Lowest of them, as a share of half the sampling frequency."""
 GROWTH = 2.0
 """Rate [1/s] up to which what grows counts as stable: a fast mode of links on springs, which friction holds."""
-_HARM = 100.0
+_HARM = 50.0
 """Factor by which disturbances grow, beyond what this rate gives, before a run is unstable: vibration and the ends of a
 motion, where friction falls with speed, let them grow for a while."""
 _POSES, _FEWEST, _SPARSE = 60, 8, 25
