@@ -178,7 +178,7 @@ def study(
                 results = _run(package, point, stop, clock)
                 before.append(clock)
                 if i == 0:
-                    _note(point, results, exact["plant.q"], scenario.robot)
+                    _note(point, results, exact["plant.q"], scenario.arm)
         for point, each in zip(found.points, clocks, strict=True):
             point.time = least([c.processor for c in each]) * each[0].marks[-1][0]
         found.chosen_error = errors[len(errors) // 2]

@@ -142,11 +142,11 @@ class Gradients:
 def study(name: str, stop: float) -> Gradients:
     """Take the gradient of the sum of mean square errors of a scenario by the gains in all ways."""
     scenario = load_scenario(name)
-    n = scenario.robot.n
+    n = scenario.arm.n
     gains = np.concatenate(
         [np.asarray(scenario.sections["controller"][key], float) for key in ("K_p", "K_v")]
     )
-    mass = (MASS * scenario.robot.mass).tolist()
+    mass = (MASS * scenario.arm.mass).tolist()
     names = [f"controller.{key}" for key in ("K_p", "K_v")]
 
     with packed(scenario, "native") as package, Simulator(package, isolate=False) as simulator:
@@ -177,7 +177,7 @@ def study(name: str, stop: float) -> Gradients:
             )
         }
         run_time = timed.once(lambda: cost_fmus(gains))
-    robot = scenario.robot
+    robot = scenario.arm
     heavy = dataclasses.replace(robot, mass=MASS * robot.mass)
     chain = Chain(heavy, scenario.step, desired, np.concatenate(list(first.values())))
     weight = np.ones(n)

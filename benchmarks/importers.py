@@ -113,7 +113,7 @@ def study(
     with tempfile.TemporaryDirectory(prefix="vdfmu-bench-") as name:
         folder = Path(name)
         values = system_values(scenario)
-        fmus = build_fmus(scenario.robot, folder / "fmus", start_values=values, backend="native")
+        fmus = build_fmus(scenario.arm, folder / "fmus", start_values=values, backend="native")
         package = write_ssp(scenario, fmus, folder / "native.ssp")
         packages = {"native": package, "empty": write_emptied(package, folder / "empty.ssp")}
         containers = {
@@ -135,7 +135,7 @@ def study(
                 if form == "native":
                     q |= {MASTER: results["plant.q"][-1], CONTAINER: folded["plant.q"][-1]}
                 for importer in others:
-                    joints = scenario.robot.n if k == 0 and form == "native" else 0
+                    joints = scenario.arm.n if k == 0 and form == "native" else 0
                     seen = run_elsewhere(importer, path, step, n, joints)
                     _note(found, importer, form, np.divide(seen["wall"], n), np.divide(seen["processor"], n))
                     if joints:

@@ -116,14 +116,14 @@ class Tracking:
         self.step = self.scenario.step
         self.stop = self.scenario.stop if stop is None else stop
         self.steps = round(self.stop / self.step)
-        self.signals = [f"plant.q[{i + 1}]" for i in range(self.scenario.robot.n)]
+        self.signals = [f"plant.q[{i + 1}]" for i in range(self.scenario.arm.n)]
 
     def prepare(self) -> Tracking:
         """Build, solve and run all that the cases are held against."""
         scenario, values = self.scenario, system_values(self.scenario)
         for kind, fmi in (("python", "2.0"), ("native", "2.0"), ("native", "3.0")):
             fmus = build_fmus(
-                scenario.robot, self.fmus(kind, fmi), start_values=values, backend=kind, fmi_version=fmi
+                scenario.arm, self.fmus(kind, fmi), start_values=values, backend=kind, fmi_version=fmi
             )
             write_ssp(scenario, fmus, self.package(kind, fmi), version=SSP_OF_FMI[fmi])
             if fmi == "2.0":

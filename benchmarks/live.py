@@ -36,8 +36,8 @@ def run(report: Report, quick: bool) -> None:
     stop, rounds = (10.0, 5) if quick else (100.0, 15)
     with (
         packed(scenario, "native") as package,
-        vdfmu.LiveView(arm=arm_of(scenario.robot, {}), say=report.say) as alone,
-        vdfmu.LiveView(arm=arm_of(scenario.robot, {}), say=report.say) as watched,
+        vdfmu.LiveView(arm=arm_of(scenario.arm, {}), say=report.say) as alone,
+        vdfmu.LiveView(arm=arm_of(scenario.arm, {}), say=report.say) as watched,
         vdfmu.Simulator(package) as simulator,
     ):
         address = watched.address.replace("http", "ws")

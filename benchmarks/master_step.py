@@ -243,11 +243,11 @@ def instrumented(watches: _Watches) -> Generator[None]:
 def kernel_cases(scenario: Scenario, results: Results) -> list[Case]:
     """Make the traced functions that a step calls, on values from the middle of a run, to be timed alone."""
     middle = len(results) // 2
-    robots = dict.fromkeys(UNITS, scenario.robot) | {"plant": scenario.plant_robot}
+    robots = dict.fromkeys(UNITS, scenario.arm) | {"plant": scenario.plant_robot}
     functions = {unit: Interface(shipped_units()[unit], robots[unit]).functions for unit in UNITS}
     x = np.hstack([results[f"plant.{name}"][middle] for name in ("q", "q_dot", "kappa_dot", "tau_s")])
     feedforward = functions["feedforward"].function(
-        f"feedforward_outputs_{group_value(scenario, 'feedforward.mode')}", p=values(scenario.robot)
+        f"feedforward_outputs_{group_value(scenario, 'feedforward.mode')}", p=values(scenario.arm)
     )
     for name in ("q_d", "q_d_dot", "q_d_ddot", "q_d_dddot", "q_d_ddddot"):
         feedforward.args[name][:] = results[f"trajectory.{name}"][middle]
@@ -256,7 +256,7 @@ def kernel_cases(scenario: Scenario, results: Results) -> list[Case]:
         f"controller_outputs_{group_value(scenario, 'controller.velocity')}"
     )
     trajectory.args["T"][0] = group_value(scenario, "trajectory.T")
-    controller.args["ell"][:] = scenario.robot.ell
+    controller.args["ell"][:] = scenario.arm.ell
     plant = {"x": x, "p": values(scenario.plant_robot)}
     step = functions["plant"].function("plant_step", **plant)
     step.args["tau"][:] = results["plant.tau"][middle]

@@ -271,7 +271,10 @@ def _files(folder: Path, points: int, chunk: int = 50) -> None:
     """Keep rows of a study of so many values, as runs would leave them."""
     values = np.linspace(0.5, 1.5, points)
     axis = str(read_axes({AXIS: values})[0])
-    facts = {"n": points, "axes": [axis], "measures": {"error": MEASURE}, "sample": "grid"}
+    facts = {
+        "vdfmu": "0", "scenario": "s", "source": "s", "axes": [axis], "sample": "grid", "n": points, "seed": 0,
+        "settings": {}, "options": {}, "systems": [], "measures": {"error": MEASURE}, "units": {"error": "rad"},
+    }  # fmt: skip
     with Ledger(folder, facts, "key", {AXIS: values}) as ledger:
         for first in range(0, points, chunk):
             ledger.add([_row(k) for k in range(first, first + chunk)])

@@ -64,7 +64,7 @@ def grows(simulator: Simulator, n: int, end: float, parameters: dict[str, Any]) 
 def count(name: str, master: str, motion: float, end: float, factors: tuple[float, float], sets: int) -> str:
     """Judge gain sets of a scenario; return a row of the table."""
     scenario = load_scenario(name)
-    n, generator = scenario.robot.n, np.random.default_rng(22)
+    n, generator = scenario.arm.n, np.random.default_rng(22)
     gains = {key: np.asarray(group_value(scenario, f"controller.{key}")) for key in ("K_p", "K_v")}
     found = {"fails": 0, "grows": 0, "chatters": 0, "": 0}
     missed, false = [], []
