@@ -98,7 +98,7 @@ NAMED = {
     "x.py": "",
     "system.toml": 'name = "x"\ndescription = "x"\n[units]\na = "x.py"\n[connections]\n',
     "more.toml": 'name = "y"\nextends = "system.toml"\n',
-    "scenario.toml": SCENARIO + 'system = "more.toml"\n',
+    "scenario.toml": SCENARIO.replace('robot = "planar_2dof"', 'system = "more.toml"'),
 }
 
 
