@@ -54,10 +54,9 @@ def grows(simulator: Simulator, n: int, end: float, parameters: dict[str, Any]) 
     if largest[-1] > NUDGE or (grown - np.minimum.accumulate(grown)).max() > np.log(50.0):
         return "grows"
     turns = np.abs(np.diff(run, 2, axis=0))  # of the desired motion they are 1e-5 rad/s at most
-    rows = len(turns) // ROWS * ROWS
-    median = np.median(
-        turns[:rows].reshape(-1, ROWS, n), axis=1
-    )  # a kick is not chatter, as where the motion ends
+    turns = turns[START : START + (len(turns) - START) // ROWS * ROWS]
+    # a kick is not chatter, as where the motion ends
+    median = np.median(turns.reshape(-1, ROWS, n), axis=1)
     return "chatters" if median.max() > CHATTER else ""
 
 
