@@ -13,7 +13,7 @@ from urllib.parse import unquote, urlsplit
 
 from vdfmu.engine.rules import Finding, found
 from vdfmu.engine.ssp import limits
-from vdfmu.errors import SspError
+from vdfmu.errors import SspError, UsageError, disk_error
 from vdfmu.interrupt import InterruptGuard
 
 INSIDE = "!/"
@@ -67,6 +67,7 @@ class Archive:
             except FileNotFoundError:
                 raise SspError(found("PKG001", f"{label}: there is no such file")) from None
             except (OSError, NotImplementedError, ValueError, zipfile.BadZipFile) as error:
+                _blame_disk(label, error)
                 text = f"{label}: cannot be read as a zip package: {error}. It may be cut off; "
                 raise SspError(found("PKG001", f"{text}export or copy it again")) from None
             self._members = self._check()
@@ -237,6 +238,7 @@ class Archive:
         except SspError:
             raise
         except (OSError, zipfile.BadZipFile, EOFError, NotImplementedError, ValueError) as error:
+            _blame_disk(self.label, error)
             text = f"{self.label}: {name!r} cannot be unpacked: {error}"
             raise SspError(found("PKG001", text)) from None
         except Exception as error:  # zlib.error and its like have no common base
@@ -263,6 +265,13 @@ class Archive:
 
     def __exit__(self, *args: object) -> None:
         self.close()
+
+
+def _blame_disk(label: str, error: Exception) -> None:
+    """Raise UsageError for an error of the disk, which is no fault of a package."""
+    if reason := disk_error(error):
+        text = f"{label}: cannot be read: {reason.strerror}. Give the same command again once it can be read."
+        raise UsageError(text) from error
 
 
 def is_inside(name: str) -> bool:
