@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from vdfmu.data import data_path
+from vdfmu.engine.cosim import Results
 from vdfmu.engine.cosim.master import simulate
 from vdfmu.engine.ssp.read import load_ssp
 from vdfmu.files import regular_target, replacing, require_ours
@@ -49,7 +50,7 @@ def write_reference(scenario: Scenario, folder: Path, values: Mapping[str, Mappi
     }
     for path in (*packages.values(), *tables.values(), *texts):
         regular_target(path)
-    readme = folder / "README.md"  # it says of the tables and the script, which cannot, that they are ours
+    readme = folder / "README.md"  # it says of tables and script, which cannot say it, that they are ours
     require_ours(*packages.values(), readme, *(() if readme.exists() else (*tables.values(), *texts)))
     for version, package in packages.items():
         with temporary_folder("vdfmu_") as built:
@@ -63,11 +64,11 @@ def write_reference(scenario: Scenario, folder: Path, values: Mapping[str, Mappi
         if connector.kind == "output"
     ]
     stride = 1
+    thinned: dict[Path, Results] = {}
     for algorithm, table in counted("results", tables.items(), len(tables)):
         results = simulate(system, algorithm=algorithm, record=record)
-        thin = results.thinned(ROWS)
-        thin.write(table)
-        stride = -(-len(results) // len(thin))
+        thinned[table] = results.thinned(ROWS)
+        stride = -(-len(results) // len(thinned[table]))
     facts = {
         "name": scenario.name, "stop": scenario.stop, "step": scenario.step, "tolerance": scenario.tolerance,
         "stride": stride,
@@ -75,4 +76,6 @@ def write_reference(scenario: Scenario, folder: Path, values: Mapping[str, Mappi
     for path, text in texts.items():
         with replacing(path) as file:
             file.write((text.format(**facts) if path.suffix == ".md" else text).encode())
+    for table, results in thinned.items():
+        results.write(table)
     return [*packages.values(), *tables.values(), *texts]
