@@ -140,15 +140,22 @@ class Ledger:
             found[table["point"].to_numpy()] = True
         return found
 
-    def reopen(self) -> None:
-        """As `done`, and make a part of the table again, so that points can be added."""
-        table = self._folder / TABLE
+    def reopen(self) -> list[Row]:
+        """As `done`, of a study to which points can be added; return the rows that are kept."""
         for _ in self._kept(KILLED):
             pass
-        if table.exists():
-            self._drop_parts()
-            points = table_of(table, ["point"])["point"].to_numpy()
-            table.replace(self._place(points[0], points[-1]))
+        return [row for file in self._files() for row in table_of(file).to_pylist()]
+
+    def _files(self) -> list[Path]:
+        """Return the files, after removing parts that are in the table: they are of the moment after it was made."""
+        files = files_of(self._folder)
+        if len(files) > 1 and files[0].name == TABLE:
+            known = set(table_of(files[0], ["point"])["point"].to_pylist())
+            for file in files[1:]:
+                if known.issuperset(table_of(file, ["point"])["point"].to_pylist()):
+                    file.unlink()
+                    files.remove(file)
+        return files
 
     def _kept(self, again: str, n: int | None = None) -> Iterator[Any]:
         """Yield points, below `n`, and reasons of failure of each file, of what is left of it; see `done`."""
@@ -179,12 +186,6 @@ class Ledger:
             number += 1
         os.replace(error.file, aside)
         self.notes.append(f"{error}, so its points are run again. It is now {aside}")
-
-    def _drop_parts(self) -> None:
-        """Remove the parts, of which all rows are in the table: they are of the moment after it was made."""
-        for file in files_of(self._folder):
-            if file.parent == self._parts:
-                file.unlink()
 
     def add(self, rows: Sequence[Row]) -> None:
         """Keep the rows of consecutive points."""
@@ -222,10 +223,8 @@ class Ledger:
     def finish(self) -> Path:
         """Make one file of the parts, in the order of the points, and return it."""
         place = self._folder / TABLE
-        if place.exists():
-            self._drop_parts()
-            return place
-        if not (files := files_of(self._folder)):
+        files = self._files()
+        if not files or files == [place]:
             return place
         pa = self._arrow
         try:
@@ -254,7 +253,7 @@ class Ledger:
                 f"{place}: cannot be written: {error.strerror or error}. The points are in {self._parts}: free space, "
                 "and give the same command again."
             ) from None
-        self._drop_parts()
+        self._files()
         return place
 
 
@@ -299,16 +298,16 @@ def table_of(path: Path, columns: Sequence[str] | None = None) -> Any:
     """Return the table of a Parquet file, or some of its columns; `BrokenError` if it is none.
 
     By its bytes: Arrow takes only names in UTF-8, and tells no error of the disk from one of the file. Without its
-    threads: where memory is short it waits for them for ever.
+    threads, which `parquet.read_table` always starts: where memory is short it waits for them for ever, and one that
+    starts as the process ends aborts it.
     """
     pyarrow, parquet = needed()
     content = pyarrow.BufferReader(readable(path))
     try:
         if columns is not None and not columns:
             return parquet.read_schema(content).empty_table()
-        return parquet.read_table(
-            content, columns=columns, use_threads=False, page_checksum_verification=True
-        )
+        file = parquet.ParquetFile(content, page_checksum_verification=True)
+        return file.read(columns=columns, use_threads=False)
     except MemoryError:
         raise UsageError(f"{path}: the memory does not hold it.") from None
     except (pyarrow.ArrowException, OSError, ValueError) as error:
@@ -327,7 +326,9 @@ def _require_rows(file: Path, rows: Any, n: int | None) -> None:
 
 
 def _in_order(files: Sequence[Path]) -> bool:
-    """Whether the points of each file come after those of the one before."""
+    """Whether the points of each file are known to come after those of the one before."""
+    if files[0].name == TABLE and len(files) > 1:
+        return False
     ends = [int(number) for file in files for number in file.stem.split("_")[1:]]
     return all(a <= b for a, b in pairwise(ends))
 

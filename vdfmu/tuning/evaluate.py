@@ -18,7 +18,6 @@ from vdfmu.engine.loops import Margins
 from vdfmu.interrupt import InterruptGuard
 from vdfmu.sweeps.job import Row
 from vdfmu.sweeps.ledger import Ledger
-from vdfmu.sweeps.table import Sweep
 from vdfmu.sweeps.worker import Worker
 from vdfmu.tuning.problem import Problem
 
@@ -63,7 +62,7 @@ class Evaluations:
     ----------
     problem : Problem
     ledger : Ledger
-    known : Sweep or None
+    known : sequence of row
         Runs of a search that was stopped.
     workers : int
     budget : int
@@ -75,7 +74,7 @@ class Evaluations:
     """
 
     def __init__(
-        self, problem: Problem, ledger: Ledger, known: Sweep | None, workers: int, budget: int,
+        self, problem: Problem, ledger: Ledger, known: Sequence[Row], workers: int, budget: int,
         time_limit: float | None, report: Callable[[int], None],
     ) -> None:  # fmt: skip
         self.problem, self.budget = problem, budget
@@ -86,9 +85,8 @@ class Evaluations:
         self._ledger, self._report = ledger, report
         self._by_values: dict[tuple[float, ...], Score] = {}
         self._margins: dict[tuple[float, ...], Margins | None] = {}
-        rows = known.table().to_pylist() if known is not None and len(known) else []
-        self._rows = {(tuple(row[n] for n in problem.names), int(row["robot"])): row for row in rows}
-        self._next = 1 + max((row["point"] for row in rows), default=-1)
+        self._rows = {(tuple(row[n] for n in problem.names), int(row["robot"])): row for row in known}
+        self._next = 1 + max((row["point"] for row in known), default=-1)
         self._fresh: list[Row] = []
         self._kept_at = monotonic()
         self._team = [Worker(pickle.dumps(problem.plan.job), time_limit) for _ in range(workers)]

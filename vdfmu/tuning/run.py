@@ -17,9 +17,8 @@ from vdfmu.once import one_job
 from vdfmu.progress import Shown, doing, report, with_progress
 from vdfmu.scenario.values import group_value
 from vdfmu.study.run import prepare
-from vdfmu.sweeps.ledger import Ledger, files_of
+from vdfmu.sweeps.ledger import Ledger
 from vdfmu.sweeps.local import processors
-from vdfmu.sweeps.table import Sweep
 from vdfmu.tuning.evaluate import Evaluations, Score
 from vdfmu.tuning.problem import make_problem
 from vdfmu.tuning.search import METHODS, objective, search
@@ -185,8 +184,7 @@ def tune(
     plan.facts["search"] = {"method": method, "budget": budget, "scipy": scipy.__version__}
     folder = Path("results") / f"tune_{plan.facts['scenario']}" if out is None else Path(out)
     with Ledger(folder, plan.facts, plan.key, {}, overwrite) as ledger:
-        ledger.reopen()
-        known = Sweep(folder) if files_of(folder) else None
+        known = ledger.reopen()
         with Evaluations(
             problem, ledger, known, min(workers or processors(), max(problem.robots, 2)), budget, time_limit,
             lambda done: report("evaluations", done, budget),

@@ -71,7 +71,7 @@ def read_parquet(path: Path) -> Results:
     pa, parquet = needed()
     try:
         with open(path, "rb") as file:
-            table = parquet.read_table(file, use_threads=False)  # its threads hang where memory is short
+            table = parquet.ParquetFile(file).read(use_threads=False)  # they hang where memory is short
     except (OSError, pa.ArrowException) as error:
         raise UsageError(f"cannot read {path}: {getattr(error, 'strerror', None) or error}") from None
     kinds = {pa.float64(): "real", pa.int32(): "integer", pa.bool_(): "boolean"}
