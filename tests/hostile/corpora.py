@@ -1,9 +1,21 @@
 """All corpora: each module of this folder that has some is named here."""
 
-from . import bombs, calls, faults, models, packages, results, runs, signals
+from . import bombs, calls, disk, faults, models, packages, results, runs, signals, studies, surroundings
 
 CORPORA = [
     corpus
-    for module in (packages, bombs, models, results, signals, faults, calls, runs)
+    for module in (
+        packages,
+        bombs,
+        models,
+        results,
+        studies,
+        signals,
+        surroundings,
+        faults,
+        disk,
+        calls,
+        runs,
+    )
     for corpus in module.CORPORA
 ]

@@ -1,0 +1,180 @@
+"""Every command that reads or writes files, what it finds, and whether what it leaves is whole."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pyarrow as pa
+import pyarrow.parquet as parquet
+
+
+@dataclass(frozen=True)
+class Job:
+    """A command, and those before it that make what it finds."""
+
+    words: tuple[str, ...]
+    before: tuple[tuple[str, ...] | Callable[[Path], object], ...] = ()
+    together: bool = False  # whether its files take their place together
+    cold: bool = False  # with an empty cache: all is traced and compiled
+
+
+def _half(folder: Path) -> None:
+    """Leave the first of two points of a study, as a part."""
+    table = parquet.read_table(folder / "out/sweep.parquet")
+    (folder / "out/parts").mkdir()
+    parquet.write_table(
+        table.slice(0, 1).replace_schema_metadata(), folder / "out/parts/part_00000000_00000000.parquet"
+    )
+    (folder / "out/sweep.parquet").unlink()
+
+
+def _urdf(folder: Path) -> None:
+    """Write an arm of two joints, and a file of an arm that was imported before."""
+    links = "".join(
+        f'<link name="l{i}"><inertial><origin xyz="0 0 0.2"/><mass value="2"/><inertia ixx="0.1" iyy="0.1" izz="0.01" '
+        f'ixy="0" ixz="0" iyz="0"/></inertial></link><joint name="j{i}" type="revolute"><parent link="l{i - 1}"/>'
+        f'<child link="l{i}"/><axis xyz="0 1 0"/><origin xyz="0 0 0.4"/>'
+        '<limit lower="-2" upper="2" effort="50" velocity="2"/></joint>'
+        for i in (1, 2)
+    )
+    (folder / "arm.urdf").write_text(f'<robot name="arm"><link name="l0"/>{links}</robot>')
+    (folder / "arm.toml").write_text("# before\n")
+
+
+def _motion(folder: Path) -> None:
+    (folder / "motion.toml").write_text(
+        'name = "m"\nkind = "cosimulation"\nrobot = "planar_2dof"\nstop = 1.5\nstep = 1e-3\n[motion]\n'
+        'kind = "waypoints"\npoints = [[0, 0], [0.5, 0.4]]\nvelocity = 1.5\nacceleration = [4.0, 6.0]\n'
+    )
+
+
+def begin(folder: Path) -> None:
+    """Put what is there before all into a folder: a file of the user's beside the results, and a temporary folder."""
+    for name in ("out", "tmp"):
+        (folder / name).mkdir()
+    (folder / "out" / "mine.txt").write_text("mine")
+
+
+_RUN = ("run", "planar_tracking", "--out", "out", "--stop")
+_OTHER = ("--set", "controller.K_p=1500")
+_EARLIER = (*_RUN, "0.02", *_OTHER)
+_SWEEP = (
+    "sweep", "planar_tracking", "--over", "controller.K_p=900,1000", "--stop", "0.02", "--workers", "1", "--chunk", "1",
+    "--out", "out", "--engine", "fmu",
+)  # fmt: skip
+_TUNE = (
+    "tune", "planar_tracking", "--vary", "controller.K_p", "--cost", "rms(trajectory.q_d - plant.q)", "--stop", "0.02",
+    "--workers", "1", "--method", "global", "--out", "out", "--budget",
+)  # fmt: skip
+_PACKAGE = ("ssp", "planar_tracking", "--out", "arm.ssp")
+_SIMULATE = ("simulate", "arm.ssp", "--out", "out", "--stop")
+_BUILD = ("build", "planar_tracking", "--out", "out")
+_SSP = ("ssp", "planar_tracking", "--out", "out/arm.ssp")
+_OSP = ("ssp", "planar_tracking", "--format", "osp", "--out", "out")
+_CONTAINER = ("container", "planar_tracking", "--out", "out/arm.fmu")
+_IDENTIFY = ("identify", "out/results.csv", "--robot", "planar_2dof", "--overwrite", "-o", "robot.toml")
+JOBS = {
+    "run": Job((*_RUN, "0.02"), (_EARLIER,), together=True),
+    "run, Parquet": Job((*_RUN, "0.02", "--format", "csv,parquet"), (_EARLIER,), together=True),
+    "simulate": Job((*_SIMULATE, "0.05"), (_PACKAGE, (*_SIMULATE, "0.02")), together=True),
+    "federate": Job(
+        ("federate", "arm.ssp", "--split", "plant", "--out", "out", "--stop", "0.05"),
+        (_PACKAGE, (*_SIMULATE, "0.02")), together=True,
+    ),
+    "sweep": Job(_SWEEP),
+    "sweep, half done": Job(_SWEEP, (_SWEEP, _half)),
+    "sweep, done": Job(_SWEEP, (_SWEEP,)),
+    "sweep report": Job(("sweep", "report", "out"), (_SWEEP,)),
+    "sweep plot": Job(("sweep", "plot", "out"), (_SWEEP,)),
+    "tune": Job((*_TUNE, "3")),
+    "tune, more": Job((*_TUNE, "5"), ((*_TUNE, "3"),)),
+    "build": Job(_BUILD, ((*_BUILD, *_OTHER),)),
+    "ssp": Job(_SSP, ((*_SSP, *_OTHER),)),
+    "osp": Job(_OSP, ((*_OSP, *_OTHER),)),
+    "container": Job(_CONTAINER, ((*_CONTAINER, *_OTHER),)),
+    "reference": Job(("reference", "planar_tracking", "--out", "out")),
+    "report": Job(("report", "out"), (_EARLIER,)),
+    "check of an FMU": Job(("check", "out/Plant.fmu"), (_BUILD,)),
+    "check of a package": Job(("check", "arm.ssp"), (_PACKAGE,)),
+    "robot import": Job(("robot", "import", "arm.urdf", "--overwrite", "-o", "arm.toml"), (_urdf,)),
+    "robot reach": Job(("robot", "reach", "planar_2dof", "--overwrite", "-o", "out/reach.toml")),
+    "motion": Job(("motion", "motion.toml", "-o", "out/motion.png"), (_motion,)),
+    "identify": Job(_IDENTIFY, ((*_RUN, "1", "--no-reference"),)),
+    "unit new": Job(("unit", "new", "brake", "--out", "out/brake.py")),
+}  # fmt: skip
+"""Commands with what is there before them."""
+
+
+def files(place: Path) -> dict[str, Any]:
+    """Return the files of a folder with what tells whether they are the same; see `same`."""
+    found: dict[str, Any] = {}
+    for path in sorted(place.rglob("*")):
+        name = str(path.relative_to(place))
+        aside = name in ("said", "out/.lock") or name.startswith(("tmp/", "cache/", "out/partial"))
+        if aside or not path.is_file():
+            continue
+        content = path.read_bytes()
+        found[name] = content
+        if path.name == "summary.json":
+            summary = json.loads(content)
+            found[name] = [summary.get(key) for key in ("scenario", "stop", "files", "error")]
+        elif path.suffix == ".html":
+            found[name] = content.rstrip().endswith(b"</html>")
+        elif path.suffix == ".parquet":
+            with pa.BufferReader(content) as stream:
+                found[name] = parquet.read_table(stream)
+    return found
+
+
+def differing(found: dict[str, Any], expected: dict[str, Any]) -> list[str]:
+    """Return the names of files that are not the same: of tables and pages but for times."""
+    return sorted(
+        name
+        for name in {*found, *expected}
+        if not (name in found and name in expected and _alike(found[name], expected[name]))
+    )
+
+
+def _alike(a: Any, b: Any) -> bool:
+    if isinstance(a, pa.Table) and isinstance(b, pa.Table) and "wall_s" in a.column_names:
+        return a.drop_columns("wall_s").equals(b.drop_columns("wall_s"))
+    return a == b
+
+
+def _rows(found: dict[str, Any]) -> set[tuple[Any, ...]]:
+    """Return the points of studies with the time that each has taken: one that is run again has another."""
+    tables = [one for one in found.values() if isinstance(one, pa.Table) and "wall_s" in one.column_names]
+    return {
+        pair
+        for one in tables
+        for pair in zip(one["point"].to_pylist(), one["wall_s"].to_pylist(), strict=True)
+    }
+
+
+def require_whole(
+    job: Job, code: int, before: dict[str, Any], found: dict[str, Any], after: dict[str, Any], told: str
+) -> None:
+    """Raise AssertionError unless a job that ended with a code left all of its results, or lost none of the earlier."""
+    assert _rows(before) <= _rows(found), f"points are lost: {told}"
+    if code == 0:
+        assert not (names := differing(found, after)), f"not complete: {names}: {told}"
+        return
+    for name in {*before, *found}:
+        if not name.startswith("out/parts/"):
+            kept = any(
+                name in one and not differing({name: found.get(name)}, {name: one[name]})
+                for one in (before, after)
+            )
+            assert kept, f"{name} is {'changed' if name in found else 'lost'}: {told}"
+    if job.together:
+        assert not differing(found, before) or not differing(found, after), f"old and new together: {told}"
+
+
+def require_nothing_left(place: Path, told: str) -> None:
+    """Raise AssertionError for temporary files, and for files that were set aside as not whole."""
+    left = [*(place / "tmp").iterdir(), *place.rglob("*.tmp"), *place.rglob("*.broken*")]
+    assert not left, f"{left} are left: {told}"

@@ -1,0 +1,133 @@
+"""Commands where names are not UTF-8, memory is short, or a component leaves a process behind."""
+
+from __future__ import annotations
+
+import os
+import random
+import shutil
+import signal
+import time
+from pathlib import Path
+
+from vdfmu.errors import VdfmuError
+
+from .commands import PATIENCE, Process
+from .jobs import JOBS, Job, files, require_nothing_left, require_whole
+from .signals import known
+from .table import Corpus
+
+_NAMES = list(JOBS)
+_OUT = "out\udcff"  # the byte 0xff, which is not UTF-8
+_LIMITS = (150, 300, 450, 600, 700, 900, 1200)
+"""Address space [MB]: from where Python cannot start to where most commands run."""
+
+
+def _ended(process: Process, told: str) -> tuple[int, str]:
+    """Wait for a command, which says in words what is wrong, and return its exit code and output."""
+    process.end()
+    code, said = process.process.returncode, process.said
+    told = f"{told}: exit code {code}: {said[-1500:]}"
+    assert code in (0, 1, 2) and "Traceback" not in said and "Exception ignored" not in said, told
+    assert code == 0 or "error" in said.lower(), told
+    return code, told
+
+
+def named(number: int, folder: Path) -> None:
+    """Run a command in, and into, a folder whose name is not UTF-8."""
+    name = _NAMES[number % len(_NAMES)]
+    job = JOBS[name]
+    start = known(job)
+    place = folder / "at\udcff"
+    shutil.copytree(start.folder, place)
+    (place / "out").rename(place / _OUT)
+    process = Process(place, [_renamed(word) for word in job.words])
+    code, told = _ended(process, f"{name} into a name that is not UTF-8")
+    (place / _OUT).rename(place / "out")
+    require_nothing_left(place, told)
+    require_whole(job, code, start.before, files(place), start.after, told)
+    if code:
+        raise VdfmuError(told)
+
+
+def _renamed(word: str) -> str:
+    return _OUT + word[3:] if word == "out" or word.startswith("out/") else word
+
+
+def short_of_memory(number: int, folder: Path) -> None:
+    """Run a command in little memory: it is done, or it says so, and nothing is lost."""
+    name = _NAMES[number % len(_NAMES)]
+    job, limit = JOBS[name], random.Random(f"memory {number}").choice(_LIMITS)
+    start = known(job)
+    place = folder / "place"
+    shutil.copytree(start.folder, place)
+    process = Process(place, job.words, before=("prlimit", f"--as={limit * 2**20}"), OPENBLAS_NUM_THREADS="1")
+    process.end()
+    code, said = process.process.returncode, process.said
+    told = f"{name} in {limit} MB: exit code {code}: {said[-1500:]}"
+    require_whole(job, code, start.before, files(place), start.after, told)
+    require_nothing_left(place, told)
+    if code == 0:
+        return
+    if code > 0 and "Traceback" not in said:
+        assert code in (1, 2) and "error" in said.lower(), told
+        raise VdfmuError(said)
+    # Python, or a library that it loads, may end before a line of this project has run
+    assert limit < 600 and "vdfmu/cli/app.py" not in said, told
+
+
+_FLED = """
+import os, sys, time
+if "vdfmu.engine.cosim.isolated_server" in sys.orig_argv:
+    import vdfmu.engine.cosim.components as c
+    plain = c.Components.initialize
+    def initialize(self, *a):
+        if os.fork() == 0:
+            os.setsid()  # out of reach of the group
+            time.sleep(300)
+            os._exit(0)
+        {}
+        return plain(self, *a)
+    c.Components.initialize = initialize
+"""
+_WAYS = (
+    "pass", "os._exit(3)", "os.kill(os.getpid(), 9)", "time.sleep(300)", "raise ZeroDivisionError('ours')",
+    "raise MemoryError", "os.kill(os.getpid(), 19)", "os.close(1)",
+)  # fmt: skip
+
+
+def fled(number: int, folder: Path) -> None:
+    """Simulate a component that leaves a process in a session of its own, and then ends, hangs, stops or goes on."""
+    way = _WAYS[number % len(_WAYS)]
+    job = Job(
+        ("simulate", "arm.ssp", "--out", "out", "--stop", "0.05", "--isolate"), JOBS["simulate"].before, True
+    )
+    start = known(job)
+    place, site = folder / "place", folder / "site"
+    shutil.copytree(start.folder, place)
+    site.mkdir()
+    (site / "sitecustomize.py").write_text(_FLED.format(way))
+    process = Process(place, (*job.words, "--time-limit", "3"), PYTHONPATH=str(site))
+    begin = time.monotonic()
+    try:
+        code, told = _ended(process, f"a component that leaves a process and does: {way}")
+        seconds = time.monotonic() - begin
+    finally:
+        for path in Path("/proc").glob("[0-9]*"):
+            try:
+                if f"TMPDIR={process.temporary}\0".encode() in (path / "environ").read_bytes() + b"\0":
+                    os.kill(int(path.name), signal.SIGKILL)
+            except OSError:  # it has just ended
+                continue
+    require_nothing_left(place, told)
+    require_whole(job, code, start.before, files(place), start.after, told)
+    assert seconds < 60.0, f"held for {seconds:.0f} s: {told}"
+    assert code or way in ("pass", "os.close(1)"), told  # the others end the component, or never return
+    if code:
+        raise VdfmuError(told)
+
+
+CORPORA = [
+    Corpus("commands into names that are not UTF-8", len(JOBS), named, quick=0, seconds=PATIENCE),
+    Corpus("commands short of memory", 4 * len(JOBS), short_of_memory, quick=0, seconds=PATIENCE),
+    Corpus("components that leave a process behind", len(_WAYS), fled, quick=0, seconds=PATIENCE),
+]

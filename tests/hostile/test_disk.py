@@ -1,0 +1,41 @@
+"""File operations of commands that fail, one after another: nothing is lost, and the same command succeeds then."""
+
+from __future__ import annotations
+
+import pytest
+
+from vdfmu.errors import VdfmuError
+
+from .disk import failed as fail
+from .disk import known
+
+_QUICK = ("robot import",)
+"""A command that compiles nothing."""
+
+
+def failures(name: str, most: int) -> tuple[int, list[str]]:
+    """Let operations of a command fail, at most so many, evenly spread; return how many stopped it, and all faults."""
+    faults = known(name).faults
+    stopped, found = 0, []
+    for i in range(min(most, len(faults))):
+        try:
+            fail(name, faults[i * len(faults) // min(most, len(faults))])
+        except VdfmuError:
+            stopped += 1
+        except AssertionError as error:
+            found.append(str(error))
+    return stopped, found
+
+
+@pytest.mark.parametrize("name", _QUICK)
+def test_some_failures_of_the_disk_lose_nothing(name):
+    stopped, found = failures(name, 5)
+    assert stopped and not found
+
+
+@pytest.mark.heavy
+@pytest.mark.parametrize("name", ["run", "sweep, half done", "tune, more", "ssp", "reference"])
+def test_failures_of_the_disk_lose_nothing(name):
+    """Of one command for each way of writing results; `make hostile` has all of them."""
+    stopped, found = failures(name, 8)
+    assert stopped and not found
